@@ -1,0 +1,194 @@
+//! Finding hits: two questions, asked of packets, with three answers that must agree.
+//!
+//! * [`embree`]: the system's Embree, with shapes and instances as user geometry.
+//! * [`bsp`]: an axis-aligned BSP tree of our own.
+//! * [`brute`]: a loop over everything, the referee.
+//!
+//! All three break ties alike: smallest `t`, then instance, then primitive.
+
+pub mod brute;
+pub mod bsp;
+#[cfg(feature = "embree")]
+pub mod embree;
+mod packet;
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+pub use packet::{ACTIVE, Hit, LANES, NO_HIT, RayPacket};
+
+use crate::scene::Scene;
+
+/// Nearest hit and any hit for a batch of 16-lane packets against one built scene.
+///
+/// A batch, so that a backend may interleave many rays: memory latency is the limit on large meshes. Lanes that no
+/// backend may be asked about are switched off, never traced.
+pub trait Accel: Send + Sync {
+    /// Finds the nearest hit of every active lane within its interval.
+    fn intersect(&self, packets: &mut [RayPacket], order: RayOrder);
+
+    /// Marks every active lane blocked that meets anything within its interval.
+    fn occluded(&self, packets: &mut [RayPacket], order: RayOrder);
+
+    /// What was built.
+    fn report(&self) -> AccelReport;
+}
+
+/// Whether the lanes of a packet run side by side. A hint: it changes the speed, never the answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RayOrder {
+    /// Camera rays, or shadow rays in the order of their camera rays.
+    Coherent,
+    /// Anything else.
+    Incoherent,
+}
+
+/// Which backend finds the hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Backend {
+    /// The system's Embree.
+    Embree,
+    /// Our own axis-aligned BSP tree, in Rust.
+    Bsp,
+    /// A loop over every primitive: slow, the referee.
+    Brute,
+}
+
+impl Default for Backend {
+    /// Embree where it was built in, else the BSP.
+    fn default() -> Backend {
+        if cfg!(feature = "embree") {
+            Backend::Embree
+        } else {
+            Backend::Bsp
+        }
+    }
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Backend::Embree => "embree",
+            Backend::Bsp => "bsp",
+            Backend::Brute => "brute",
+        })
+    }
+}
+
+/// How much a triangle hit may be trusted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Rays may slip through edges.
+    Fast,
+    /// Edges are closed; rays aimed exactly at a vertex may slip through.
+    #[default]
+    Robust,
+    /// Nothing slips through. The BSP and brute force always are.
+    Watertight,
+}
+
+impl fmt::Display for Precision {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Precision::Fast => "fast",
+            Precision::Robust => "robust",
+            Precision::Watertight => "watertight",
+        })
+    }
+}
+
+/// How many rays a backend handles at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kernel {
+    /// As many as pays.
+    #[default]
+    Packet,
+    /// One by one: what packets are measured against.
+    Single,
+}
+
+/// How an acceleration structure is built and asked.
+#[derive(Clone, Default)]
+pub struct AccelOptions<'a> {
+    /// How much a triangle hit may be trusted.
+    pub precision: Precision,
+    /// Packets or single rays.
+    pub kernel: Kernel,
+    /// Threads that build; 0 takes one a processor.
+    pub threads: usize,
+    /// Instruction set that Embree is held to (`sse2`, `sse4.2`, `avx`, `avx2`, `avx512`); its own choice if absent.
+    pub isa: Option<String>,
+    /// Told the finished fraction while building, from any thread.
+    pub progress: Option<&'a (dyn Fn(f64) + Sync)>,
+}
+
+/// What was built, for statistics.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AccelReport {
+    /// Bytes in use after the build, vertex and index arrays that are shared with the scene not counted.
+    pub bytes: u64,
+    /// Most bytes in use at any time of the build.
+    pub peak_bytes: u64,
+    /// Version and instruction set, where the backend is Embree.
+    pub embree: Option<EmbreeIdentity>,
+    /// One line a person may read: what kind of structure, how large.
+    pub summary: String,
+}
+
+/// Which Embree answered.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EmbreeIdentity {
+    /// For example `3.13.5`.
+    pub version: String,
+    /// For example `avx2`.
+    pub isa: String,
+}
+
+/// Why an acceleration structure could not be built.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AccelError {
+    /// The program has no Embree in it.
+    #[error("this whit was built without Embree: use `--backend bsp`, or build it with the feature `embree`")]
+    NoEmbree,
+    /// Embree refused.
+    #[error("Embree could not {action}: {message}")]
+    Embree {
+        /// What was attempted.
+        action: &'static str,
+        /// What Embree said.
+        message: String,
+    },
+    /// There is not enough memory.
+    #[error("not enough memory for the acceleration structure: use a smaller scene or `--backend bsp`")]
+    OutOfMemory,
+    /// The running library is not the one that the headers described.
+    #[error("whit was built against Embree {built} but runs with {running}: build it again on this machine")]
+    VersionMismatch {
+        /// The headers' version.
+        built: String,
+        /// The library's version.
+        running: String,
+    },
+    /// The backend cannot give that precision.
+    #[error("Embree triangles are `fast` or `robust`: use `--backend bsp`, which is always watertight")]
+    NotWatertight,
+}
+
+/// Builds the acceleration structure of a validated scene.
+pub fn build<'s>(
+    scene: &'s Scene,
+    backend: Backend,
+    options: &AccelOptions,
+) -> Result<Box<dyn Accel + 's>, AccelError> {
+    match backend {
+        #[cfg(feature = "embree")]
+        Backend::Embree => Ok(Box::new(embree::EmbreeAccel::build(scene, options)?)),
+        #[cfg(not(feature = "embree"))]
+        Backend::Embree => Err(AccelError::NoEmbree),
+        Backend::Bsp => Ok(Box::new(bsp::BspAccel::build(scene, options)?)),
+        Backend::Brute => Ok(Box::new(brute::BruteAccel::new(scene))),
+    }
+}

@@ -1,0 +1,241 @@
+//! Sixteen rays side by side, and the hits that are found for them.
+//!
+//! The memory layout is the one that Embree's 16-wide calls take, so packets cross the boundary without a copy
+//! (`accel/embree` checks it at compile time). Other backends read and write the same lanes.
+
+use glam::Vec3;
+
+use crate::numeric::Ray;
+
+/// Rays in a packet.
+pub const LANES: usize = 16;
+
+/// Marks a lane that has hit nothing.
+pub const NO_HIT: u32 = u32::MAX;
+
+/// The value of [`RayPacket::active`] for a lane that is traced.
+pub const ACTIVE: i32 = -1;
+
+/// What a backend finds, and no more.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Index into [`crate::scene::Scene::instances`].
+    pub instance: u32,
+    /// Triangle of the mesh; 0 for an analytic shape.
+    pub primitive: u32,
+    /// Parameter along the ray, in the length of its direction.
+    pub t: f32,
+    /// Barycentric weight of the triangle's second corner.
+    pub u: f32,
+    /// Barycentric weight of the triangle's third corner.
+    pub v: f32,
+}
+
+/// Sixteen rays and their answers, structure of arrays; each array holds one value a lane.
+#[repr(C, align(64))]
+#[derive(Clone, Debug)]
+pub struct RayPacket {
+    /// Ray origins: x, y, z.
+    pub origin: [[f32; LANES]; 3],
+    /// Nearest parameters that count.
+    pub t_near: [f32; LANES],
+    /// Ray directions: x, y, z; not normalised.
+    pub direction: [[f32; LANES]; 3],
+    time: [f32; LANES],
+    /// In: farthest parameters that count. Out: the parameter of the hit, or -∞ for a blocked lane.
+    pub t_far: [f32; LANES],
+    mask: [u32; LANES],
+    id: [u32; LANES],
+    flags: [u32; LANES],
+    ng: [[f32; LANES]; 3],
+    /// Barycentric weight of the second corner, where hit.
+    pub u: [f32; LANES],
+    /// Barycentric weight of the third corner, where hit.
+    pub v: [f32; LANES],
+    /// Triangle or shape within the geometry, where hit.
+    pub primitive: [u32; LANES],
+    /// Instance hit, or [`NO_HIT`].
+    pub instance: [u32; LANES],
+    level: [u32; LANES],
+    level_primitive: [u32; LANES],
+    /// [`ACTIVE`] for lanes that are traced, 0 for those that are left alone.
+    pub active: [i32; LANES],
+}
+
+impl RayPacket {
+    /// A packet without active lanes, harmless to trace.
+    pub const EMPTY: RayPacket = RayPacket {
+        origin: [[0.0; LANES]; 3],
+        t_near: [0.0; LANES],
+        direction: [[1.0; LANES]; 3],
+        time: [0.0; LANES],
+        t_far: [f32::INFINITY; LANES],
+        mask: [u32::MAX; LANES],
+        id: [0; LANES],
+        flags: [0; LANES],
+        ng: [[0.0; LANES]; 3],
+        u: [0.0; LANES],
+        v: [0.0; LANES],
+        primitive: [NO_HIT; LANES],
+        instance: [NO_HIT; LANES],
+        level: [NO_HIT; LANES],
+        level_primitive: [NO_HIT; LANES],
+        active: [0; LANES],
+    };
+
+    /// Makes lane `lane` an active ray without a hit.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, ray: &Ray) {
+        for axis in 0..3 {
+            self.origin[axis][lane] = ray.origin[axis];
+            self.direction[axis][lane] = ray.direction[axis];
+        }
+        self.t_near[lane] = ray.t_near;
+        self.t_far[lane] = ray.t_far;
+        self.instance[lane] = NO_HIT;
+        self.level[lane] = NO_HIT;
+        self.active[lane] = ACTIVE;
+    }
+
+    /// The ray of lane `lane`; after a trace its `t_far` is the answer's.
+    #[inline(always)]
+    pub fn ray(&self, lane: usize) -> Ray {
+        let vector = |v: &[[f32; LANES]; 3]| Vec3::new(v[0][lane], v[1][lane], v[2][lane]);
+        Ray {
+            origin: vector(&self.origin),
+            direction: vector(&self.direction),
+            t_near: self.t_near[lane],
+            t_far: self.t_far[lane],
+        }
+    }
+
+    /// Whether lane `lane` is traced.
+    #[inline(always)]
+    pub fn is_active(&self, lane: usize) -> bool {
+        self.active[lane] != 0
+    }
+
+    /// Whether any lane is traced.
+    #[inline(always)]
+    pub fn any_active(&self) -> bool {
+        self.active.iter().fold(0, |a, &b| a | b) != 0
+    }
+
+    /// Records a hit: the lane's `t_far` becomes `hit.t`.
+    #[inline(always)]
+    pub fn set_hit(&mut self, lane: usize, hit: &Hit) {
+        self.t_far[lane] = hit.t;
+        self.u[lane] = hit.u;
+        self.v[lane] = hit.v;
+        self.primitive[lane] = hit.primitive;
+        self.instance[lane] = hit.instance;
+    }
+
+    /// What an active lane has hit after [`super::Accel::intersect`].
+    #[inline(always)]
+    pub fn hit(&self, lane: usize) -> Option<Hit> {
+        (self.is_active(lane) && self.instance[lane] != NO_HIT).then(|| Hit {
+            instance: self.instance[lane],
+            primitive: self.primitive[lane],
+            t: self.t_far[lane],
+            u: self.u[lane],
+            v: self.v[lane],
+        })
+    }
+
+    /// Marks a lane as blocked.
+    #[inline(always)]
+    pub fn set_blocked(&mut self, lane: usize) {
+        self.t_far[lane] = f32::NEG_INFINITY;
+    }
+
+    /// Whether a lane was found blocked by [`super::Accel::occluded`].
+    #[inline(always)]
+    pub fn is_blocked(&self, lane: usize) -> bool {
+        self.is_active(lane) && self.t_far[lane] == f32::NEG_INFINITY
+    }
+
+    /// Deactivates every lane whose ray no backend may be asked about (see [`Ray::is_traceable`]) and returns how
+    /// many there were.
+    #[inline(always)]
+    pub fn drop_untraceable(&mut self) -> u32 {
+        let mut dropped = 0;
+        for lane in 0..LANES {
+            let in_range = |v: f32| v.abs() < Ray::LIMIT;
+            let good = in_range(self.origin[0][lane])
+                & in_range(self.origin[1][lane])
+                & in_range(self.origin[2][lane])
+                & in_range(self.direction[0][lane])
+                & in_range(self.direction[1][lane])
+                & in_range(self.direction[2][lane])
+                & ((self.direction[0][lane] != 0.0)
+                    | (self.direction[1][lane] != 0.0)
+                    | (self.direction[2][lane] != 0.0))
+                & (self.t_near[lane] >= 0.0)
+                & (self.t_near[lane] < f32::INFINITY)
+                & (self.t_far[lane] >= self.t_near[lane]);
+            dropped += u32::from((self.active[lane] != 0) & !good);
+            self.active[lane] &= -i32::from(good);
+        }
+        dropped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ray_comes_back_from_its_lane() {
+        let mut packet = RayPacket::EMPTY;
+        let ray = Ray {
+            origin: Vec3::new(1.0, 2.0, 3.0),
+            direction: Vec3::new(4.0, 5.0, 6.0),
+            t_near: 0.5,
+            t_far: 7.0,
+        };
+        packet.set(11, &ray);
+        assert_eq!(packet.ray(11), ray);
+        assert!(packet.is_active(11) && !packet.is_active(10));
+        assert_eq!(packet.hit(11), None);
+    }
+
+    #[test]
+    fn lanes_that_would_abort_embree_are_switched_off() {
+        let mut packet = RayPacket::EMPTY;
+        let good = Ray::new(Vec3::ZERO, Vec3::X);
+        packet.set(0, &good);
+        packet.set(
+            1,
+            &Ray {
+                origin: Vec3::NAN,
+                ..good
+            },
+        );
+        packet.set(
+            2,
+            &Ray {
+                direction: Vec3::new(0.0, f32::INFINITY, 0.0),
+                ..good
+            },
+        );
+        packet.set(
+            3,
+            &Ray {
+                t_far: f32::NAN,
+                ..good
+            },
+        );
+        packet.set(4, &Ray { t_near: -0.5, ..good });
+        packet.set(
+            5,
+            &Ray {
+                direction: Vec3::ZERO,
+                ..good
+            },
+        );
+        assert_eq!(packet.drop_untraceable(), 5);
+        assert_eq!(packet.active.iter().filter(|&&a| a != 0).count(), 1);
+        assert!(packet.is_active(0));
+    }
+}

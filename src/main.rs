@@ -1,0 +1,3 @@
+//! Parse, run, print the error, set the exit code.
+
+fn main() {}

@@ -1,0 +1,72 @@
+//! Triangle meshes: vertex and index arrays, owned or borrowed from a mapped file.
+
+mod slab;
+
+use glam::{DVec3, Vec3};
+
+use crate::numeric::Bounds;
+pub use slab::Slab;
+
+/// A triangle mesh in object space.
+///
+/// After [`crate::scene::Scene::validate`] every index is in range, every position finite, and no triangle has zero
+/// area.
+#[derive(Clone, Debug, Default)]
+pub struct Mesh {
+    /// Vertex positions.
+    pub positions: Slab<[f32; 3]>,
+    /// Vertex indices, counter-clockwise seen from the front.
+    pub triangles: Slab<[u32; 3]>,
+    /// Unit shading normals per vertex; without them the mesh is flat-shaded.
+    pub normals: Option<Slab<[f32; 3]>>,
+    /// Texture coordinates per vertex, one array a set (`TEXCOORD_0`, ...).
+    pub tex_coords: Vec<Slab<[f32; 2]>>,
+    /// Linear RGBA per vertex that multiplies the base colour.
+    pub colors: Option<Slab<[f32; 4]>>,
+}
+
+impl Mesh {
+    /// The three corners of a triangle.
+    #[inline(always)]
+    pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
+        self.triangles[primitive as usize].map(|v| Vec3::from(self.positions[v as usize]))
+    }
+
+    /// The three corners of a triangle, widened without rounding.
+    #[inline(always)]
+    pub fn corners_f64(&self, primitive: u32) -> [DVec3; 3] {
+        self.corners(primitive).map(|p| p.as_dvec3())
+    }
+
+    /// The smallest box around all vertices that a triangle uses.
+    pub fn bounds(&self) -> Bounds {
+        use rayon::prelude::*;
+        const CHUNK: usize = 1 << 14;
+        self.triangles
+            .par_chunks(CHUNK)
+            .map(|triangles| {
+                let mut low = Vec3::INFINITY;
+                let mut high = Vec3::NEG_INFINITY;
+                for &v in triangles.iter().flatten() {
+                    let p = Vec3::from(self.positions[v as usize]);
+                    low = low.min(p);
+                    high = high.max(p);
+                }
+                Bounds {
+                    min: low.as_dvec3(),
+                    max: high.as_dvec3(),
+                }
+            })
+            .reduce(|| Bounds::EMPTY, Bounds::union)
+    }
+
+    /// Bytes of all arrays, mapped or owned.
+    pub fn byte_count(&self) -> usize {
+        let of = |len: usize, floats: usize| len * floats * size_of::<f32>();
+        of(self.positions.len(), 3)
+            + of(self.triangles.len(), 3)
+            + self.normals.as_ref().map_or(0, |n| of(n.len(), 3))
+            + self.tex_coords.iter().map(|t| of(t.len(), 2)).sum::<usize>()
+            + self.colors.as_ref().map_or(0, |c| of(c.len(), 4))
+    }
+}

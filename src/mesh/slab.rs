@@ -1,0 +1,106 @@
+//! An array that is either owned or a window into a memory-mapped file, so that large meshes are never copied.
+
+use std::ops::{Deref, Range};
+use std::sync::Arc;
+
+use bytemuck::Pod;
+use memmap2::Mmap;
+
+/// A read-only array of plain values.
+#[derive(Clone, Debug)]
+pub struct Slab<T: Pod>(Storage<T>);
+
+#[derive(Clone, Debug)]
+enum Storage<T> {
+    Owned(Arc<Vec<T>>),
+    Mapped { map: Arc<Mmap>, bytes: Range<usize> },
+}
+
+/// Mapped files end on a page: the bytes from the file's end to there can be read and are zero.
+const PAGE: usize = 4096;
+
+impl<T: Pod> Slab<T> {
+    /// A window of `count` values that starts `offset` bytes into `map`.
+    ///
+    /// `None` if the window leaves the map or is not aligned for `T`.
+    pub fn from_map(map: &Arc<Mmap>, offset: usize, count: usize) -> Option<Slab<T>> {
+        let end = count.checked_mul(size_of::<T>())?.checked_add(offset)?;
+        let window = map.get(offset..end)?;
+        bytemuck::try_cast_slice::<u8, T>(window).ok()?;
+        Some(Slab(Storage::Mapped {
+            map: Arc::clone(map),
+            bytes: offset..end,
+        }))
+    }
+
+    /// How many bytes past the last value may be read without a fault. Embree reads the last vertex of a buffer with
+    /// a 16-byte load.
+    pub fn readable_bytes_past_end(&self) -> usize {
+        match &self.0 {
+            Storage::Owned(values) => (values.capacity() - values.len()) * size_of::<T>(),
+            Storage::Mapped { map, bytes } => map.len().next_multiple_of(PAGE) - bytes.end,
+        }
+    }
+
+    /// Whether the values live in a mapped file.
+    pub fn is_mapped(&self) -> bool {
+        matches!(self.0, Storage::Mapped { .. })
+    }
+}
+
+impl<T: Pod> From<Vec<T>> for Slab<T> {
+    /// Takes the values over, with room for one more behind them (see [`Slab::readable_bytes_past_end`]).
+    fn from(mut values: Vec<T>) -> Slab<T> {
+        values.reserve_exact(1);
+        Slab(Storage::Owned(Arc::new(values)))
+    }
+}
+
+impl<T: Pod> Default for Slab<T> {
+    fn default() -> Slab<T> {
+        Slab::from(Vec::new())
+    }
+}
+
+impl<T: Pod> Deref for Slab<T> {
+    type Target = [T];
+
+    #[inline(always)]
+    fn deref(&self) -> &[T] {
+        match &self.0 {
+            Storage::Owned(values) => values,
+            Storage::Mapped { map, bytes } => bytemuck::cast_slice(&map[bytes.clone()]),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    fn mapped(bytes: &[u8]) -> Arc<Mmap> {
+        let mut file = tempfile::tempfile().unwrap();
+        file.write_all(bytes).unwrap();
+        // SAFETY: the file is this test's own and nobody truncates it.
+        Arc::new(unsafe { Mmap::map(&file) }.unwrap())
+    }
+
+    #[test]
+    fn a_window_outside_the_map_or_unaligned_is_refused() {
+        let map = mapped(&[0u8; 64]);
+        assert!(Slab::<[f32; 3]>::from_map(&map, 0, 5).is_some());
+        assert!(Slab::<[f32; 3]>::from_map(&map, 0, 6).is_none());
+        assert!(Slab::<[f32; 3]>::from_map(&map, 2, 1).is_none());
+        assert!(Slab::<[f32; 3]>::from_map(&map, usize::MAX - 3, 1).is_none());
+        assert!(Slab::<[f32; 3]>::from_map(&map, 0, usize::MAX).is_none());
+    }
+
+    #[test]
+    fn owned_and_mapped_arrays_leave_room_for_a_16_byte_load_of_the_last_vertex() {
+        assert!(Slab::from(vec![[0f32; 3]; 7]).readable_bytes_past_end() >= 4);
+        let map = mapped(&[0u8; 24]);
+        let slab = Slab::<[f32; 3]>::from_map(&map, 0, 2).unwrap();
+        assert_eq!(slab.readable_bytes_past_end(), 4096 - 24);
+    }
+}

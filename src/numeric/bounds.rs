@@ -1,0 +1,114 @@
+//! Axis-aligned boxes in f64, and the one rounding to f32 that never cuts anything off.
+
+use glam::{DAffine3, DVec3};
+
+/// An axis-aligned box, closed on all sides. Empty when any `min` exceeds its `max`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Lowest corner.
+    pub min: DVec3,
+    /// Highest corner.
+    pub max: DVec3,
+}
+
+impl Bounds {
+    /// The box that contains nothing: the identity of [`Bounds::union`].
+    pub const EMPTY: Bounds = Bounds {
+        min: DVec3::INFINITY,
+        max: DVec3::NEG_INFINITY,
+    };
+
+    /// The smallest box around `points`.
+    pub fn of_points(points: impl IntoIterator<Item = DVec3>) -> Bounds {
+        points.into_iter().fold(Bounds::EMPTY, |bounds, p| Bounds {
+            min: bounds.min.min(p),
+            max: bounds.max.max(p),
+        })
+    }
+
+    /// The smallest box around both.
+    pub fn union(self, other: Bounds) -> Bounds {
+        Bounds {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+        }
+    }
+
+    /// Whether the box contains no point.
+    pub fn is_empty(&self) -> bool {
+        !self.min.cmple(self.max).all()
+    }
+
+    /// The midpoint. Meaningless for an empty box.
+    pub fn center(&self) -> DVec3 {
+        self.min + 0.5 * (self.max - self.min)
+    }
+
+    /// Edge lengths; zero for an empty box.
+    pub fn extent(&self) -> DVec3 {
+        (self.max - self.min).max(DVec3::ZERO)
+    }
+
+    /// Largest magnitude of any coordinate; zero for an empty box.
+    pub fn magnitude(&self) -> f64 {
+        if self.is_empty() {
+            return 0.0;
+        }
+        self.min.abs().max(self.max.abs()).max_element()
+    }
+
+    /// The box around the eight transformed corners.
+    pub fn transformed(&self, target_from_source: &DAffine3) -> Bounds {
+        if self.is_empty() {
+            return Bounds::EMPTY;
+        }
+        Bounds::of_points((0..8).map(|corner| {
+            let pick = |axis: usize| {
+                if corner >> axis & 1 == 0 {
+                    self.min[axis]
+                } else {
+                    self.max[axis]
+                }
+            };
+            target_from_source.transform_point3(DVec3::new(pick(0), pick(1), pick(2)))
+        }))
+    }
+
+    /// Lower and upper corner in f32, rounded outward and then one step further, so that a surface whose points are
+    /// themselves rounded to f32 stays inside.
+    pub fn to_f32_outward(&self) -> ([f32; 3], [f32; 3]) {
+        let down = |x: f64| (x as f32).next_down().next_down();
+        let up = |x: f64| (x as f32).next_up().next_up();
+        (self.min.to_array().map(down), self.max.to_array().map(up))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_box_stays_empty_through_union_and_transform() {
+        assert!(Bounds::EMPTY.union(Bounds::EMPTY).is_empty());
+        assert!(Bounds::EMPTY.transformed(&DAffine3::IDENTITY).is_empty());
+        assert_eq!(Bounds::EMPTY.magnitude(), 0.0);
+    }
+
+    #[test]
+    fn outward_rounding_contains_the_exact_box() {
+        let exact = Bounds::of_points([DVec3::new(0.1, -0.1, 1e9 + 0.3), DVec3::new(0.7, 0.3, 1e9 + 0.4)]);
+        let (low, high) = exact.to_f32_outward();
+        for axis in 0..3 {
+            assert!(f64::from(low[axis]) < exact.min[axis]);
+            assert!(f64::from(high[axis]) > exact.max[axis]);
+        }
+    }
+
+    #[test]
+    fn a_rotated_unit_cube_grows_to_the_square_root_of_two() {
+        let cube = Bounds::of_points([DVec3::splat(-0.5), DVec3::splat(0.5)]);
+        let turned = cube.transformed(&DAffine3::from_rotation_z(std::f64::consts::FRAC_PI_4));
+        assert!((turned.extent().x - 2f64.sqrt()).abs() < 4.0 * f64::EPSILON);
+        assert_eq!(turned.extent().z, 1.0);
+    }
+}

@@ -1,0 +1,146 @@
+//! Cameras: where rays start and through which points of the film they go.
+
+use glam::{DAffine3, DVec2, DVec3};
+
+/// A camera in world space. Object space looks along -z with +y up, as in glTF.
+#[derive(Clone, Debug)]
+pub struct Camera {
+    /// What `--camera` may call it.
+    pub name: String,
+    /// Camera to world: orthonormal, without scale.
+    pub world_from_camera: DAffine3,
+    /// How the film is seen.
+    pub projection: Projection,
+    /// Distance of the near plane along the view axis; nothing nearer is seen. Zero or more.
+    pub z_near: f64,
+    /// Distance of the far plane along the view axis; may be infinite.
+    pub z_far: f64,
+}
+
+/// How film points map to rays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Projection {
+    /// All rays start at one point.
+    Perspective {
+        /// Full vertical field of view in radians, within (0, π).
+        y_fov: f64,
+        /// Width over height; `None` takes the image's.
+        aspect: Option<f64>,
+    },
+    /// All rays are parallel.
+    Orthographic {
+        /// Half the height of the window.
+        y_mag: f64,
+        /// Half the width of the window; `None` takes the image's aspect.
+        x_mag: Option<f64>,
+    },
+}
+
+/// A camera ray in f64, before it is rounded to the f32 ray that is traced.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraRay {
+    /// Start, in world space.
+    pub origin: DVec3,
+    /// Unit direction, in world space.
+    pub direction: DVec3,
+    /// Where the near plane is met.
+    pub t_near: f64,
+    /// Where the far plane is met.
+    pub t_far: f64,
+}
+
+/// A camera made ready for one image size: the mapping from film points to rays is affine.
+#[derive(Clone, Copy, Debug)]
+pub struct CameraView {
+    world_from_camera: DAffine3,
+    projection: Projection,
+    /// Half-extent of the window, at distance 1 for a perspective.
+    window: DVec2,
+    z_near: f64,
+    z_far: f64,
+}
+
+impl Camera {
+    /// Prepares the camera for images of `width` by `height` pixels.
+    ///
+    /// Pixels are square: the vertical extent is as stated and the horizontal one follows the image, also where the
+    /// camera states an aspect of its own (glTF 2.0, 3.10.3, asks for cropping or extending, not for stretching).
+    pub fn view(&self, width: u32, height: u32) -> CameraView {
+        let aspect = f64::from(width) / f64::from(height);
+        let half_height = match self.projection {
+            Projection::Perspective { y_fov, .. } => (0.5 * y_fov).tan(),
+            Projection::Orthographic { y_mag, .. } => y_mag,
+        };
+        CameraView {
+            world_from_camera: self.world_from_camera,
+            projection: self.projection,
+            window: DVec2::new(half_height * aspect, half_height),
+            z_near: self.z_near,
+            z_far: self.z_far,
+        }
+    }
+}
+
+impl CameraView {
+    /// The ray through the film point (`x`, `y`), each in [0, 1], from the top left corner of the image.
+    ///
+    /// The middle of pixel (i, j) is ((i + ½) / width, (j + ½) / height).
+    #[inline(always)]
+    pub fn ray(&self, x: f64, y: f64) -> CameraRay {
+        let film = DVec2::new(self.window.x * (2.0 * x - 1.0), self.window.y * (1.0 - 2.0 * y));
+        let (start, direction) = match self.projection {
+            Projection::Perspective { .. } => (DVec3::ZERO, DVec3::new(film.x, film.y, -1.0)),
+            Projection::Orthographic { .. } => (DVec3::new(film.x, film.y, 0.0), DVec3::NEG_Z),
+        };
+        // Along a unit direction the planes are met at z / cos.
+        let length = direction.length();
+        CameraRay {
+            origin: self.world_from_camera.transform_point3(start),
+            direction: self.world_from_camera.transform_vector3(direction / length),
+            t_near: self.z_near * length,
+            t_far: self.z_far * length,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(projection: Projection) -> Camera {
+        Camera {
+            name: String::new(),
+            world_from_camera: DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0)),
+            projection,
+            z_near: 0.5,
+            z_far: f64::INFINITY,
+        }
+    }
+
+    #[test]
+    fn a_right_angle_camera_sees_its_corners_at_45_degrees() {
+        let view = camera(Projection::Perspective {
+            y_fov: std::f64::consts::FRAC_PI_2,
+            aspect: None,
+        })
+        .view(200, 100);
+        let top = view.ray(0.5, 0.0);
+        assert!((top.direction - DVec3::new(0.0, 1.0, -1.0).normalize()).length() < 1e-15);
+        assert!((top.t_near - 0.5 * 2f64.sqrt()).abs() < 1e-15);
+        let left = view.ray(0.0, 0.5);
+        assert!((left.direction - DVec3::new(-2.0, 0.0, -1.0).normalize()).length() < 1e-15);
+        assert_eq!(view.ray(0.5, 0.5).direction, DVec3::NEG_Z);
+    }
+
+    #[test]
+    fn an_orthographic_camera_starts_rays_on_its_window() {
+        let view = camera(Projection::Orthographic {
+            y_mag: 2.0,
+            x_mag: None,
+        })
+        .view(100, 100);
+        let ray = view.ray(1.0, 0.0);
+        assert_eq!(ray.origin, DVec3::new(3.0, 4.0, 3.0));
+        assert_eq!(ray.direction, DVec3::NEG_Z);
+    }
+}

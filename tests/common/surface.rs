@@ -338,7 +338,9 @@ impl Surface {
         }
         let a2 = self.alpha.squared();
         let [n_h, n_l, n_v] = [h, wi, self.wo].map(|w| self.ns.dot(w));
-        let width = n_h.squared() * (a2 - Approx::ONE) + Approx::ONE;
+        // (N·H)²(α² - 1) + 1, with 1 - (N·H)² as |N×H|²: the bound of the difference would swallow sharp highlights.
+        let across = self.ns.cross(h);
+        let width = across.dot(across) + a2 * n_h.squared();
         let d = a2 / (pi * width.squared());
         let smith = |cos: Approx| cos.abs() + (a2 + (1.0 - a2) * cos.squared()).sqrt();
         let v = Approx::ONE / (smith(n_l) * smith(n_v));

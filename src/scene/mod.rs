@@ -8,7 +8,7 @@ mod validate;
 
 use glam::DAffine3;
 
-pub use camera::{Camera, Projection};
+pub use camera::{Camera, CameraView, Projection};
 pub use light::{Light, LightKind};
 pub use material::{Filter, Image, Material, Sampler, Texture, TextureUse, Wrap};
 pub use normalise::Normalisation;

@@ -119,7 +119,7 @@ pub(super) struct FrameArgs {
     pub(super) size: ImageSize,
 
     /// Generations of reflected rays; 0 for none
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
     pub(super) depth: u32,
 }
 

@@ -14,24 +14,20 @@ pub fn shadow_reason(scene: &Scene) -> String {
 
 /// Why reflected rays are followed, or why none are.
 pub fn reflection_reason(scene: &Scene) -> String {
-    let mirrors: Vec<&str> = scene
-        .materials
-        .iter()
-        .filter(|material| may_mirror(material))
-        .map(|material| material.name.as_str())
-        .collect();
-    match mirrors[..] {
-        [] => format!("no material's roughness is {MIRROR_ROUGHNESS} or less"),
-        [name] => format!("material `{name}` {MAY_MIRROR}"),
-        [name, ..] => format!(
-            "{} materials, `{name}` the first: each {MAY_MIRROR}",
-            mirrors.len()
-        ),
+    let mut mirrors = scene.materials.iter().filter(|material| may_mirror(material));
+    let Some(first) = mirrors.next() else {
+        return format!("no material has a roughness of {MIRROR_ROUGHNESS} or less");
+    };
+    let reason = if first.roughness <= MIRROR_ROUGHNESS {
+        format!("material `{}` has roughness {}", first.name, first.roughness)
+    } else {
+        format!("material `{}` has a roughness texture", first.name)
+    };
+    match mirrors.count() {
+        0 => reason,
+        more => format!("{reason}, and {more} more may be as smooth"),
     }
 }
-
-/// What the mirrors of a scene have in common.
-const MAY_MIRROR: &str = "may be smooth enough for a mirror";
 
 /// As the renderer decides; a texture multiplies the factor, so it can only make a surface smoother.
 fn may_mirror(material: &Material) -> bool {
@@ -46,21 +42,21 @@ mod tests {
     fn reasons_name_the_lights_and_mirrors_of_the_scene() {
         let mut scene = Scene::default();
         assert_eq!(shadow_reason(&scene), "no lights");
-        assert!(reflection_reason(&scene).starts_with("no material's roughness is "));
-        let mirror = |name: &str| Material {
+        assert_eq!(
+            reflection_reason(&scene),
+            "no material has a roughness of 0.1 or less"
+        );
+        let smooth = |name: &str, roughness| Material {
             name: name.into(),
-            roughness: 0.0,
+            roughness,
             ..Material::default()
         };
-        scene.materials = vec![Material::default(), mirror("chrome")];
+        scene.materials = vec![Material::default(), smooth("chrome", 0.05)];
+        assert_eq!(reflection_reason(&scene), "material `chrome` has roughness 0.05");
+        scene.materials.push(smooth("glass", 0.0));
         assert_eq!(
             reflection_reason(&scene),
-            "material `chrome` may be smooth enough for a mirror"
-        );
-        scene.materials.push(mirror("glass"));
-        assert_eq!(
-            reflection_reason(&scene),
-            "2 materials, `chrome` the first: each may be smooth enough for a mirror"
+            "material `chrome` has roughness 0.05, and 1 more may be as smooth"
         );
     }
 }

@@ -4,6 +4,7 @@
 //! 2 bad usage or bad input; 130 interrupted.
 
 mod args;
+mod bench;
 mod failure;
 mod info;
 mod interrupt;
@@ -11,6 +12,7 @@ mod job;
 mod output;
 mod progress;
 mod render;
+mod replay;
 
 use clap::Parser;
 
@@ -27,7 +29,7 @@ pub fn run() -> i32 {
         match args.command {
             Command::Render(args) => render::run(&args),
             Command::Info(args) => info::run(&args),
-            Command::Bench(_) => Ok(()),
+            Command::Bench(args) => bench::run(&args),
         }
     });
     match result {

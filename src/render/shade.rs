@@ -37,15 +37,15 @@ pub(super) struct Mirrored {
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
 pub(super) fn surroundings(packet: &RayPacket, weight: &Lanes3<f32>, ambient: [f32; 3]) -> Lanes3<f32> {
+    let mut share = [0.0; LANES];
+    for l in 0..LANES {
+        let missed = (packet.active[l] != 0) & (packet.instance[l] == NO_HIT);
+        share[l] = if missed { 1.0 } else { 0.0 };
+    }
     let mut radiance = [[0.0; LANES]; 3];
     for channel in 0..3 {
         for l in 0..LANES {
-            let missed = (packet.active[l] != 0) & (packet.instance[l] == NO_HIT);
-            radiance[channel][l] = if missed {
-                weight[channel][l] * ambient[channel]
-            } else {
-                0.0
-            };
+            radiance[channel][l] = weight[channel][l] * ambient[channel] * share[l];
         }
     }
     radiance
@@ -63,19 +63,17 @@ pub(super) fn glow(
     weight: &Lanes3<f32>,
     ambient: [f32; 3],
 ) -> Lanes3<f32> {
-    let mut radiance = materials.ambient(ambient);
+    let glow = materials.ambient(ambient);
+    let (mut share, mut hit) = ([0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        share[l] = if packet.active[l] != 0 { 1.0 } else { 0.0 };
+        hit[l] = if surfaces.hit[l] { 1.0 } else { 0.0 };
+    }
+    let mut radiance = [[0.0; LANES]; 3];
     for channel in 0..3 {
         for l in 0..LANES {
-            let seen = if surfaces.hit[l] {
-                radiance[channel][l]
-            } else {
-                ambient[channel]
-            };
-            radiance[channel][l] = if packet.active[l] != 0 {
-                weight[channel][l] * seen
-            } else {
-                0.0
-            };
+            let seen = glow[channel][l] * hit[l] + ambient[channel] * (1.0 - hit[l]);
+            radiance[channel][l] = weight[channel][l] * seen * share[l];
         }
     }
     radiance

@@ -108,15 +108,14 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// The surfaces that a traced packet has met.
+    /// Writes the surfaces that a traced packet has met.
     #[inline(always)]
-    pub(super) fn surfaces(&self, packet: &RayPacket) -> SurfacePacket {
+    pub(super) fn surfaces(&self, packet: &RayPacket, surfaces: &mut SurfacePacket) {
         let gathered = self.gather(packet);
-        let mut surfaces = triangle_surfaces(packet, &gathered);
+        triangle_surfaces(packet, &gathered, surfaces);
         if gathered.odd {
-            self.place_odd_lanes(packet, &gathered, &mut surfaces);
+            self.place_odd_lanes(packet, &gathered, surfaces);
         }
-        surfaces
     }
 
     /// The materials at those surfaces.
@@ -291,6 +290,16 @@ impl MeshView<'_> {
 }
 
 impl SurfacePacket {
+    /// Memory to write surfaces into.
+    pub(super) const EMPTY: SurfacePacket = SurfacePacket {
+        hit: [false; LANES],
+        p: [[0.0; LANES]; 3],
+        ng: [[0.0; LANES]; 3],
+        ns: [[0.0; LANES]; 3],
+        wo: [[0.0; LANES]; 3],
+        error: [0.0; LANES],
+    };
+
     /// Where a ray starts that leaves lane `l` on the side of `ng`.
     #[inline(always)]
     pub(super) fn spawn_origin(&self, l: usize) -> glam::Vec3 {
@@ -304,15 +313,7 @@ impl SurfacePacket {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered) -> SurfacePacket {
-    let mut surfaces = SurfacePacket {
-        hit: [false; LANES],
-        p: [[0.0; LANES]; 3],
-        ng: [[0.0; LANES]; 3],
-        ns: [[0.0; LANES]; 3],
-        wo: [[0.0; LANES]; 3],
-        error: [0.0; LANES],
-    };
+fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut SurfacePacket) {
     let [a, b, c] = &gathered.corners;
     let [na, nb, nc] = &gathered.normals;
     let d = &packet.direction;
@@ -368,7 +369,6 @@ fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered) -> SurfacePacket {
             surfaces.ns[axis][l] = if smooth { ns[axis] * scale } else { ng[axis] };
         }
     }
-    surfaces
 }
 
 /// One lane, worked out in world space; normals on either side.

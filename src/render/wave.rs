@@ -223,7 +223,8 @@ impl<'f, 's> Wave<'f, 's> {
 
     fn shade_packet(&mut self, packet: &RayPacket, path: &PathPacket, order: RayOrder, depth: u32) {
         let frame = self.frame;
-        let surfaces = frame.surfaces.surfaces(packet);
+        let mut surfaces = SurfacePacket::EMPTY;
+        frame.surfaces.surfaces(packet, &mut surfaces);
         let materials = frame.surfaces.materials(packet);
         if frame.glows {
             let radiance = shade::glow(packet, &surfaces, &materials, &path.weight, frame.ambient);

@@ -52,15 +52,19 @@ impl MaterialPacket {
     /// specularly where no mirror ray brings them.
     #[inline(always)]
     pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
+        let mut rough = [0.0; LANES];
+        for l in 0..LANES {
+            rough[l] = if self.roughness[l] <= MIRROR_ROUGHNESS {
+                0.0
+            } else {
+                1.0
+            };
+        }
         let mut radiance = self.emission;
         for channel in 0..3 {
             for l in 0..LANES {
-                let specular = if self.roughness[l] <= MIRROR_ROUGHNESS {
-                    0.0
-                } else {
-                    self.f0(channel, l)
-                };
-                radiance[channel][l] += ambient[channel] * (self.c_diff(channel, l) + specular);
+                let albedo = self.c_diff(channel, l) + self.f0(channel, l) * rough[l];
+                radiance[channel][l] += ambient[channel] * albedo;
             }
         }
         radiance

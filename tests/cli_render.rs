@@ -180,8 +180,8 @@ fn statistics_have_every_key_that_scripts_rely_on() {
 fn the_ambient_radiance_is_what_a_ray_into_the_void_sees() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.exr");
-    let scene = folder.path().join("empty.gltf");
-    fs::write(&scene, br#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{}]}"#).unwrap();
+    let scene = folder.path().join("behind.gltf");
+    fs::write(&scene, TRIANGLE_BEHIND_THE_CAMERA).unwrap();
     let run = whit(&[
         "render",
         path(&scene),
@@ -377,6 +377,20 @@ fn ctrl_c_ends_a_render_with_130_and_leaves_no_piece_of_it() {
     assert_eq!(child.wait().unwrap().code(), Some(130));
     assert_eq!(names_in(folder.path()), Vec::<String>::new());
 }
+
+/// One triangle in the plane z = 5, seen from the origin along -z.
+const TRIANGLE_BEHIND_THE_CAMERA: &str = r#"{
+    "asset": {"version": "2.0"},
+    "scene": 0,
+    "scenes": [{"nodes": [0, 1]}],
+    "nodes": [{"mesh": 0}, {"camera": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "cameras": [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.01}}],
+    "buffers": [{"byteLength": 36, "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAKBAAACAPwAAAAAAAKBAAAAAAAAAgD8AAKBA"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+        "min": [0, 0, 5], "max": [1, 1, 5]}]
+}"#;
 
 fn path(path: &Path) -> &str {
     path.to_str().unwrap()

@@ -9,7 +9,7 @@ use crate::accel::bsp::BspAccel;
 #[cfg(feature = "embree")]
 use crate::accel::embree::EmbreeAccel;
 use crate::accel::{Accel, AccelError, AccelOptions, AccelReport, Backend, Kernel, Precision};
-use crate::gltf;
+use crate::gltf::{self, LoadOptions};
 use crate::image::check_writable;
 use crate::render::{self, Ledger, Monitor, RenderSettings};
 use crate::report::bench::{BenchRow, BenchTable, FrameTime, Mode, RayKind, Spread};
@@ -68,7 +68,7 @@ fn bench_scene(
 ) -> Result<Vec<BenchRow>, Failure> {
     let name = path.display().to_string();
     progress.phase(&name, "load");
-    let scene = pool.install(|| gltf::load(path))?;
+    let scene = pool.install(|| gltf::load(path, &LoadOptions::default()))?;
     let camera = choose_camera(&scene, path, None)?;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
@@ -253,7 +253,9 @@ impl Times {
 
     /// The render loop against the raw traces of the same rays.
     fn frame(&self, contestants: &[Contestant], sets: &[RaySet]) -> Option<FrameTime> {
-        let raw = contestants.iter().position(|contestant| contestant.mode == Mode::Raw)?;
+        let raw = contestants
+            .iter()
+            .position(|contestant| contestant.mode == Mode::Raw)?;
         let ledger = self.frames.first()?;
         let raw_seconds: f64 = sets
             .iter()
@@ -268,7 +270,8 @@ impl Times {
                 rays as f64 * Spread::of(&of_set[raw]).median / set.ray_count as f64
             })
             .sum();
-        let median = |of: fn(&Ledger) -> f64| Spread::of(&self.frames.iter().map(of).collect::<Vec<_>>()).median;
+        let median =
+            |of: fn(&Ledger) -> f64| Spread::of(&self.frames.iter().map(of).collect::<Vec<_>>()).median;
         let seconds = median(|ledger| ledger.seconds);
         Some(FrameTime {
             seconds,

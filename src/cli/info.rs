@@ -1,6 +1,6 @@
 //! `whit info`: what was understood of a scene.
 
-use crate::gltf;
+use crate::gltf::{self, LoadOptions};
 use crate::report::info::SceneInfo;
 
 use super::args::InfoArgs;
@@ -9,7 +9,7 @@ use super::output;
 
 /// Prints what the scene holds.
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
-    let scene = gltf::load(&args.scene)?;
+    let scene = gltf::load(&args.scene, &LoadOptions::default())?;
     let info = SceneInfo::of(&scene, &args.scene);
     if !args.json {
         return output::print(&info.to_string());

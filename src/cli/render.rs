@@ -4,7 +4,7 @@ use std::mem;
 use std::time::Instant;
 
 use crate::accel::{self, Accel, AccelOptions};
-use crate::gltf;
+use crate::gltf::{self, LoadOptions};
 use crate::image;
 use crate::render::{self, Monitor, Rendering};
 use crate::report::memory;
@@ -106,7 +106,7 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
 }
 
 fn load(job: &RenderJob, target: &Target) -> Result<Scene, Failure> {
-    let mut scene = gltf::load(&target.scene)?;
+    let mut scene = gltf::load(&target.scene, &LoadOptions::default())?;
     if let Some(ambient) = job.ambient {
         scene.ambient = ambient;
     }

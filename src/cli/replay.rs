@@ -134,7 +134,11 @@ impl Engine<'_> {
 
 /// Seconds that `engine` takes for all rays of `set` on this thread, copies of the packets included.
 pub(super) fn replay_seconds(engine: Engine, set: &RaySet, mode: Mode) -> f64 {
-    let chunk = if mode == Mode::Batch { BATCH_PACKETS } else { CHUNK_PACKETS };
+    let chunk = if mode == Mode::Batch {
+        BATCH_PACKETS
+    } else {
+        CHUNK_PACKETS
+    };
     let mut scratch = vec![RayPacket::EMPTY; chunk];
     let start = Instant::now();
     for packets in set.packets.chunks(chunk) {
@@ -251,7 +255,10 @@ mod tests {
         let starts: Vec<f32> = kept.iter().map(|p| p.origin[0][0]).collect();
         assert_eq!(kept.len(), 128);
         // Runs begin at 0 and at (1000 - 64) / 2.
-        assert_eq!((starts[0], starts[63], starts[64], starts[127]), (0.0, 63.0, 468.0, 531.0));
+        assert_eq!(
+            (starts[0], starts[63], starts[64], starts[127]),
+            (0.0, 63.0, 468.0, 531.0)
+        );
     }
 
     #[test]

@@ -158,7 +158,9 @@ impl fmt::Display for BenchTable<'_> {
         )?;
         for row in self.0 {
             let extremes = format!("({:.2} .. {:.2})", row.mrays_per_s_min, row.mrays_per_s_max);
-            let ratio = self.over_embree(row).map_or(String::new(), |ratio| format!("{ratio:.2}"));
+            let ratio = self
+                .over_embree(row)
+                .map_or(String::new(), |ratio| format!("{ratio:.2}"));
             writeln!(
                 f,
                 "  {:<11}{:<8}{:<8}{:>9.2}  {extremes:<17}{ratio:>10}{:>9}{:>7}",
@@ -212,7 +214,11 @@ impl BenchTable<'_> {
 
     /// Speed over that of Embree in the same mode; a batch is measured against packets.
     fn over_embree(&self, row: &BenchRow) -> Option<f64> {
-        let mode = if row.mode == Mode::Batch { Mode::Packet } else { row.mode };
+        let mode = if row.mode == Mode::Batch {
+            Mode::Packet
+        } else {
+            row.mode
+        };
         self.0
             .iter()
             .find(|other| other.backend == Backend::Embree && other.rays == row.rays && other.mode == mode)
@@ -262,9 +268,16 @@ mod tests {
             row(Backend::Bsp, Mode::Batch, 15.0),
         ];
         let table = BenchTable(&rows);
-        assert_eq!(rows.each_ref().map(|r| table.over_embree(r)), [1.0, 1.0, 0.75, 1.5].map(Some));
+        assert_eq!(
+            rows.each_ref().map(|r| table.over_embree(r)),
+            [1.0, 1.0, 0.75, 1.5].map(Some)
+        );
         assert_eq!(BenchTable(&rows[2..]).over_embree(&rows[2]), None);
         let text = table.to_string();
-        assert_eq!(text.matches("built in 0.500 s on 1 threads, 2.0 MB").count(), 2, "{text}");
+        assert_eq!(
+            text.matches("built in 0.500 s on 1 threads, 2.0 MB").count(),
+            2,
+            "{text}"
+        );
     }
 }

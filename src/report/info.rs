@@ -60,7 +60,7 @@ pub struct LightInfo {
     pub name: String,
     /// `point`, `spot` or `directional`.
     pub kind: &'static str,
-    /// Linear RGB: candela for point and spot lights, lux for directional ones.
+    /// As in the file, linear RGB: candela for point and spot lights, lux for directional ones.
     pub intensity: [f32; 3],
 }
 
@@ -140,18 +140,23 @@ impl SceneInfo {
 }
 
 fn lights(scene: &Scene) -> Vec<LightInfo> {
-    let kind = |kind: &LightKind| match kind {
-        LightKind::Directional { .. } => "directional",
-        LightKind::Point { .. } => "point",
-        LightKind::Spot { .. } => "spot",
+    // Irradiance is intensity over distance squared, and distances were scaled.
+    let area_scale = scene.normalisation.scale.powi(2);
+    let describe = |kind: &LightKind| match kind {
+        LightKind::Directional { .. } => ("directional", 1.0),
+        LightKind::Point { .. } => ("point", area_scale),
+        LightKind::Spot { .. } => ("spot", area_scale),
     };
     scene
         .lights
         .iter()
-        .map(|light| LightInfo {
-            name: light.name.clone(),
-            kind: kind(&light.kind),
-            intensity: light.intensity,
+        .map(|light| {
+            let (kind, scale) = describe(&light.kind);
+            LightInfo {
+                name: light.name.clone(),
+                kind,
+                intensity: light.intensity.map(|i| (f64::from(i) / scale) as f32),
+            }
         })
         .collect()
 }
@@ -296,6 +301,20 @@ mod tests {
         let bounds = SceneInfo::of(&scene(), "a.glb").bounds.unwrap();
         assert_eq!((bounds.min, bounds.max), ([8.0, -2.0, -2.0], [12.0, 2.0, 2.0]));
         assert!(SceneInfo::of(&Scene::default(), "a.glb").bounds.is_none());
+    }
+
+    #[test]
+    fn intensities_are_told_as_in_the_file() {
+        let mut scene = scene();
+        scene.lights[0].kind = LightKind::Point {
+            position: DVec3::ZERO,
+            range: None,
+        };
+        // Halving all lengths takes a quarter of the intensity to keep the picture.
+        assert_eq!(
+            SceneInfo::of(&scene, "a.glb").lights[0].intensity,
+            [12.0, 8.0, 4.0]
+        );
     }
 
     #[test]

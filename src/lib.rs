@@ -12,7 +12,7 @@
 //! 4. [`image`] writes the picture.
 //!
 //! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`image`] · [`scene`] · [`shading`] · [`gltf`]
-//! [`accel`] · [`render`].
+//! [`accel`] · [`render`] · [`report`] · [`cli`].
 //!
 //! # A whole program
 //!
@@ -21,26 +21,30 @@
 //! use std::sync::atomic::AtomicBool;
 //!
 //! use whit::accel::{self, AccelOptions, Backend};
+//! use whit::gltf::LoadOptions;
+//! use whit::image::{ImageFormat, ToneMap};
 //! use whit::render::{Monitor, RenderSettings};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let scene = whit::gltf::load(Path::new("scenes/first_light.gltf"))?;
+//! let scene = whit::gltf::load(Path::new("scenes/first_light.gltf"), &LoadOptions::default())?;
 //! let accel = accel::build(&scene, Backend::default(), &AccelOptions::default())?;
 //! let settings = RenderSettings { width: 640, height: 480, spp: 16, ..RenderSettings::default() };
 //! let monitor = Monitor { progress: &|_| {}, cancel: &AtomicBool::new(false) };
 //! let rendering = whit::render::render(&scene, &scene.cameras[0], &*accel, &settings, &monitor)
 //!     .expect("nobody cancels it");
-//! whit::image::write_png(Path::new("out.png"), &rendering.image, 0.0)?;
+//! whit::image::write(&rendering.image, Path::new("out.png"), ImageFormat::Png, ToneMap::default())?;
 //! # Ok(())
 //! # }
 //! ```
 
 pub mod accel;
+pub mod cli;
 pub mod gltf;
 pub mod image;
 pub mod mesh;
 pub mod numeric;
 pub mod render;
+pub mod report;
 pub mod scene;
 pub mod shading;
 pub mod shape;

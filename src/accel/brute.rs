@@ -1,7 +1,11 @@
 //! Brute force: every ray against every primitive. The referee of the other two.
 
-use super::{Accel, AccelReport, RayOrder, RayPacket};
-use crate::scene::Scene;
+use super::{Accel, AccelReport, Hit, LANES, RayOrder, RayPacket};
+use crate::mesh::Mesh;
+use crate::mesh::triangle::Shear;
+use crate::numeric::{Ray, object_ray};
+use crate::scene::{Geometry, Instance, Scene};
+use crate::shape::Sphere;
 
 /// A loop over all instances and their primitives.
 pub struct BruteAccel<'s> {
@@ -13,16 +17,137 @@ impl<'s> BruteAccel<'s> {
     pub fn new(scene: &'s Scene) -> BruteAccel<'s> {
         BruteAccel { scene }
     }
+
+    /// The nearest hit of one ray.
+    pub fn nearest(&self, ray: &Ray) -> Option<Hit> {
+        let mut best = None;
+        for (index, instance) in self.scene.instances.iter().enumerate() {
+            match &self.scene.geometries[instance.geometry as usize] {
+                Geometry::Mesh(mesh) => {
+                    nearest_triangle(mesh, &ray_in(instance, ray), index as u32, &mut best)
+                }
+                Geometry::Sphere(sphere) => {
+                    if let Some(t) = sphere_hit(instance, sphere, ray) {
+                        keep_nearest(&mut best, shape_hit(index as u32, t));
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    /// Whether one ray meets anything.
+    pub fn is_blocked(&self, ray: &Ray) -> bool {
+        self.scene.instances.iter().any(
+            |instance| match &self.scene.geometries[instance.geometry as usize] {
+                Geometry::Mesh(mesh) => any_triangle(mesh, &ray_in(instance, ray)),
+                Geometry::Sphere(sphere) => sphere_hit(instance, sphere, ray).is_some(),
+            },
+        )
+    }
 }
 
 impl Accel for BruteAccel<'_> {
-    fn intersect(&self, _packets: &mut [RayPacket], _order: RayOrder) {
-        let _ = self.scene;
+    fn intersect(&self, packets: &mut [RayPacket], _order: RayOrder) {
+        for packet in packets {
+            packet.drop_untraceable();
+            for lane in 0..LANES {
+                if packet.is_active(lane)
+                    && let Some(hit) = self.nearest(&packet.ray(lane))
+                {
+                    packet.set_hit(lane, &hit);
+                }
+            }
+        }
     }
 
-    fn occluded(&self, _packets: &mut [RayPacket], _order: RayOrder) {}
+    fn occluded(&self, packets: &mut [RayPacket], _order: RayOrder) {
+        for packet in packets {
+            packet.drop_untraceable();
+            for lane in 0..LANES {
+                if packet.is_active(lane) && self.is_blocked(&packet.ray(lane)) {
+                    packet.set_blocked(lane);
+                }
+            }
+        }
+    }
 
     fn report(&self) -> AccelReport {
-        AccelReport::default()
+        AccelReport {
+            summary: format!("brute force over {} instances", self.scene.instances.len()),
+            ..AccelReport::default()
+        }
     }
+}
+
+/// The ray in an instance's object space. A baked mesh sees the ray itself.
+#[inline(always)]
+pub(super) fn ray_in(instance: &Instance, ray: &Ray) -> Ray {
+    if instance.is_identity() {
+        *ray
+    } else {
+        object_ray(&instance.object_from_world, ray)
+    }
+}
+
+/// Where the ray's exact extension to f64 meets a placed sphere, rounded once.
+///
+/// The interval is the ray's own and never shortened to what was found before, so that the answer does not depend on
+/// the order of the questions.
+#[inline(always)]
+pub(super) fn sphere_hit(instance: &Instance, sphere: &Sphere, ray: &Ray) -> Option<f32> {
+    let map = &instance.object_from_world;
+    let origin = map.transform_point3(ray.origin.as_dvec3());
+    let direction = map.transform_vector3(ray.direction.as_dvec3());
+    let t = sphere.intersect(origin, direction, f64::from(ray.t_near), f64::from(ray.t_far))?;
+    let t = t as f32;
+    t.is_finite().then_some(t)
+}
+
+/// The hit of an analytic shape, which has one primitive and no barycentric weights.
+#[inline(always)]
+pub(super) fn shape_hit(instance: u32, t: f32) -> Hit {
+    Hit {
+        instance,
+        primitive: 0,
+        t,
+        u: 0.0,
+        v: 0.0,
+    }
+}
+
+/// Keeps the better of two hits: smallest `t`, then instance, then primitive.
+fn keep_nearest(best: &mut Option<Hit>, hit: Hit) {
+    let rank = |h: &Hit| (h.instance, h.primitive);
+    if best.is_none_or(|b| hit.t < b.t || (hit.t == b.t && rank(&hit) < rank(&b))) {
+        *best = Some(hit);
+    }
+}
+
+fn nearest_triangle(mesh: &Mesh, ray: &Ray, instance: u32, best: &mut Option<Hit>) {
+    let shear = Shear::new(ray);
+    for primitive in 0..mesh.triangles.len() as u32 {
+        let t_far = best.map_or(ray.t_far, |b| b.t);
+        let corners = mesh.corners(primitive).map(|p| p.to_array());
+        if let Some(hit) = shear.intersect(corners, ray.t_near, t_far) {
+            keep_nearest(
+                best,
+                Hit {
+                    instance,
+                    primitive,
+                    t: hit.t,
+                    u: hit.u,
+                    v: hit.v,
+                },
+            );
+        }
+    }
+}
+
+fn any_triangle(mesh: &Mesh, ray: &Ray) -> bool {
+    let shear = Shear::new(ray);
+    (0..mesh.triangles.len() as u32).any(|primitive| {
+        let corners = mesh.corners(primitive).map(|p| p.to_array());
+        shear.intersect(corners, ray.t_near, ray.t_far).is_some()
+    })
 }

@@ -6,6 +6,7 @@
 //!
 //! All three break ties alike: smallest `t`, then instance, then primitive.
 
+pub mod agreement;
 pub mod brute;
 pub mod bsp;
 #[cfg(feature = "embree")]

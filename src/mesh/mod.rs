@@ -1,6 +1,7 @@
 //! Triangle meshes: vertex and index arrays, owned or borrowed from a mapped file.
 
 mod slab;
+pub mod triangle;
 
 use glam::{DVec3, Vec3};
 

@@ -1,9 +1,11 @@
 //! The scene as plain data: vectors linked by index, all checks behind it after [`Scene::validate`].
 
+mod bake;
 mod camera;
 mod light;
 mod material;
 mod normalise;
+pub(crate) mod survey;
 mod validate;
 
 use glam::DAffine3;

@@ -1,0 +1,198 @@
+//! The part of a primitive within a cell, known by its bounds, and how a plane cuts it in two.
+
+use glam::Vec3;
+
+use super::primitives::Primitives;
+
+/// An axis-aligned box in f32. Empty when any `low` exceeds its `high`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Cell {
+    /// Lowest corner.
+    pub(super) low: [f32; 3],
+    /// Highest corner.
+    pub(super) high: [f32; 3],
+}
+
+impl Cell {
+    /// The box that contains nothing.
+    pub(super) const EMPTY: Cell = Cell {
+        low: [f32::INFINITY; 3],
+        high: [f32::NEG_INFINITY; 3],
+    };
+
+    /// Grows the box to contain a piece.
+    #[inline(always)]
+    pub(super) fn include(&mut self, piece: &Piece) {
+        for axis in 0..3 {
+            self.low[axis] = self.low[axis].min(piece.low[axis]);
+            self.high[axis] = self.high[axis].max(piece.high[axis]);
+        }
+    }
+
+    /// Half the surface area; 0 for an empty box.
+    #[inline(always)]
+    pub(super) fn half_area(&self) -> f32 {
+        let [x, y, z] = self.extent();
+        x * y + y * z + z * x
+    }
+
+    /// Edge lengths; 0 for an empty box.
+    #[inline(always)]
+    pub(super) fn extent(&self) -> [f32; 3] {
+        [0, 1, 2].map(|axis| (self.high[axis] - self.low[axis]).max(0.0))
+    }
+}
+
+/// A primitive, or the part of it that lies within a cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(32))]
+pub(super) struct Piece {
+    /// Lowest corner of its bounds.
+    pub(super) low: [f32; 3],
+    /// The primitive's number.
+    pub(super) number: u32,
+    /// Highest corner of its bounds.
+    pub(super) high: [f32; 3],
+}
+
+impl Piece {
+    /// A piece by its bounds.
+    pub(super) fn new(number: u32, low: [f32; 3], high: [f32; 3]) -> Piece {
+        Piece { low, number, high }
+    }
+
+    /// A whole triangle.
+    #[inline(always)]
+    pub(super) fn of_triangle(number: u32, [a, b, c]: [Vec3; 3]) -> Piece {
+        Piece::new(number, a.min(b).min(c).to_array(), a.max(b).max(c).to_array())
+    }
+
+    /// On which sides of a plane it has a part: (left, right). What lies in the plane is on the left.
+    #[inline(always)]
+    pub(super) fn sides(&self, axis: usize, position: f32) -> (bool, bool) {
+        let right = self.high[axis] > position;
+        (self.low[axis] < position || !right, right)
+    }
+
+    /// Its parts on both sides of a plane that crosses it; `None` where the primitive itself has no part.
+    ///
+    /// The bounds are those of the exactly cut triangle, rounded outward, within those of the piece.
+    pub(super) fn cut(&self, primitives: &Primitives, axis: usize, position: f32) -> [Option<Piece>; 2] {
+        let Some(corners) = primitives.corners(self.number) else {
+            let (mut left, mut right) = (*self, *self);
+            left.high[axis] = position;
+            right.low[axis] = position;
+            return [Some(left), Some(right)];
+        };
+        let corners = corners.map(|p| p.as_dvec3().to_array());
+        let plane = f64::from(position);
+        let mut low = [[f64::INFINITY; 3]; 2];
+        let mut high = [[f64::NEG_INFINITY; 3]; 2];
+        let mut include = |side: usize, p: [f64; 3]| {
+            for k in 0..3 {
+                low[side][k] = low[side][k].min(p[k]);
+                high[side][k] = high[side][k].max(p[k]);
+            }
+        };
+        for i in 0..3 {
+            let (p, q) = (corners[i], corners[(i + 1) % 3]);
+            let (from, to) = (p[axis] - plane, q[axis] - plane);
+            if from <= 0.0 {
+                include(0, p);
+            }
+            if from >= 0.0 {
+                include(1, p);
+            }
+            if from * to < 0.0 {
+                let s = from / (from - to);
+                let mut crossing = [0, 1, 2].map(|k| p[k] + s * (q[k] - p[k]));
+                crossing[axis] = plane;
+                include(0, crossing);
+                include(1, crossing);
+            }
+        }
+        [0, 1].map(|side| self.within(low[side], high[side]))
+    }
+
+    /// The part within f64 bounds, rounded outward.
+    fn within(&self, low: [f64; 3], high: [f64; 3]) -> Option<Piece> {
+        let mut part = *self;
+        for axis in 0..3 {
+            part.low[axis] = self.low[axis].max(round_down(low[axis]));
+            part.high[axis] = self.high[axis].min(round_up(high[axis]));
+            if part.low[axis] > part.high[axis] {
+                return None;
+            }
+        }
+        Some(part)
+    }
+}
+
+#[inline(always)]
+fn round_down(x: f64) -> f32 {
+    let rounded = x as f32;
+    if f64::from(rounded) > x {
+        rounded.next_down()
+    } else {
+        rounded
+    }
+}
+
+#[inline(always)]
+fn round_up(x: f64) -> f32 {
+    let rounded = x as f32;
+    if f64::from(rounded) < x {
+        rounded.next_up()
+    } else {
+        rounded
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+
+    fn one_triangle(corners: [[f32; 3]; 3]) -> Mesh {
+        Mesh {
+            positions: corners.to_vec().into(),
+            triangles: vec![[0, 1, 2]].into(),
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn a_right_triangle_cut_in_the_middle_leaves_a_trapezium_and_a_small_triangle() {
+        let mesh = one_triangle([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]]);
+        let primitives = Primitives::of_mesh(&mesh).unwrap();
+        let [left, right] = primitives.pieces()[0]
+            .cut(&primitives, 0, 1.0)
+            .map(Option::unwrap);
+        assert_eq!((left.low, left.high), ([0.0, 0.0, 0.0], [1.0, 2.0, 0.0]));
+        assert_eq!((right.low, right.high), ([1.0, 0.0, 0.0], [2.0, 1.0, 0.0]));
+    }
+
+    #[test]
+    fn a_cut_piece_may_lose_a_side_that_only_its_box_reached() {
+        // The hypotenuse cuts the box's upper right corner off; there the plane x = 1.5 finds nothing above y = 0.5.
+        let mesh = one_triangle([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]]);
+        let primitives = Primitives::of_mesh(&mesh).unwrap();
+        let [_, upper] = primitives.pieces()[0]
+            .cut(&primitives, 1, 1.0)
+            .map(Option::unwrap);
+        let mut wide = upper;
+        wide.high[0] = 2.0;
+        let [kept, lost] = wide.cut(&primitives, 0, 1.5);
+        assert!(kept.is_some());
+        assert_eq!(lost, None);
+    }
+
+    #[test]
+    fn what_lies_in_the_plane_goes_left_and_what_touches_it_stays_on_its_side() {
+        let piece = |low: f32, high: f32| Piece::new(0, [low; 3], [high; 3]);
+        assert_eq!(piece(1.0, 1.0).sides(0, 1.0), (true, false));
+        assert_eq!(piece(0.0, 1.0).sides(0, 1.0), (true, false));
+        assert_eq!(piece(1.0, 2.0).sides(0, 1.0), (false, true));
+        assert_eq!(piece(0.0, 2.0).sides(0, 1.0), (true, true));
+    }
+}

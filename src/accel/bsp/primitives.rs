@@ -1,0 +1,131 @@
+//! What one tree holds, under consecutive numbers.
+//!
+//! The world tree numbers the triangles of all baked meshes, the analytic shapes and the placed meshes in the order of
+//! their instances; the tree of a placed mesh numbers its triangles. So the smaller of two numbers is also the smaller
+//! (instance, primitive), and ties break by comparing numbers.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::clip::Piece;
+use crate::mesh::Mesh;
+use crate::numeric::Bounds;
+use crate::scene::{Geometry, Scene};
+
+/// The primitives of one tree.
+pub(super) struct Primitives<'s> {
+    runs: Vec<Run<'s>>,
+    count: usize,
+}
+
+/// Consecutive numbers that belong to one instance.
+pub(super) struct Run<'s> {
+    /// The first number.
+    pub(super) first: u32,
+    /// Index into [`Scene::instances`].
+    pub(super) instance: u32,
+    /// What the numbers stand for.
+    pub(super) kind: RunKind<'s>,
+}
+
+/// What a run of numbers stands for.
+pub(super) enum RunKind<'s> {
+    /// One number a triangle, in the space of the tree.
+    Triangles(&'s Mesh),
+    /// One number for something that is asked as a whole: a shape or a placed mesh, by its bounds in the tree's space.
+    Whole(Bounds),
+}
+
+impl<'s> Primitives<'s> {
+    /// Everything in the world; `None` if there is more than 32 bits can number.
+    pub(super) fn of_world(scene: &'s Scene) -> Option<Primitives<'s>> {
+        let mut world = Primitives {
+            runs: Vec::with_capacity(scene.instances.len()),
+            count: 0,
+        };
+        let object_bounds: Vec<Bounds> = scene.geometries.par_iter().map(Geometry::bounds).collect();
+        for (index, instance) in scene.instances.iter().enumerate() {
+            let geometry = &scene.geometries[instance.geometry as usize];
+            let kind = match geometry {
+                Geometry::Mesh(mesh) if instance.is_identity() => RunKind::Triangles(mesh),
+                _ => RunKind::Whole(
+                    object_bounds[instance.geometry as usize].transformed(&instance.world_from_object),
+                ),
+            };
+            world.push(index as u32, kind)?;
+        }
+        Some(world)
+    }
+
+    /// The triangles of one mesh in its own space; `None` if there are more than 32 bits can number.
+    pub(super) fn of_mesh(mesh: &'s Mesh) -> Option<Primitives<'s>> {
+        let mut object = Primitives {
+            runs: Vec::with_capacity(1),
+            count: 0,
+        };
+        object.push(0, RunKind::Triangles(mesh))?;
+        Some(object)
+    }
+
+    fn push(&mut self, instance: u32, kind: RunKind<'s>) -> Option<()> {
+        let count = match &kind {
+            RunKind::Triangles(mesh) => mesh.triangles.len(),
+            RunKind::Whole(bounds) => usize::from(!bounds.is_empty()),
+        };
+        if count == 0 {
+            return Some(());
+        }
+        self.runs.push(Run {
+            first: u32::try_from(self.count).ok()?,
+            instance,
+            kind,
+        });
+        self.count += count;
+        // The largest number marks an empty slot.
+        (self.count < u32::MAX as usize).then_some(())
+    }
+
+    /// How many there are.
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The run that a number belongs to.
+    #[inline(always)]
+    pub(super) fn run(&self, number: u32) -> &Run<'s> {
+        match self.runs.as_slice() {
+            [only] => only,
+            runs => &runs[runs.partition_point(|run| run.first <= number) - 1],
+        }
+    }
+
+    /// The corners of a triangle; `None` for something that is asked as a whole.
+    #[inline(always)]
+    pub(super) fn corners(&self, number: u32) -> Option<[Vec3; 3]> {
+        let run = self.run(number);
+        match run.kind {
+            RunKind::Triangles(mesh) => Some(mesh.corners(number - run.first)),
+            RunKind::Whole(_) => None,
+        }
+    }
+
+    /// All of them, uncut.
+    pub(super) fn pieces(&self) -> Vec<Piece> {
+        let mut pieces = Vec::with_capacity(self.count);
+        for run in &self.runs {
+            match &run.kind {
+                RunKind::Triangles(mesh) => pieces.par_extend(
+                    (0..mesh.triangles.len() as u32)
+                        .into_par_iter()
+                        .with_min_len(1 << 12)
+                        .map(|i| Piece::of_triangle(run.first + i, mesh.corners(i))),
+                ),
+                RunKind::Whole(bounds) => {
+                    let (low, high) = bounds.to_f32_outward();
+                    pieces.push(Piece::new(run.first, low, high));
+                }
+            }
+        }
+        pieces
+    }
+}

@@ -1,0 +1,99 @@
+//! How far rounding may move things, and slab arithmetic that allows for it.
+//!
+//! The triangle test projects each corner with an error of a few units in the last place of its distance from the ray's
+//! origin. Along axis `a`, with `p` where the ray passes and `e` the extent of the tree, a corner moves by at most
+//! `2u (|v_a - o_a| + |d_a / d_z| |v_z - o_z|) <= 4u |p_a - o_a| + 4u e`, u = 2^-24. A ray may so hit a triangle that
+//! exactly it passes by, and cells must not hide it. The first part is relative to the parameter on the slab's axis and
+//! is given to the parameter, together with the rounding of the parameter itself; the second is given to the planes.
+
+use super::clip::Cell;
+
+/// Relative error of a slab parameter: 4u by the triangle test; 4u by a difference, a reciprocal, a product and this
+/// factor itself. Doubled, for the effect of one rounding on another.
+const PARAMETER_SLACK: f32 = 16.0 * UNIT;
+/// Error of a plane relative to the extent of the tree: 4u, doubled likewise.
+const PLANE_SLACK: f32 = 8.0 * UNIT;
+/// Half a unit in the last place of 1.
+const UNIT: f32 = 5.960_464_5e-8;
+/// A direction component smaller than this part of the largest one is taken for zero: over any length the ray can have
+/// in the tree it moves less than [`PLANE_SLACK`].
+const ZERO_COMPONENT: f32 = 7.888_609e-31;
+
+/// How much to widen a tree's planes and boxes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slack(f32);
+
+impl Slack {
+    /// The slack of a tree with that root cell.
+    pub(super) fn of(root: &Cell) -> Slack {
+        let [x, y, z] = root.extent();
+        Slack(PLANE_SLACK * x.max(y).max(z))
+    }
+
+    /// A coordinate moved down.
+    #[inline(always)]
+    pub(super) fn below(self, x: f32) -> f32 {
+        (x - self.0).next_down()
+    }
+
+    /// A coordinate moved up.
+    #[inline(always)]
+    pub(super) fn above(self, x: f32) -> f32 {
+        (x + self.0).next_up()
+    }
+}
+
+/// A line, as slabs see it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line {
+    /// A point on it.
+    pub(super) origin: [f32; 3],
+    /// Reciprocal direction, its magnitude reduced by the slack; infinite, with a sign, where the component is zero.
+    pub(super) enter: [f32; 3],
+    /// Reciprocal direction, its magnitude increased by the slack.
+    pub(super) leave: [f32; 3],
+}
+
+impl Line {
+    /// The line of a ray with a finite, non-zero direction.
+    #[inline(always)]
+    pub(super) fn new(origin: [f32; 3], direction: [f32; 3]) -> Line {
+        let [x, y, z] = direction.map(f32::abs);
+        let least = x.max(y).max(z) * ZERO_COMPONENT;
+        let reciprocal = direction.map(|d| {
+            if d.abs() <= least {
+                f32::INFINITY.copysign(d)
+            } else {
+                1.0 / d
+            }
+        });
+        Line {
+            origin,
+            enter: reciprocal.map(|r| r * (1.0 - PARAMETER_SLACK)),
+            leave: reciprocal.map(|r| r * (1.0 + PARAMETER_SLACK)),
+        }
+    }
+
+    /// Whether the coordinate grows along the line, zero by its sign.
+    #[inline(always)]
+    pub(super) fn rises(&self, axis: usize) -> bool {
+        self.enter[axis].is_sign_positive()
+    }
+
+    /// The parameters from and to which the line is below (`side` < 0) or above (`side` > 0) a thick plane.
+    pub(super) fn half_space(&self, axis: usize, position: f32, side: f32, slack: Slack) -> [f32; 2] {
+        let border = if side < 0.0 {
+            slack.above(position)
+        } else {
+            slack.below(position)
+        };
+        let distance = border - self.origin[axis];
+        // The product with an infinite reciprocal is infinite, or NaN on the border itself: both parts then count.
+        let or = |t: f32, otherwise: f32| if t.is_nan() { otherwise } else { t };
+        if self.rises(axis) == (side > 0.0) {
+            [or(distance * self.enter[axis], f32::NEG_INFINITY), f32::INFINITY]
+        } else {
+            [f32::NEG_INFINITY, or(distance * self.leave[axis], f32::INFINITY)]
+        }
+    }
+}

@@ -1,0 +1,562 @@
+//! The watertight ray-triangle test of Woop, Benthin and Wald ("Watertight Ray/Triangle Intersection", JCGT 2(1), 2013).
+//!
+//! The ray's largest direction component becomes the z axis and a shear turns the ray into that axis, so that the test
+//! is whether the origin lies in the projected triangle: the signs of three 2-D edge functions. Nothing slips through,
+//! for two reasons:
+//!
+//! * A projected corner depends on the corner and the ray only, so triangles that share it see the same point.
+//! * The sign of an edge function is exact. Rounding is monotonic, so the difference of two rounded products is zero or
+//!   has the right sign; where it is zero, it is computed again in f64, where products of f32 are exact. Hence no fused
+//!   multiply-add here, which would round one product and not the other.
+//!
+//! [`Shear::intersect`] is the reference; the forms for eight triangles and for sixteen rays give the same bits.
+
+use glam::Vec3;
+
+use crate::numeric::Ray;
+
+/// Triangles in a [`TrianglePack`].
+pub const PACK: usize = 8;
+
+/// Where a ray meets a triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TriangleHit {
+    /// Parameter along the ray.
+    pub t: f32,
+    /// Barycentric weight of the second corner.
+    pub u: f32,
+    /// Barycentric weight of the third corner.
+    pub v: f32,
+}
+
+/// The hits of `N` tests side by side; `t`, `u` and `v` mean something where the lane's bit in `mask` is set.
+#[derive(Clone, Copy, Debug)]
+pub struct LaneHits<const N: usize> {
+    /// Bit `i` is set where lane `i` is hit.
+    pub mask: u32,
+    /// Parameters along the rays.
+    pub t: [f32; N],
+    /// Barycentric weights of the second corners.
+    pub u: [f32; N],
+    /// Barycentric weights of the third corners.
+    pub v: [f32; N],
+}
+
+/// Eight triangles, structure of arrays. A lane of NaN is never hit.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct TrianglePack {
+    /// By corner, axis, lane.
+    pub corners: [[[f32; PACK]; 3]; 3],
+}
+
+impl TrianglePack {
+    /// A pack that nothing hits.
+    pub const EMPTY: TrianglePack = TrianglePack {
+        corners: [[[f32::NAN; PACK]; 3]; 3],
+    };
+
+    /// Puts a triangle into a lane.
+    pub fn set(&mut self, lane: usize, corners: [Vec3; 3]) {
+        for (rows, corner) in self.corners.iter_mut().zip(corners) {
+            for (row, value) in rows.iter_mut().zip(corner.to_array()) {
+                row[lane] = value;
+            }
+        }
+    }
+
+    /// The triangle of a lane.
+    #[inline(always)]
+    pub fn triangle(&self, lane: usize) -> [[f32; 3]; 3] {
+        self.corners.map(|rows| rows.map(|row| row[lane & (PACK - 1)]))
+    }
+}
+
+/// What the test needs of a ray, computed once: the axes with the dominant one last, the origin and the shear along
+/// them.
+#[derive(Clone, Copy, Debug)]
+pub struct Shear {
+    axes: [usize; 3],
+    origin: [f32; 3],
+    shear: [f32; 3],
+}
+
+/// The axis along which a direction is longest; the later one of equals.
+#[inline(always)]
+pub fn dominant_axis(direction: [f32; 3]) -> usize {
+    let [x, y, z] = direction.map(f32::abs);
+    if x > y && x > z {
+        0
+    } else if y > z {
+        1
+    } else {
+        2
+    }
+}
+
+/// The axes in the order that puts `dominant` last.
+#[inline(always)]
+fn axes_around(dominant: usize) -> [usize; 3] {
+    [[1, 2, 0], [2, 0, 1], [0, 1, 2]][dominant]
+}
+
+impl Shear {
+    /// The shear of a ray with a finite, non-zero direction.
+    #[inline(always)]
+    pub fn new(ray: &Ray) -> Shear {
+        let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
+        let axes = axes_around(dominant_axis(direction));
+        let [x, y, z] = axes.map(|axis| direction[axis]);
+        Shear {
+            axes,
+            origin: axes.map(|axis| origin[axis]),
+            shear: [x / z, y / z, 1.0 / z],
+        }
+    }
+
+    /// Tests one triangle: both sides count, `t` within [`t_near`, `t_far`] with both ends included and finite.
+    ///
+    /// A triangle seen exactly edge-on, or without area, is missed.
+    #[inline(always)]
+    pub fn intersect(&self, corners: [[f32; 3]; 3], t_near: f32, t_far: f32) -> Option<TriangleHit> {
+        let [kx, ky, kz] = self.axes;
+        let [sx, sy, sz] = self.shear;
+        let projected = corners.map(|p| {
+            let z = p[kz] - self.origin[2];
+            [
+                (p[kx] - self.origin[0]) - sx * z,
+                (p[ky] - self.origin[1]) - sy * z,
+                sz * z,
+            ]
+        });
+        let [a, b, c] = projected;
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        if u == 0.0 || v == 0.0 || w == 0.0 {
+            return on_an_edge(projected, t_near, t_far);
+        }
+        let inside = (u > 0.0 && v > 0.0 && w > 0.0) || (u < 0.0 && v < 0.0 && w < 0.0);
+        if !inside {
+            return None;
+        }
+        let det = (u + v) + w;
+        let t = ((u * a[2] + v * b[2]) + w * c[2]) / det;
+        let within = t_near <= t && t <= t_far && t < f32::INFINITY;
+        within.then(|| TriangleHit {
+            t,
+            u: v / det,
+            v: w / det,
+        })
+    }
+
+    /// Tests eight triangles, each as [`Shear::intersect`] does.
+    #[inline(always)]
+    pub fn intersect_pack(&self, pack: &TrianglePack, t_near: f32, t_far: f32) -> LaneHits<PACK> {
+        let [kx, ky, kz] = self.axes;
+        let [sx, sy, sz] = self.shear.map(|s| [s; PACK]);
+        let [ox, oy, oz] = self.origin.map(|o| [o; PACK]);
+        let project = |corner: &[[f32; PACK]; 3]| {
+            let z = sub(corner[kz], oz);
+            [
+                sub(sub(corner[kx], ox), mul(sx, z)),
+                sub(sub(corner[ky], oy), mul(sy, z)),
+                z,
+            ]
+        };
+        let [a, b, c] = &pack.corners;
+        let test = edge_test(
+            [project(a), project(b), project(c)],
+            sz,
+            [t_near; PACK],
+            [t_far; PACK],
+        );
+        if test.on_edge != 0 {
+            return self.settle_edges(test, pack, t_near, t_far);
+        }
+        test.hits
+    }
+
+    // By value, so that the arrays of the common path can stay in registers.
+    #[cold]
+    #[inline(never)]
+    fn settle_edges(
+        &self,
+        mut test: EdgeTest<PACK>,
+        pack: &TrianglePack,
+        t_near: f32,
+        t_far: f32,
+    ) -> LaneHits<PACK> {
+        for lane in lanes(test.on_edge) {
+            test.settle(lane, self.intersect(pack.triangle(lane), t_near, t_far));
+        }
+        test.hits
+    }
+}
+
+/// The shears of `N` rays that share their dominant axis.
+#[derive(Clone, Copy, Debug)]
+pub struct ShearLanes<const N: usize> {
+    axes: [usize; 3],
+    origin: [[f32; N]; 3],
+    shear: [[f32; N]; 3],
+}
+
+impl<const N: usize> ShearLanes<N> {
+    /// The shears of `N` rays whose [`dominant_axis`] is `dominant`. Lanes of which this is not true must not be used.
+    #[inline(always)]
+    pub fn new(dominant: usize, origin: &[[f32; N]; 3], direction: &[[f32; N]; 3]) -> ShearLanes<N> {
+        let axes = axes_around(dominant);
+        let [x, y, z] = axes.map(|axis| direction[axis]);
+        ShearLanes {
+            axes,
+            origin: axes.map(|axis| origin[axis]),
+            shear: [div(x, z), div(y, z), div([1.0; N], z)],
+        }
+    }
+
+    /// The shear of one lane.
+    #[inline(always)]
+    pub fn lane(&self, lane: usize) -> Shear {
+        Shear {
+            axes: self.axes,
+            origin: self.origin.map(|row| row[lane]),
+            shear: self.shear.map(|row| row[lane]),
+        }
+    }
+
+    /// Tests one triangle against all rays, each as [`Shear::intersect`] does.
+    #[inline(always)]
+    pub fn intersect(&self, corners: [[f32; 3]; 3], t_near: &[f32; N], t_far: &[f32; N]) -> LaneHits<N> {
+        let [kx, ky, kz] = self.axes;
+        let [sx, sy, sz] = self.shear;
+        let [ox, oy, oz] = self.origin;
+        let project = |p: [f32; 3]| {
+            let z = sub([p[kz]; N], oz);
+            [
+                sub(sub([p[kx]; N], ox), mul(sx, z)),
+                sub(sub([p[ky]; N], oy), mul(sy, z)),
+                z,
+            ]
+        };
+        let test = edge_test(corners.map(project), sz, *t_near, *t_far);
+        if test.on_edge != 0 {
+            return self.settle_edges(test, corners, [*t_near, *t_far]);
+        }
+        test.hits
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn settle_edges(
+        &self,
+        mut test: EdgeTest<N>,
+        corners: [[f32; 3]; 3],
+        [t_near, t_far]: [[f32; N]; 2],
+    ) -> LaneHits<N> {
+        for lane in lanes(test.on_edge) {
+            let hit = self.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
+            test.settle(lane, hit);
+        }
+        test.hits
+    }
+}
+
+/// The numbers of the bits set in `mask`, ascending.
+#[inline(always)]
+pub fn lanes(mask: u32) -> impl Iterator<Item = usize> {
+    std::iter::successors(Some(mask), |m| Some(m & m.wrapping_sub(1)))
+        .take_while(|&m| m != 0)
+        .map(|m| m.trailing_zeros() as usize)
+}
+
+/// Decides in f64 what f32 cannot: the ray meets an edge or a corner, or the triangle edge-on.
+#[cold]
+#[inline(never)]
+fn on_an_edge(projected: [[f32; 3]; 3], t_near: f32, t_far: f32) -> Option<TriangleHit> {
+    let [a, b, c] = projected.map(|p| p.map(f64::from));
+    let u = c[0] * b[1] - c[1] * b[0];
+    let v = a[0] * c[1] - a[1] * c[0];
+    let w = b[0] * a[1] - b[1] * a[0];
+    let outside = (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0);
+    let det = u + v + w;
+    if outside || det == 0.0 {
+        return None;
+    }
+    let t = ((u * a[2] + v * b[2] + w * c[2]) / det) as f32;
+    let within = t_near <= t && t <= t_far && t < f32::INFINITY;
+    within.then(|| TriangleHit {
+        t,
+        u: (v / det) as f32,
+        v: (w / det) as f32,
+    })
+}
+
+/// The f32 part of `N` tests, with the lanes that need f64.
+struct EdgeTest<const N: usize> {
+    hits: LaneHits<N>,
+    on_edge: u32,
+}
+
+impl<const N: usize> EdgeTest<N> {
+    fn settle(&mut self, lane: usize, hit: Option<TriangleHit>) {
+        let hits = &mut self.hits;
+        hits.mask &= !(1 << lane);
+        if let Some(hit) = hit {
+            hits.mask |= 1 << lane;
+            hits.t[lane] = hit.t;
+            hits.u[lane] = hit.u;
+            hits.v[lane] = hit.v;
+        }
+    }
+}
+
+/// `projected` by corner, then x, y and the unscaled z; `sz` is the scale of z.
+#[inline(always)]
+fn edge_test<const N: usize>(
+    projected: [[[f32; N]; 3]; 3],
+    sz: [f32; N],
+    t_near: [f32; N],
+    t_far: [f32; N],
+) -> EdgeTest<N> {
+    let [a, b, c] = projected;
+    let u = sub(mul(c[0], b[1]), mul(c[1], b[0]));
+    let v = sub(mul(a[0], c[1]), mul(a[1], c[0]));
+    let w = sub(mul(b[0], a[1]), mul(b[1], a[0]));
+    let mut inside = 0u32;
+    let mut on_edge = 0u32;
+    for i in 0..N {
+        let positive = (u[i] > 0.0) & (v[i] > 0.0) & (w[i] > 0.0);
+        let negative = (u[i] < 0.0) & (v[i] < 0.0) & (w[i] < 0.0);
+        inside |= u32::from(positive | negative) << i;
+    }
+    for i in 0..N {
+        on_edge |= u32::from((u[i] == 0.0) | (v[i] == 0.0) | (w[i] == 0.0)) << i;
+    }
+    let mut hits = LaneHits {
+        mask: 0,
+        t: [0.0; N],
+        u: [0.0; N],
+        v: [0.0; N],
+    };
+    if inside == 0 {
+        return EdgeTest { hits, on_edge };
+    }
+    let det = add(add(u, v), w);
+    let z = [mul(sz, a[2]), mul(sz, b[2]), mul(sz, c[2])];
+    hits.t = div(add(add(mul(u, z[0]), mul(v, z[1])), mul(w, z[2])), det);
+    let mut within = 0u32;
+    for i in 0..N {
+        let t = hits.t[i];
+        within |= u32::from((t_near[i] <= t) & (t <= t_far[i]) & (t < f32::INFINITY)) << i;
+    }
+    hits.mask = inside & within;
+    if hits.mask != 0 {
+        hits.u = div(v, det);
+        hits.v = div(w, det);
+    }
+    EdgeTest { hits, on_edge }
+}
+
+#[inline(always)]
+fn lanewise<const N: usize>(a: [f32; N], b: [f32; N], f: impl Fn(f32, f32) -> f32) -> [f32; N] {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = f(a[i], b[i]);
+    }
+    out
+}
+
+#[inline(always)]
+fn add<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
+    lanewise(a, b, |a, b| a + b)
+}
+
+#[inline(always)]
+fn sub<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
+    lanewise(a, b, |a, b| a - b)
+}
+
+#[inline(always)]
+fn mul<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
+    lanewise(a, b, |a, b| a * b)
+}
+
+#[inline(always)]
+fn div<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
+    lanewise(a, b, |a, b| a / b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    /// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's multiplier).
+    struct Random(u64);
+
+    impl Random {
+        fn next(&mut self) -> f64 {
+            self.0 = self
+                .0
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            (self.0 >> 11) as f64 / (1u64 << 53) as f64
+        }
+
+        fn vector(&mut self) -> DVec3 {
+            DVec3::new(self.next(), self.next(), self.next()) * 2.0 - DVec3::ONE
+        }
+    }
+
+    fn ray(origin: DVec3, direction: DVec3) -> Ray {
+        Ray::new(origin.as_vec3(), direction.as_vec3())
+    }
+
+    /// An icosahedron-like closed mesh: an octahedron subdivided once and pushed out irregularly.
+    fn closed_mesh() -> Vec<[Vec3; 3]> {
+        let corners = [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z];
+        let faces = [
+            [0, 1, 2],
+            [1, 3, 2],
+            [3, 4, 2],
+            [4, 0, 2],
+            [1, 0, 5],
+            [3, 1, 5],
+            [4, 3, 5],
+            [0, 4, 5],
+        ];
+        let push = |p: Vec3| p.normalize() * (1.0 + 0.2 * (7.0 * p.x + 3.0 * p.y - 5.0 * p.z).sin());
+        let mut triangles = Vec::new();
+        for face in faces {
+            let [a, b, c] = face.map(|i: usize| corners[i]);
+            let [ab, bc, ca] = [a + b, b + c, c + a].map(|p| p * 0.5);
+            for t in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+                triangles.push(t.map(push));
+            }
+        }
+        triangles
+    }
+
+    #[test]
+    fn a_hand_computed_hit_has_embrees_barycentric_weights() {
+        // (0.25, 0.5) = (1 - 0.25 - 0.5) v0 + 0.25 v1 + 0.5 v2, and z falls from 3 to 0 over t = 3.
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let ray = Ray::new(Vec3::new(0.25, 0.5, 3.0), Vec3::new(0.0, 0.0, -1.0));
+        let hit = Shear::new(&ray).intersect(corners, 0.0, f32::INFINITY);
+        assert_eq!(
+            hit,
+            Some(TriangleHit {
+                t: 3.0,
+                u: 0.25,
+                v: 0.5
+            })
+        );
+        let [a, b, c] = corners;
+        assert_eq!(
+            Shear::new(&ray)
+                .intersect([a, c, b], 3.0, 3.0)
+                .map(|h| (h.u, h.v)),
+            Some((0.5, 0.25))
+        );
+        assert_eq!(Shear::new(&ray).intersect(corners, 0.0, 3f32.next_down()), None);
+        assert_eq!(Shear::new(&ray).intersect(corners, 3f32.next_up(), 9.0), None);
+    }
+
+    #[test]
+    fn an_edge_on_or_degenerate_triangle_is_missed() {
+        let shear = Shear::new(&Ray::new(Vec3::ZERO, Vec3::X));
+        assert_eq!(
+            shear.intersect([[1.0, 0.0, -1.0], [2.0, 0.0, 1.0], [3.0, 0.0, 0.0]], 0.0, 9.0),
+            None
+        );
+        assert_eq!(shear.intersect([[1.0, 0.0, 0.0]; 3], 0.0, 9.0), None);
+        assert_eq!(
+            shear.intersect([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 0.0, 0.0]], 0.0, 9.0),
+            None
+        );
+    }
+
+    #[test]
+    fn no_ray_from_inside_a_closed_mesh_slips_through_a_corner_or_an_edge() {
+        let mesh = closed_mesh();
+        let mut random = Random(7);
+        let mut leaks = 0;
+        for _ in 0..31_250 {
+            // 32 triangles with one corner and one edge each, aimed at from the same random inner point: 10^6 rays.
+            let origin = random.vector() * 0.2;
+            for &[a, b, _] in mesh.iter().take(16) {
+                let along = random.next();
+                let edge = a.as_dvec3().lerp(b.as_dvec3(), along);
+                for target in [a.as_dvec3(), edge] {
+                    let shear = Shear::new(&ray(origin, target - origin));
+                    let hit = |t: &[Vec3; 3]| {
+                        shear
+                            .intersect(t.map(|p| p.to_array()), 0.0, f32::INFINITY)
+                            .is_some()
+                    };
+                    leaks += u32::from(!mesh.iter().any(hit));
+                }
+            }
+        }
+        assert_eq!(leaks, 0);
+    }
+
+    #[test]
+    fn eight_triangles_and_sixteen_rays_at_once_give_the_bits_of_one_by_one() {
+        let mesh = closed_mesh();
+        let mut pack = TrianglePack::EMPTY;
+        for (lane, &corners) in mesh.iter().skip(3).take(7).enumerate() {
+            pack.set(lane, corners);
+        }
+        let mut random = Random(11);
+        let mut hit_count = 0;
+        for round in 0..20_000 {
+            let aim = pack.triangle(round % 7).map(|p| Vec3::from(p).as_dvec3());
+            let mut rays = Vec::new();
+            while rays.len() < 16 {
+                // Some at corners, some anywhere.
+                let target = if rays.len() % 4 == 0 {
+                    aim[rays.len() / 4 % 3]
+                } else {
+                    random.vector()
+                };
+                let candidate = ray(random.vector() * 3.0, DVec3::ZERO);
+                let candidate = ray(candidate.origin.as_dvec3(), target - candidate.origin.as_dvec3());
+                if dominant_axis(candidate.direction.to_array()) == round % 3 {
+                    rays.push(candidate);
+                }
+            }
+            let lane_rows = |f: &dyn Fn(&Ray) -> Vec3| {
+                [0, 1, 2].map(|axis| std::array::from_fn::<f32, 16, _>(|i| f(&rays[i])[axis]))
+            };
+            let shears = ShearLanes::new(round % 3, &lane_rows(&|r| r.origin), &lane_rows(&|r| r.direction));
+            let (near, far) = ([0.0; 16], [2.0; 16]);
+            for triangle in 0..8 {
+                let lanes = shears.intersect(pack.triangle(triangle), &near, &far);
+                for (i, r) in rays.iter().enumerate() {
+                    let one = Shear::new(r).intersect(pack.triangle(triangle), 0.0, 2.0);
+                    assert_eq!(lane_hit(&lanes, i), one);
+                    let eight = Shear::new(r).intersect_pack(&pack, 0.0, 2.0);
+                    assert_eq!(lane_hit(&eight, triangle), one);
+                    hit_count += u32::from(one.is_some());
+                }
+            }
+        }
+        assert!(hit_count > 10_000, "only {hit_count} hits");
+    }
+
+    fn lane_hit<const N: usize>(hits: &LaneHits<N>, lane: usize) -> Option<TriangleHit> {
+        (hits.mask >> lane & 1 == 1).then(|| TriangleHit {
+            t: hits.t[lane],
+            u: hits.u[lane],
+            v: hits.v[lane],
+        })
+    }
+
+    #[test]
+    fn set_bits_come_out_in_ascending_order() {
+        assert_eq!(lanes(0b1000_0101).collect::<Vec<_>>(), [0, 2, 7]);
+        assert_eq!(lanes(0).count(), 0);
+    }
+}

@@ -1,0 +1,261 @@
+//! All backends and all kernels answer alike: nothing wrong, ties counted.
+
+#[path = "common/scenes.rs"]
+mod scenes;
+
+use rayon::prelude::*;
+use scenes::Random;
+use whit::accel::agreement::{Agreement, compare, compare_occlusion};
+use whit::accel::brute::BruteAccel;
+use whit::accel::bsp::BspAccel;
+use whit::accel::{Accel, AccelOptions, Hit, Kernel, LANES, RayOrder, RayPacket};
+use whit::numeric::Ray;
+use whit::scene::Scene;
+
+/// Rays a scene: a square of pixels, their shadows, random rays, rays along the axes.
+const FILM: usize = 240;
+const RANDOM_COUNT: usize = 40_000;
+const LATTICE_COUNT: usize = 40_000;
+
+fn packets(rays: &[Ray]) -> Vec<RayPacket> {
+    let packet = |rays: &[Ray]| {
+        let mut packet = RayPacket::EMPTY;
+        rays.iter()
+            .enumerate()
+            .for_each(|(lane, ray)| packet.set(lane, ray));
+        packet
+    };
+    rays.chunks(LANES).map(packet).collect()
+}
+
+/// Packets whose lanes point every way, with some lanes off.
+fn shuffled(rays: &[Ray], seed: u64) -> Vec<Ray> {
+    let mut random = Random(seed);
+    let mut rays = rays.to_vec();
+    for i in (1..rays.len()).rev() {
+        rays.swap(i, random.below(i + 1));
+    }
+    rays
+}
+
+fn nearest(accel: &dyn Accel, rays: &[Ray], order: RayOrder) -> Vec<Option<Hit>> {
+    let mut packets = packets(rays);
+    packets
+        .par_chunks_mut(64)
+        .for_each(|chunk| accel.intersect(chunk, order));
+    (0..rays.len())
+        .map(|i| packets[i / LANES].hit(i % LANES))
+        .collect()
+}
+
+fn blocked(accel: &dyn Accel, rays: &[Ray], order: RayOrder) -> Vec<bool> {
+    let mut packets = packets(rays);
+    packets
+        .par_chunks_mut(64)
+        .for_each(|chunk| accel.occluded(chunk, order));
+    (0..rays.len())
+        .map(|i| packets[i / LANES].is_blocked(i % LANES))
+        .collect()
+}
+
+fn backends<'s>(scene: &'s Scene) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
+    let single = AccelOptions {
+        kernel: Kernel::Single,
+        ..AccelOptions::default()
+    };
+    let packet = AccelOptions::default();
+    let bsp: Vec<(&'static str, Box<dyn Accel + 's>)> = vec![
+        (
+            "bsp reference",
+            Box::new(BspAccel::build_reference(scene, &packet).unwrap()),
+        ),
+        ("bsp single", Box::new(BspAccel::build(scene, &single).unwrap())),
+        ("bsp packet", Box::new(BspAccel::build(scene, &packet).unwrap())),
+    ];
+    bsp.into_iter()
+        .chain(embree_backends(scene, [single, packet]))
+        .collect()
+}
+
+#[cfg(feature = "embree")]
+fn embree_backends<'s>(
+    scene: &'s Scene,
+    [single, packet]: [AccelOptions; 2],
+) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
+    use whit::accel::embree::EmbreeAccel;
+    vec![
+        (
+            "embree single",
+            Box::new(EmbreeAccel::build(scene, &single).unwrap()),
+        ),
+        (
+            "embree packet",
+            Box::new(EmbreeAccel::build(scene, &packet).unwrap()),
+        ),
+    ]
+}
+
+#[cfg(not(feature = "embree"))]
+fn embree_backends(_: &Scene, _: [AccelOptions; 2]) -> Vec<(&'static str, Box<dyn Accel>)> {
+    Vec::new()
+}
+
+#[derive(Default)]
+struct Tally {
+    same: usize,
+    tie: usize,
+    wrong: Vec<String>,
+}
+
+impl Tally {
+    fn add(&mut self, agreement: Agreement, describe: impl FnOnce() -> String) {
+        match agreement {
+            Agreement::Same => self.same += 1,
+            Agreement::Tie => self.tie += 1,
+            Agreement::Wrong => self.wrong.push(describe()),
+        }
+    }
+
+    fn merge(&mut self, other: Tally, kind: &str) {
+        self.same += other.same;
+        self.tie += other.tie;
+        self.wrong
+            .extend(other.wrong.iter().map(|w| format!("{kind}: {w}")));
+    }
+}
+
+/// Asks both about both questions and counts.
+fn judge(
+    scene: &Scene,
+    truth: (&[Option<Hit>], &[bool]),
+    accel: &dyn Accel,
+    rays: &[Ray],
+    order: RayOrder,
+) -> Tally {
+    let mut tally = Tally::default();
+    for ((ray, &a), b) in rays.iter().zip(truth.0).zip(nearest(accel, rays, order)) {
+        tally.add(compare(scene, ray, a, b), || format!("{ray:?}: {a:?} but {b:?}"));
+    }
+    for ((ray, &a), b) in rays.iter().zip(truth.1).zip(blocked(accel, rays, order)) {
+        tally.add(compare_occlusion(scene, ray, a, b), || {
+            format!("{ray:?}: blocked {a} but {b}")
+        });
+    }
+    tally
+}
+
+fn batches(scene: &Scene, brute: &BruteAccel) -> Vec<(&'static str, RayOrder, Vec<Ray>)> {
+    let camera = scenes::camera_rays(scene, FILM);
+    let hits: Vec<_> = nearest(brute, &camera, RayOrder::Coherent)
+        .iter()
+        .map(|hit| hit.map(|h| h.t))
+        .collect();
+    let shadow = scenes::shadow_rays(scene, &camera, &hits);
+    let random = scenes::random_rays(scene, RANDOM_COUNT, 17);
+    let lattice = scenes::lattice_rays(scene, LATTICE_COUNT, 23);
+    let mixed = shuffled(&[&camera[..FILM], &random[..FILM], &lattice[..FILM]].concat(), 29);
+    vec![
+        ("camera", RayOrder::Coherent, camera),
+        ("shadow", RayOrder::Coherent, shadow),
+        ("random", RayOrder::Incoherent, random),
+        ("lattice", RayOrder::Incoherent, lattice),
+        ("mixed", RayOrder::Coherent, mixed),
+    ]
+}
+
+#[test]
+fn all_backends_agree_on_a_million_rays_over_seven_scenes() {
+    let mut ray_count = 0;
+    let mut wrong = Vec::new();
+    for (name, scene) in scenes::all_small() {
+        let brute = BruteAccel::new(&scene);
+        let backends = backends(&scene);
+        let mut sums: Vec<Tally> = backends.iter().map(|_| Tally::default()).collect();
+        for (kind, order, rays) in batches(&scene, &brute) {
+            ray_count += rays.len();
+            let hits = nearest(&brute, &rays, order);
+            // Brute force is blocked by what it hits; asking it again would double the time.
+            let shadows: Vec<bool> = hits.iter().map(Option::is_some).collect();
+            for ((_, accel), sum) in backends.iter().zip(&mut sums) {
+                sum.merge(
+                    judge(&scene, (&hits, &shadows), accel.as_ref(), &rays, order),
+                    kind,
+                );
+            }
+        }
+        for ((backend, _), sum) in backends.iter().zip(sums) {
+            println!(
+                "{name}, {backend}: {} same, {} ties, {} wrong",
+                sum.same,
+                sum.tie,
+                sum.wrong.len()
+            );
+            wrong.extend(
+                sum.wrong
+                    .iter()
+                    .take(3)
+                    .map(|w| format!("{name}, {backend}, {w}")),
+            );
+        }
+    }
+    println!("{ray_count} rays");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(ray_count >= 1_000_000, "only {ray_count} rays");
+}
+
+#[test]
+fn one_and_two_build_threads_give_the_same_bits() {
+    let scene = scenes::baked(scenes::bumpy_sphere(60));
+    let rays = scenes::random_rays(&scene, 20_000, 31);
+    let by = |threads| {
+        let options = AccelOptions {
+            threads,
+            ..AccelOptions::default()
+        };
+        nearest(
+            &BspAccel::build(&scene, &options).unwrap(),
+            &rays,
+            RayOrder::Incoherent,
+        )
+    };
+    assert_eq!(by(1), by(2));
+}
+
+#[test]
+fn rays_that_no_backend_may_be_asked_about_are_left_alone() {
+    let scene = scenes::baked(scenes::bumpy_sphere(8));
+    let mut all = backends(&scene);
+    all.push(("brute", Box::new(BruteAccel::new(&scene))));
+    let good = Ray::new(glam::Vec3::ZERO, glam::Vec3::X);
+    let bad = [
+        Ray {
+            origin: glam::Vec3::NAN,
+            ..good
+        },
+        Ray {
+            direction: glam::Vec3::ZERO,
+            ..good
+        },
+        Ray {
+            direction: glam::Vec3::splat(f32::INFINITY),
+            ..good
+        },
+        Ray { t_far: -1.0, ..good },
+    ];
+    for (backend, accel) in all {
+        assert_eq!(
+            nearest(accel.as_ref(), &bad, RayOrder::Coherent),
+            [None; 4],
+            "{backend}"
+        );
+        assert_eq!(
+            blocked(accel.as_ref(), &bad, RayOrder::Incoherent),
+            [false; 4],
+            "{backend}"
+        );
+        assert!(
+            nearest(accel.as_ref(), &[good], RayOrder::Coherent)[0].is_some(),
+            "{backend}"
+        );
+    }
+}

@@ -232,10 +232,11 @@ pub fn placements() -> WaveScene {
 
 /// Every wrap mode with both filters on every textured parameter, vertex colours, emission, absent coordinates.
 pub fn textures() -> WaveScene {
-    let mut scene = Scene::default();
-    scene.images = vec![noise(7, 5, 1), noise(8, 8, 2), noise(3, 4, 3)];
+    let mut scene = Scene {
+        images: vec![noise(7, 5, 1), noise(8, 8, 2), noise(3, 4, 3)],
+        ..Scene::default()
+    };
     let panel = add_geometry(&mut scene, Geometry::Mesh(textured_panel()));
-    let bare = add_geometry(&mut scene, Geometry::Mesh(rectangle(0.9, 0.9)));
     let wraps = [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge];
     let filters = [Filter::Nearest, Filter::Linear];
     for (row, filter) in filters.into_iter().enumerate() {
@@ -275,10 +276,7 @@ pub fn textures() -> WaveScene {
             }
         }
     }
-    // A mesh without the coordinates that its material asks for reads the texel at (0, 0).
-    let at = moved(-0.9, 0.42, 0.7) * DAffine3::from_rotation_y(0.3);
-    place(&mut scene, bare, 0, at * DAffine3::from_scale(DVec3::splat(0.5)));
-    // So does a sphere.
+    // A sphere has no coordinates and reads the texel at (0, 0).
     let sphere = add_geometry(&mut scene, Geometry::Sphere(Sphere::UNIT));
     place(
         &mut scene,

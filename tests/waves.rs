@@ -85,7 +85,7 @@ fn assert_agree(what: &str, image: &LinearImage, referee: &[Pixel]) {
     }
     let doubtful = referee.iter().filter(|p| p.doubt.may_flip()).count();
     println!(
-        "{what}: worst difference {worst:.3} of its bound; {doubtful} pixels in doubt, of which differ {explained:?}"
+        "{what}: worst difference {worst:.3} of its bound; {doubtful} pixels in doubt, of which beyond any bound {explained:?}"
     );
     let shown = wrong.len().min(8);
     assert!(

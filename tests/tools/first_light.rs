@@ -97,7 +97,7 @@ fn first_light() -> String {
     w.ball(
         sphere,
         "chalk",
-        [0.85, 0.82, 0.76],
+        [0.72, 0.69, 0.63],
         [0.0, 1.0],
         DVec3::new(0.35, 0.3, 1.9),
         0.3,
@@ -129,9 +129,9 @@ fn first_light() -> String {
     for i in 0..PILLARS {
         // An arc behind the spheres; heights like an organ's pipes. The middle one is mirrored left to right.
         let s = f64::from(i) / f64::from(PILLARS - 1);
-        let angle = PI * (1.12 - 1.24 * s);
+        let angle = PI * (1.0 - s);
         let height = 0.9 + 1.3 * (PI * s).sin().powi(2) + 0.25 * (7.0 * s * PI).cos();
-        let place = DVec3::new(4.1 * angle.cos(), 0.5 * height, -0.8 - 3.4 * angle.sin().abs());
+        let place = DVec3::new(4.4 * angle.cos(), 0.5 * height, -0.8 - 3.4 * angle.sin().abs());
         let side = if i == PILLARS / 2 { -0.2 } else { 0.2 };
         let turn = DQuat::from_rotation_y(angle - 0.5 * PI);
         w.turned(
@@ -309,7 +309,7 @@ impl Writer {
         });
         let asset = json!({"version": "2.0", "generator": "whit first-light", "extras": extras});
         let lights = json!({"KHR_lights_punctual": {"lights": [
-            {"name": "key", "type": "point", "color": [1.0, 0.93, 0.82], "intensity": 190},
+            {"name": "key", "type": "point", "color": [1.0, 0.93, 0.82], "intensity": 165},
             {"name": "fill", "type": "spot", "color": [0.62, 0.76, 1.0], "intensity": 110,
                 "spot": {"innerConeAngle": 0.25, "outerConeAngle": 0.6}},
             {"name": "rim", "type": "point", "color": [1.0, 0.62, 0.38], "intensity": 18}
@@ -501,17 +501,28 @@ fn floor() -> Tessellation {
     })
 }
 
-/// A dome from a little under the horizon to the zenith, seen from inside; v runs from the zenith down.
+/// A dome from the zenith to a little under the horizon, seen from inside; v runs down.
 fn sky() -> Tessellation {
-    grid(32, 10, [false, false], |u, v| {
-        let (around, polar) = (-TAU * u, (0.02 + 0.98 * v) * 0.51 * PI);
+    const COLUMNS: u16 = 32;
+    const ROWS: u16 = 10;
+    let mut t = grid(COLUMNS, ROWS - 1, [true, false], |u, row| {
+        let v = (1.0 + row * f64::from(ROWS - 1)) / f64::from(ROWS);
+        let (around, polar) = (-TAU * u, v * 0.51 * PI);
         let d = DVec3::new(
             polar.sin() * around.cos(),
             polar.cos(),
             polar.sin() * around.sin(),
         );
-        (d, -d, Some([u, v]))
-    })
+        (d, -d, Some([0.5, v]))
+    });
+    let zenith = t.positions.len() as u16;
+    t.positions.push(DVec3::Y);
+    t.normals.push(DVec3::NEG_Y);
+    t.tex_coords.push([0.5, 0.0]);
+    for i in 0..COLUMNS {
+        t.triangles.push([zenith, (i + 1) % COLUMNS, i]);
+    }
+    t
 }
 
 /// A column of sky: deep blue above, a warm band at the horizon.

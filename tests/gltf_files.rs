@@ -128,6 +128,41 @@ fn large_packed_arrays_stay_in_the_mapped_file() {
 }
 
 #[test]
+fn packed_vertices_and_indices_of_a_glb_are_not_copied() {
+    let json = r#"{"asset":{"version":"2.0"},"nodes":[{"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+        {"bufferView":0,"byteOffset":36,"componentType":5125,"count":3,"type":"SCALAR"}],
+        "bufferViews":[{"buffer":0,"byteLength":48}],"buffers":[{"byteLength":48}]}"#;
+    let json = format!("{json:<width$}", width = json.len().next_multiple_of(4));
+    let mut glb = b"glTF\x02\0\0\0".to_vec();
+    glb.extend((12 + 8 + json.len() as u32 + 8 + 48).to_le_bytes());
+    glb.extend((json.len() as u32).to_le_bytes());
+    glb.extend(b"JSON");
+    glb.extend(json.as_bytes());
+    glb.extend(48u32.to_le_bytes());
+    glb.extend(b"BIN\0");
+    for x in [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
+        glb.extend(x.to_le_bytes());
+    }
+    for i in [2u32, 0, 1] {
+        glb.extend(i.to_le_bytes());
+    }
+    let folder = tempfile::tempdir().unwrap();
+    // The content tells what the file is, not its name.
+    let file = folder.path().join("triangle.gltf");
+    std::fs::write(&file, glb).unwrap();
+    let scene = gltf::load(&file, &LoadOptions::default()).unwrap();
+    let Geometry::Mesh(mesh) = &scene.geometries[0] else {
+        panic!("a mesh");
+    };
+    assert!(mesh.positions.is_mapped() && mesh.triangles.is_mapped());
+    assert_eq!(mesh.positions[1], [1.0, 0.0, 0.0]);
+    assert_eq!(mesh.triangles[..], [[2, 0, 1]]);
+    assert!(mesh.normals.is_none());
+}
+
+#[test]
 fn cameras_stand_where_their_nodes_stand() {
     let Some(loaded) = load("cameras/Cameras.gltf") else {
         return;

@@ -14,7 +14,7 @@ use super::error::EXPORT_AGAIN;
 use crate::mesh::Slab;
 
 /// Elements that an accessor without a buffer view may have at most: no byte of the file backs their number.
-const MOST_UNBACKED: usize = 1 << 24;
+const MOST_UNBACKED: usize = 1 << 22;
 /// Elements a task.
 const CHUNK: usize = 1 << 14;
 

@@ -203,7 +203,6 @@ fn make_bindings(embree: &Embree, include: &Path, file: &Path) -> Result<(), Str
             .allowlist_var(CONSTANTS)
             .default_enum_style(EnumVariation::Consts)
             .prepend_enum_name(false)
-            .derive_default(true)
             .layout_tests(true)
             .generate_comments(false)
             .rust_edition(RustEdition::Edition2024)

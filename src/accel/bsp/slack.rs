@@ -58,20 +58,39 @@ impl Line {
     /// The line of a ray with a finite, non-zero direction.
     #[inline(always)]
     pub(super) fn new(origin: [f32; 3], direction: [f32; 3]) -> Line {
-        let [x, y, z] = direction.map(f32::abs);
-        let least = x.max(y).max(z) * ZERO_COMPONENT;
-        let reciprocal = direction.map(|d| {
-            if d.abs() <= least {
-                f32::INFINITY.copysign(d)
-            } else {
-                1.0 / d
-            }
-        });
+        let [x, y, z] = direction;
+        let [enter, leave] = Line::reciprocals(&[[x], [y], [z]]);
         Line {
             origin,
-            enter: reciprocal.map(|r| r * (1.0 - PARAMETER_SLACK)),
-            leave: reciprocal.map(|r| r * (1.0 + PARAMETER_SLACK)),
+            enter: [enter[0][0], enter[1][0], enter[2][0]],
+            leave: [leave[0][0], leave[1][0], leave[2][0]],
         }
+    }
+
+    /// [`Line::enter`] and [`Line::leave`] of `N` rays, by axis.
+    #[inline(always)]
+    pub(super) fn reciprocals<const N: usize>(direction: &[[f32; N]; 3]) -> [[[f32; N]; 3]; 2] {
+        let [mut enter, mut leave] = [[[0.0; N]; 3]; 2];
+        let mut least = [0.0f32; N];
+        for row in direction {
+            for i in 0..N {
+                let part = row[i].abs() * ZERO_COMPONENT;
+                least[i] = if part > least[i] { part } else { least[i] };
+            }
+        }
+        for axis in 0..3 {
+            for i in 0..N {
+                let d = direction[axis][i];
+                let reciprocal = if d.abs() <= least[i] {
+                    f32::INFINITY.copysign(d)
+                } else {
+                    1.0 / d
+                };
+                enter[axis][i] = reciprocal * (1.0 - PARAMETER_SLACK);
+                leave[axis][i] = reciprocal * (1.0 + PARAMETER_SLACK);
+            }
+        }
+        [enter, leave]
     }
 
     /// Whether the coordinate grows along the line, zero by its sign.

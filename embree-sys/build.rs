@@ -146,7 +146,7 @@ fn bind(embree: &Installation, include: &Path, out: &Path) -> Result<(), String>
         .default_enum_style(bindgen::EnumVariation::Consts)
         .prepend_enum_name(false)
         .layout_tests(true)
-        .derive_default(true)
+        .derive_default(false)
         .merge_extern_blocks(true)
         .generate_comments(false);
     if embree.major == 4 {

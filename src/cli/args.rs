@@ -260,9 +260,11 @@ fn exposure(text: &str) -> Result<f32, String> {
         .ok_or_else(|| format!("give stops from -{MAX_EXPOSURE} to {MAX_EXPOSURE}"))
 }
 
+/// The Embree that whit was built for; the one that answers is in the statistics.
 #[cfg(feature = "embree")]
 fn embree_version() -> Option<String> {
-    Some("TODO-embree".into())
+    let version = embree_sys::HEADER_VERSION;
+    Some(format!("{}.{}.{}", version / 10_000, version / 100 % 100, version % 100))
 }
 
 #[cfg(not(feature = "embree"))]

@@ -94,8 +94,9 @@ fn bench_scene(
 struct Structures<'s> {
     #[cfg(feature = "embree")]
     embree: [(EmbreeAccel<'s>, f64); 2],
-    bsp: [(BspAccel<'s>, f64); 2],
+    #[cfg(feature = "embree")]
     precision: Precision,
+    bsp: [(BspAccel<'s>, f64); 2],
 }
 
 impl<'s> Structures<'s> {
@@ -113,8 +114,9 @@ impl<'s> Structures<'s> {
         Ok(Structures {
             #[cfg(feature = "embree")]
             embree: [embree(Kernel::Packet)?, embree(Kernel::Single)?],
-            bsp: [bsp(Kernel::Packet)?, bsp(Kernel::Single)?],
+            #[cfg(feature = "embree")]
             precision: job.tracing.precision,
+            bsp: [bsp(Kernel::Packet)?, bsp(Kernel::Single)?],
         })
     }
 

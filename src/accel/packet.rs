@@ -5,10 +5,8 @@
 
 use glam::Vec3;
 
+pub use crate::numeric::LANES;
 use crate::numeric::Ray;
-
-/// Rays in a packet.
-pub const LANES: usize = 16;
 
 /// Marks a lane that has hit nothing.
 pub const NO_HIT: u32 = u32::MAX;

@@ -9,3 +9,12 @@ mod transform;
 pub use bounds::Bounds;
 pub use spawn::{SpawnError, spawn_point, triangle_spawn_error};
 pub use transform::{Ray, SingularMatrix, inverse, object_ray, transform_normal};
+
+/// Rays handled side by side: the width of every packet.
+pub const LANES: usize = 16;
+
+/// One value a lane.
+pub type Lanes<T> = [T; LANES];
+
+/// One 3-vector a lane: all x, all y, all z.
+pub type Lanes3<T> = [[T; LANES]; 3];

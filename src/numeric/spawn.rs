@@ -25,6 +25,12 @@ pub fn triangle_spawn_error(v0: DVec3, e1: DVec3, e2: DVec3) -> SpawnError {
 }
 
 impl SpawnError {
+    /// The bound along the unit vector `n`.
+    #[inline(always)]
+    pub fn along(self, n: DVec3) -> f64 {
+        self.0.dot(n.abs())
+    }
+
     /// The error bound of a point known to f64 accuracy: only its own rounding to f32 remains.
     pub fn of_exact_point(p: DVec3) -> SpawnError {
         SpawnError(VERTEX_ERROR * p.abs())
@@ -57,30 +63,22 @@ fn abs_matrix(map: &DAffine3) -> glam::DMat3 {
 
 /// The f32 origin of a ray that leaves `p` on the side of the unit geometric normal `ng`.
 ///
-/// `ng` must already point to the side the ray goes to. Every coordinate is rounded away from the surface.
+/// `ng` must already point to the side the ray goes to; `error` bounds the distance of `p` from the surface along it:
+/// the per-axis bound times |ng|. Every coordinate is rounded away from the surface.
 #[inline(always)]
-pub fn spawn_point(p: DVec3, ng: DVec3, error: SpawnError) -> Vec3 {
-    let offset = ng * error.0.dot(ng.abs());
-    let away = |p: f64, offset: f64| {
-        let target = p + offset;
+pub fn spawn_point(p: DVec3, ng: DVec3, error: f64) -> Vec3 {
+    let away = |p: f64, n: f64| {
+        let target = p + n * error;
         let rounded = target as f32;
-        if offset > 0.0 {
-            if f64::from(rounded) < target {
-                rounded.next_up()
-            } else {
-                rounded
-            }
-        } else if offset < 0.0 {
-            if f64::from(rounded) > target {
-                rounded.next_down()
-            } else {
-                rounded
-            }
+        let short = ((n > 0.0) & (f64::from(rounded) < target)) | ((n < 0.0) & (f64::from(rounded) > target));
+        let next = if n > 0.0 {
+            rounded.next_up()
         } else {
-            rounded
-        }
+            rounded.next_down()
+        };
+        if short { next } else { rounded }
     };
-    Vec3::new(away(p.x, offset.x), away(p.y, offset.y), away(p.z, offset.z))
+    Vec3::new(away(p.x, ng.x), away(p.y, ng.y), away(p.z, ng.z))
 }
 
 #[cfg(test)]
@@ -98,7 +96,7 @@ mod tests {
             let ng = e1.cross(e2).normalize();
             let p = v0 + 0.3 * e1 + 0.4 * e2;
             for side in [ng, -ng] {
-                let origin = spawn_point(p, side, triangle_spawn_error(v0, e1, e2)).as_dvec3();
+                let origin = spawn_point(p, side, triangle_spawn_error(v0, e1, e2).along(side)).as_dvec3();
                 assert!((origin - v0).dot(side) > 0.0, "scale {scale}");
             }
         }
@@ -107,7 +105,7 @@ mod tests {
     #[test]
     fn the_offset_stays_within_a_few_ulps_of_the_triangle() {
         let (v0, e1, e2) = (DVec3::ONE, DVec3::X, DVec3::Y);
-        let origin = spawn_point(v0, DVec3::Z, triangle_spawn_error(v0, e1, e2)).as_dvec3();
+        let origin = spawn_point(v0, DVec3::Z, triangle_spawn_error(v0, e1, e2).along(DVec3::Z)).as_dvec3();
         // 2^-24 · 1 + 3·2^-24 · 2 = 7·2^-24 and at most one ulp (2^-23) of rounding away.
         assert!(origin.z - 1.0 <= 9.0 * 2f64.powi(-24));
         assert_eq!((origin.x, origin.y), (1.0, 1.0));

@@ -37,6 +37,15 @@ impl Default for Material {
     }
 }
 
+impl Material {
+    /// Whether it differs from point to point.
+    pub fn is_textured(&self) -> bool {
+        self.base_color_texture.is_some()
+            || self.metallic_roughness_texture.is_some()
+            || self.emission_texture.is_some()
+    }
+}
+
 /// A texture on a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TextureUse {

@@ -1,14 +1,16 @@
 //! The scene as plain data: vectors linked by index, all checks behind it after [`Scene::validate`].
 
+mod bake;
 mod camera;
 mod light;
 mod material;
 mod normalise;
+pub(crate) mod survey;
 mod validate;
 
 use glam::DAffine3;
 
-pub use camera::{Camera, Projection};
+pub use camera::{Camera, CameraView, Projection};
 pub use light::{Light, LightKind};
 pub use material::{Filter, Image, Material, Sampler, Texture, TextureUse, Wrap};
 pub use normalise::Normalisation;

@@ -1,6 +1,17 @@
 //! Recentring and scaling by a power of two, so that no scene is tiny, huge or far away.
+//!
+//! A float near 10^6 has steps of 0.06, and products of coordinates near 10^20 leave the range of f32: scenes that
+//! lie or measure like that are moved to the origin and scaled to about unit size before anything else sees them.
+//! The centre is a multiple of the scene's size rounded down to a power of two and only moves axes along which the scene lies far away, and the
+//! scale is a power of two, so a coordinate that is already f32 is moved without any rounding: nothing is lost, and
+//! scenes that are well placed are not touched at all, which keeps their vertices in the mapped file.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
+
+use super::{Geometry, LightKind, Projection, Scene, bake};
+use crate::mesh::Mesh;
+use crate::numeric::{self, Bounds};
+use crate::shape::Sphere;
 
 /// The map from the file's coordinates to the scene's: `(p - center) * scale`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,11 +22,359 @@ pub struct Normalisation {
     pub scale: f64,
 }
 
+/// An axis is left alone while its largest coordinate is at most this many times the scene's extent: recentring it
+/// would then win three of f32's 24 bits at most.
+const FAR: f64 = 8.0;
+/// Extents, in metres or whatever the file's unit is, between which the size is left alone: squares and fourth powers
+/// of such lengths stay far inside the range of f32.
+const SMALLEST: f64 = 1.0 / 1024.0;
+/// See [`SMALLEST`].
+const LARGEST: f64 = 1024.0;
+
 impl Default for Normalisation {
     fn default() -> Normalisation {
         Normalisation {
             center: DVec3::ZERO,
             scale: 1.0,
+        }
+    }
+}
+
+impl Normalisation {
+    /// The map that places a scene with these bounds well; the identity where it already is, or has no extent.
+    pub fn fitting(bounds: &Bounds) -> Normalisation {
+        let extent = bounds.extent().max_element();
+        if bounds.is_empty() || !(extent > 0.0 && extent < f64::INFINITY) {
+            return Normalisation::default();
+        }
+        let step = power_of_two_below(extent);
+        let magnitude = bounds.min.abs().max(bounds.max.abs());
+        let center = bounds.center();
+        let axis = |i: usize| {
+            if magnitude[i] > FAR * extent {
+                (center[i] / step).round() * step
+            } else {
+                0.0
+            }
+        };
+        let scale = if (SMALLEST..=LARGEST).contains(&extent) {
+            1.0
+        } else {
+            step.recip()
+        };
+        Normalisation {
+            center: DVec3::new(axis(0), axis(1), axis(2)),
+            scale,
+        }
+    }
+
+    /// Whether nothing moves.
+    pub fn is_identity(&self) -> bool {
+        *self == Normalisation::default()
+    }
+
+    /// From the file's coordinates to the scene's.
+    pub fn map(&self) -> DAffine3 {
+        DAffine3::from_scale_rotation_translation(
+            DVec3::splat(self.scale),
+            glam::DQuat::IDENTITY,
+            -self.center * self.scale,
+        )
+    }
+
+    /// From the scene's coordinates to the file's.
+    pub fn inverse_map(&self) -> DAffine3 {
+        DAffine3::from_scale_rotation_translation(
+            DVec3::splat(self.scale.recip()),
+            glam::DQuat::IDENTITY,
+            self.center,
+        )
+    }
+
+    /// A point of the file in the scene's coordinates.
+    pub fn point(&self, p: DVec3) -> DVec3 {
+        (p - self.center) * self.scale
+    }
+
+    /// This map, then `next`.
+    fn then(&self, next: &Normalisation) -> Normalisation {
+        Normalisation {
+            center: self.center + next.center / self.scale,
+            scale: self.scale * next.scale,
+        }
+    }
+}
+
+impl Scene {
+    /// Places the scene well (see the file's head): geometry, cameras and lights move together, so that the picture
+    /// stays the same. Does nothing to a scene that already is.
+    ///
+    /// The scene's indices must be in range.
+    pub fn normalise(&mut self) {
+        let bounds = self.bounds();
+        self.apply_normalisation(Normalisation::fitting(&bounds));
+    }
+
+    /// Moves everything by `normalisation` and remembers it.
+    pub(crate) fn apply_normalisation(&mut self, normalisation: Normalisation) {
+        if normalisation.is_identity() {
+            return;
+        }
+        self.move_instances(&normalisation);
+        self.move_cameras(&normalisation);
+        self.move_lights(&normalisation);
+        self.normalisation = self.normalisation.then(&normalisation);
+    }
+
+    /// Gives meshes that stand in the world several times, and whose own coordinates are badly placed, better ones; the
+    /// change is undone in the instances' transforms. `bounds` are those of the geometries.
+    pub(crate) fn normalise_object_spaces(&mut self, bounds: &[Bounds]) {
+        let use_counts = self.use_counts();
+        for (index, geometry) in self.geometries.iter_mut().enumerate() {
+            let normalisation = Normalisation::fitting(&bounds[index]);
+            let Geometry::Mesh(mesh) = geometry else { continue };
+            if use_counts[index] < 2 || normalisation.is_identity() {
+                continue;
+            }
+            *mesh = moved_mesh(mesh, &normalisation);
+            let back = normalisation.inverse_map();
+            for instance in self.instances.iter_mut().filter(|i| i.geometry as usize == index) {
+                instance.world_from_object *= back;
+                instance.object_from_world = numeric::inverse(&instance.world_from_object)
+                    .unwrap_or(normalisation.map() * instance.object_from_world);
+            }
+        }
+    }
+
+    /// Geometries that stand unmoved exactly once move themselves; all others are moved by their instances.
+    fn move_instances(&mut self, normalisation: &Normalisation) {
+        let use_counts = self.use_counts();
+        let map = normalisation.map();
+        for instance in &mut self.instances {
+            let geometry = &mut self.geometries[instance.geometry as usize];
+            if use_counts[instance.geometry as usize] == 1 && instance.is_identity() {
+                match geometry {
+                    Geometry::Mesh(mesh) => *mesh = moved_mesh(mesh, normalisation),
+                    Geometry::Sphere(sphere) => {
+                        *sphere = Sphere {
+                            center: normalisation.point(sphere.center),
+                            radius: sphere.radius * normalisation.scale,
+                        }
+                    }
+                }
+                continue;
+            }
+            let old = instance.world_from_object;
+            instance.world_from_object = DAffine3 {
+                matrix3: old.matrix3 * normalisation.scale,
+                translation: normalisation.point(old.translation),
+            };
+            // A power of two changes no condition number, so the inverse exists where it did; computed afresh it is
+            // free of the cancellation of far translations.
+            instance.object_from_world = numeric::inverse(&instance.world_from_object)
+                .unwrap_or(instance.object_from_world * map.inverse());
+        }
+    }
+
+    fn move_cameras(&mut self, normalisation: &Normalisation) {
+        let scale = normalisation.scale;
+        for camera in &mut self.cameras {
+            let place = &mut camera.world_from_camera.translation;
+            *place = normalisation.point(*place);
+            camera.z_near *= scale;
+            camera.z_far *= scale;
+            if let Projection::Orthographic { y_mag, x_mag } = &mut camera.projection {
+                *y_mag *= scale;
+                *x_mag = x_mag.map(|x| x * scale);
+            }
+        }
+    }
+
+    fn move_lights(&mut self, normalisation: &Normalisation) {
+        let scale = normalisation.scale;
+        for light in &mut self.lights {
+            let (position, range) = match &mut light.kind {
+                LightKind::Directional { .. } => continue,
+                LightKind::Point { position, range } => (position, range),
+                LightKind::Spot { position, range, .. } => (position, range),
+            };
+            *position = normalisation.point(*position);
+            *range = range.map(|r| r * scale);
+            // Irradiance is intensity over distance squared.
+            light.intensity = light.intensity.map(|i| {
+                let scaled = f64::from(i) * scale * scale;
+                scaled.min(f64::from(f32::MAX)) as f32
+            });
+        }
+    }
+}
+
+/// The mesh at its new place. The subtraction comes first: for a far scene it is the one that is exact.
+fn moved_mesh(mesh: &Mesh, normalisation: &Normalisation) -> Mesh {
+    bake::with_positions(mesh, |p| normalisation.point(p))
+}
+
+/// The largest power of two that does not exceed a positive finite number, within the normal range.
+fn power_of_two_below(x: f64) -> f64 {
+    const FRACTION_BITS: u64 = (1 << 52) - 1;
+    f64::from_bits(x.max(f64::MIN_POSITIVE).to_bits() & !FRACTION_BITS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Slab;
+    use crate::scene::{Camera, Instance, Light};
+
+    const POSITIONS: [[f32; 3]; 3] = [[0.25, -1.0, 0.1], [1.5, 0.3, -0.7], [-0.9, 2.1, 0.0]];
+
+    /// One baked triangle and a point light, a camera and an instanced sphere, moved and scaled.
+    fn scene(scale: f64, offset: DVec3) -> Scene {
+        let moved = |p: DVec3| p * scale + offset;
+        let triangle = Mesh {
+            positions: Slab::from(
+                POSITIONS
+                    .map(|p| moved(glam::Vec3::from(p).as_dvec3()).as_vec3().to_array())
+                    .to_vec(),
+            ),
+            triangles: Slab::from(vec![[0, 1, 2]]),
+            ..Mesh::default()
+        };
+        let map = DAffine3::from_scale_rotation_translation(
+            DVec3::splat(scale),
+            glam::DQuat::IDENTITY,
+            moved(DVec3::new(0.5, 0.5, 0.5)),
+        );
+        Scene {
+            geometries: vec![Geometry::Mesh(triangle), Geometry::Sphere(Sphere::UNIT)],
+            instances: vec![
+                Instance::new("triangle", 0, 0, DAffine3::IDENTITY).unwrap(),
+                Instance::new("sphere", 1, 0, map).unwrap(),
+            ],
+            lights: vec![Light {
+                name: "lamp".into(),
+                intensity: [(3.0 * scale * scale) as f32; 3],
+                kind: LightKind::Point {
+                    position: moved(DVec3::new(0.0, 4.0, 0.0)),
+                    range: Some(8.0 * scale),
+                },
+            }],
+            cameras: vec![Camera {
+                name: "camera".into(),
+                world_from_camera: DAffine3::from_translation(moved(DVec3::Z)),
+                projection: Projection::Orthographic {
+                    y_mag: 2.0 * scale,
+                    x_mag: None,
+                },
+                z_near: 0.5 * scale,
+                z_far: f64::INFINITY,
+            }],
+            materials: vec![Default::default()],
+            ..Scene::default()
+        }
+    }
+
+    fn positions(scene: &Scene) -> Vec<[f32; 3]> {
+        match &scene.geometries[0] {
+            Geometry::Mesh(mesh) => mesh.positions.to_vec(),
+            Geometry::Sphere(_) => Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_well_placed_scene_is_not_touched() {
+        let mut scene = scene(1.0, DVec3::ZERO);
+        scene.normalise();
+        assert!(scene.normalisation.is_identity());
+        assert_eq!(positions(&scene), POSITIONS);
+    }
+
+    #[test]
+    fn scenes_that_differ_by_a_power_of_two_become_bit_identical() {
+        let normalised = |exponent: i32| {
+            let mut scene = scene(2f64.powi(exponent), DVec3::ZERO);
+            scene.normalise();
+            scene.validate().unwrap();
+            scene
+        };
+        let reference = normalised(-20);
+        assert_eq!(positions(&reference), POSITIONS.map(|p| p.map(|x| x * 0.5)));
+        for exponent in [-60, -40, 20, 40, 60] {
+            let scene = normalised(exponent);
+            assert_eq!(positions(&scene), positions(&reference), "{exponent}");
+            assert_eq!(
+                scene.instances[1].world_from_object,
+                reference.instances[1].world_from_object
+            );
+            assert_eq!(scene.lights[0].intensity, reference.lights[0].intensity);
+            assert_eq!(scene.lights[0].kind, reference.lights[0].kind);
+            assert_eq!(scene.cameras[0].z_near, reference.cameras[0].z_near);
+            assert_eq!(scene.cameras[0].projection, reference.cameras[0].projection);
+        }
+    }
+
+    #[test]
+    fn a_far_scene_comes_to_the_origin_without_losing_a_bit() {
+        // 1e6 is a multiple of the centre's step, and the triangle's rounding at 1e6 happened before.
+        let offset = DVec3::new(1e6, 0.0, -3e6);
+        let mut scene = scene(1.0, offset);
+        let before = positions(&scene);
+        scene.normalise();
+        assert!(scene.bounds().magnitude() < 8.0);
+        let center = scene.normalisation.center;
+        assert_eq!((center.y, scene.normalisation.scale), (0.0, 1.0));
+        for (old, new) in before.iter().zip(positions(&scene)) {
+            let back = glam::Vec3::from(new).as_dvec3() + center;
+            assert_eq!(back, glam::Vec3::from(*old).as_dvec3());
+        }
+        let LightKind::Point { position, .. } = scene.lights[0].kind else {
+            unreachable!()
+        };
+        assert_eq!(position + center, DVec3::new(0.0, 4.0, 0.0) + offset);
+        scene.validate().unwrap();
+    }
+
+    #[test]
+    fn a_tiny_and_far_scene_keeps_its_geometry_and_its_irradiance() {
+        let offset = DVec3::new(0.0, 1.0, 0.0);
+        let mut scene = scene(2f64.powi(-12), offset);
+        let before = scene.lights[0].intensity[0];
+        scene.normalise();
+        let scale = scene.normalisation.scale;
+        assert_eq!(
+            scene.normalisation.point(offset + DVec3::X),
+            scene.normalisation.map().transform_point3(offset + DVec3::X)
+        );
+        assert!(scene.bounds().magnitude() < 8.0);
+        assert_eq!(
+            scene.lights[0].intensity[0],
+            (f64::from(before) * scale * scale) as f32
+        );
+    }
+
+    #[test]
+    fn an_instanced_mesh_in_a_far_object_space_is_brought_back() {
+        let mut scene = scene(1.0, DVec3::ZERO);
+        let far = scene_far_triangle();
+        let back = DAffine3::from_translation(DVec3::new(-1e6, 0.0, 0.0));
+        scene.geometries.push(Geometry::Mesh(far));
+        for x in [0.0, 3.0] {
+            let map = DAffine3::from_translation(DVec3::new(x, 0.0, 0.0)) * back;
+            scene.instances.push(Instance::new("far", 2, 0, map).unwrap());
+        }
+        let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
+        let world = scene.bounds();
+        scene.normalise_object_spaces(&bounds);
+        assert!(scene.geometries[2].bounds().magnitude() < 8.0);
+        assert_eq!(scene.bounds(), world);
+        scene.validate().unwrap();
+    }
+
+    fn scene_far_triangle() -> Mesh {
+        Mesh {
+            positions: Slab::from(vec![[1e6, 0.0, 0.0], [1e6 + 1.0, 0.0, 0.0], [1e6, 1.0, 0.0]]),
+            triangles: Slab::from(vec![[0, 1, 2]]),
+            ..Mesh::default()
         }
     }
 }

@@ -1,5 +1,14 @@
 //! The checks behind which nothing can meet a bad index, a NaN or a singular matrix.
 
+use std::f64::consts::PI;
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::survey::{all_finite, survey};
+use super::{Camera, Geometry, Instance, Light, LightKind, Material, Projection, Scene};
+use crate::mesh::Mesh;
+use crate::numeric::{self, Bounds, Ray};
+
 /// What is wrong with a scene, worded as advice.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{item}: {fault}")]
@@ -8,4 +17,458 @@ pub struct SceneError {
     pub item: String,
     /// What is wrong and what to do.
     pub fault: String,
+}
+
+/// How far a direction's squared length may be from 1: directions come from f32 files, whose rounding is 2^-24, through
+/// a few f64 steps.
+const UNIT_TOLERANCE: f64 = 1.0 / 1024.0 / 1024.0;
+
+impl Scene {
+    /// Checks everything that later stages rely on: indices, lengths of arrays, finite and sensible values.
+    ///
+    /// Looks at every vertex once, in parallel.
+    pub fn validate(&self) -> Result<(), SceneError> {
+        let mut bounds = Vec::with_capacity(self.geometries.len());
+        for (index, geometry) in self.geometries.iter().enumerate() {
+            let item = || format!("geometry {index}");
+            let geometry_bounds = match geometry {
+                Geometry::Mesh(mesh) => check_vertices(mesh).map_err(|fault| error(item(), fault))?,
+                Geometry::Sphere(sphere) => sphere.bounds(),
+            };
+            bounds.push(geometry_bounds);
+        }
+        self.validate_structure(&bounds)
+    }
+
+    /// All checks but those that look at every vertex; `bounds` are those of the geometries.
+    pub(crate) fn validate_structure(&self, bounds: &[Bounds]) -> Result<(), SceneError> {
+        for (index, geometry) in self.geometries.iter().enumerate() {
+            check_geometry(geometry, &bounds[index])
+                .map_err(|fault| error(format!("geometry {index}"), fault))?;
+        }
+        for (index, instance) in self.instances.iter().enumerate() {
+            self.check_instance(instance, bounds)
+                .map_err(|fault| error(named("instance", index, &instance.name), fault))?;
+        }
+        for (index, material) in self.materials.iter().enumerate() {
+            self.check_material(material)
+                .map_err(|fault| error(named("material", index, &material.name), fault))?;
+        }
+        self.check_images()?;
+        for (index, light) in self.lights.iter().enumerate() {
+            check_light(light).map_err(|fault| error(named("light", index, &light.name), fault))?;
+        }
+        for (index, camera) in self.cameras.iter().enumerate() {
+            check_camera(camera).map_err(|fault| error(named("camera", index, &camera.name), fault))?;
+        }
+        if !is_radiance(&self.ambient) {
+            return Err(error(
+                "the ambient light",
+                "is negative or not finite: give 0 or more",
+            ));
+        }
+        Ok(())
+    }
+
+    fn check_instance(&self, instance: &Instance, bounds: &[Bounds]) -> Result<(), String> {
+        let Some(geometry) = self.geometries.get(instance.geometry as usize) else {
+            return Err(out_of_range("geometry", instance.geometry, self.geometries.len()));
+        };
+        let Some(material) = self.materials.get(instance.material as usize) else {
+            return Err(out_of_range("material", instance.material, self.materials.len()));
+        };
+        check_transform(instance)?;
+        let world = bounds[instance.geometry as usize].transformed(&instance.world_from_object);
+        if !in_range(world.magnitude()) {
+            return Err("leaves the range of coordinates: normalise the scene or make it smaller".into());
+        }
+        let Geometry::Mesh(mesh) = geometry else {
+            return Ok(());
+        };
+        for texture in material.textures() {
+            let set = mesh.tex_coords.get(texture.tex_coord as usize);
+            if set.is_none_or(|set| set.len() != mesh.positions.len()) {
+                return Err(format!(
+                    "its material `{}` looks up texture coordinate set {}, which its mesh lacks: add the set or take \
+                     the texture away",
+                    material.name, texture.tex_coord
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_material(&self, material: &Material) -> Result<(), String> {
+        let is_fraction = |x: &f32| (0.0..=1.0).contains(x);
+        if !material.base_color.iter().all(is_fraction) {
+            return Err("its base colour is outside [0, 1]: correct the colour".into());
+        }
+        if !(is_fraction(&material.metallic) && is_fraction(&material.roughness)) {
+            return Err("its metallic or roughness factor is outside [0, 1]: correct the factor".into());
+        }
+        if !is_radiance(&material.emission) {
+            return Err("its emission is negative or not finite: correct the emission".into());
+        }
+        for texture in material.textures() {
+            if texture.texture as usize >= self.textures.len() {
+                return Err(out_of_range("texture", texture.texture, self.textures.len()));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_images(&self) -> Result<(), SceneError> {
+        for (index, texture) in self.textures.iter().enumerate() {
+            if texture.image as usize >= self.images.len() {
+                let fault = out_of_range("image", texture.image, self.images.len());
+                return Err(error(format!("texture {index}"), fault));
+            }
+        }
+        for (index, image) in self.images.iter().enumerate() {
+            let texel_count = u64::from(image.width) * u64::from(image.height);
+            if texel_count == 0 || texel_count != image.texels.len() as u64 {
+                return Err(error(
+                    named("image", index, &image.name),
+                    "its texels do not fill width times height: load it again",
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Material {
+    /// Every texture that is looked up.
+    pub(crate) fn textures(&self) -> impl Iterator<Item = super::TextureUse> {
+        [
+            self.base_color_texture,
+            self.metallic_roughness_texture,
+            self.emission_texture,
+        ]
+        .into_iter()
+        .flatten()
+    }
+}
+
+/// Everything about a mesh that needs a look at every vertex; its bounds.
+fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
+    if !all_finite(bytemuck::cast_slice(&mesh.positions)) {
+        return Err("has a vertex that is not finite: correct its positions".into());
+    }
+    let survey = survey(mesh).map_err(|bad| {
+        format!(
+            "triangle {} refers to vertex {} of {}: correct its indices",
+            bad.triangle,
+            bad.vertex,
+            mesh.positions.len()
+        )
+    })?;
+    if survey.unusable > 0 {
+        return Err(format!(
+            "has {} triangles without an area: take them away",
+            survey.unusable
+        ));
+    }
+    let optional = [
+        mesh.normals.as_ref().map(|n| bytemuck::cast_slice(&n[..])),
+        mesh.colors.as_ref().map(|c| bytemuck::cast_slice(&c[..])),
+    ];
+    let sets = mesh.tex_coords.iter().map(|set| bytemuck::cast_slice(&set[..]));
+    if !optional.into_iter().flatten().chain(sets).all(all_finite) {
+        return Err("has a normal, colour or texture coordinate that is not finite: correct it".into());
+    }
+    Ok(survey.bounds)
+}
+
+fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
+    let vertex_range = || {
+        if in_range(bounds.magnitude()) {
+            Ok(())
+        } else {
+            Err("leaves the range of coordinates: normalise the scene or make it smaller".into())
+        }
+    };
+    match geometry {
+        Geometry::Sphere(sphere) => {
+            if !(sphere.radius > 0.0 && sphere.radius < f64::INFINITY && sphere.center.is_finite()) {
+                return Err(
+                    "is a sphere without a positive, finite radius and a finite centre: correct them".into(),
+                );
+            }
+            vertex_range()
+        }
+        Geometry::Mesh(mesh) => {
+            let count = mesh.positions.len();
+            let normals = mesh.normals.as_ref().map_or(count, |n| n.len());
+            let colors = mesh.colors.as_ref().map_or(count, |c| c.len());
+            if normals != count || colors != count {
+                return Err("has not as many normals or colours as vertices: give one for each".into());
+            }
+            vertex_range()
+        }
+    }
+}
+
+/// Finite, and the inverse is one: ‖M M⁻¹ - I‖ stays within 16 roundings of the condition number, in the maximum norm.
+fn check_transform(instance: &Instance) -> Result<(), String> {
+    let (map, inverse) = (instance.world_from_object, instance.object_from_world);
+    numeric::inverse(&map)
+        .map_err(|singular| format!("{singular}: give it a matrix that can be inverted"))?;
+    let residual: DAffine3 = map * inverse;
+    let condition = row_sum(&map.matrix3) * row_sum(&inverse.matrix3);
+    let bound = 16.0 * f64::EPSILON * condition;
+    let linear = row_sum(&(residual.matrix3 - DMat3::IDENTITY));
+    let moved = residual.translation.abs().max_element();
+    let reach = map.translation.abs().max_element();
+    // Comparisons with NaN are false, so a NaN anywhere is refused.
+    if linear <= bound && moved <= bound * reach {
+        Ok(())
+    } else {
+        Err("its two transforms are not inverse to each other: make it with `Instance::new`".into())
+    }
+}
+
+fn check_light(light: &Light) -> Result<(), String> {
+    if !is_radiance(&light.intensity) {
+        return Err("its intensity is negative or not finite: correct the intensity".into());
+    }
+    let is_place = |p: DVec3| in_range(p.abs().max_element()) && p.is_finite();
+    let is_range = |range: Option<f64>| range.is_none_or(|r| r > 0.0);
+    let is_sound = match light.kind {
+        LightKind::Directional { to_light } => is_unit(to_light),
+        LightKind::Point { position, range } => is_place(position) && is_range(range),
+        LightKind::Spot {
+            position,
+            direction,
+            cos_inner,
+            cos_outer,
+            range,
+        } => {
+            let has_cone = -1.0 <= cos_outer && cos_outer < cos_inner && cos_inner <= 1.0;
+            is_place(position) && is_range(range) && is_unit(direction) && has_cone
+        }
+    };
+    if is_sound {
+        Ok(())
+    } else {
+        Err("its place, direction, range or cone makes no sense: correct it".into())
+    }
+}
+
+fn check_camera(camera: &Camera) -> Result<(), String> {
+    let place = camera.world_from_camera.translation;
+    let axes = camera.world_from_camera.matrix3;
+    let gram = axes.transpose() * axes - DMat3::IDENTITY;
+    if !(place.is_finite() && in_range(place.abs().max_element()) && row_sum(&gram) <= 3.0 * UNIT_TOLERANCE) {
+        return Err("its place is not finite or its axes are not orthonormal: correct its transform".into());
+    }
+    let is_sound = match camera.projection {
+        Projection::Perspective { y_fov, .. } => y_fov > 0.0 && y_fov < PI,
+        Projection::Orthographic { y_mag, x_mag } => is_size(y_mag) && x_mag.is_none_or(is_size),
+    };
+    if !is_sound {
+        return Err(
+            "its field of view is not between 0 and 180 degrees or its window has no size: correct it".into(),
+        );
+    }
+    if !(camera.z_near >= 0.0 && camera.z_near < f64::INFINITY && camera.z_far > camera.z_near) {
+        return Err("its near plane is not before its far plane: correct the planes".into());
+    }
+    Ok(())
+}
+
+fn is_size(x: f64) -> bool {
+    x > 0.0 && x < f64::INFINITY
+}
+
+fn is_unit(v: DVec3) -> bool {
+    (v.length_squared() - 1.0).abs() <= UNIT_TOLERANCE
+}
+
+fn is_radiance(rgb: &[f32; 3]) -> bool {
+    rgb.iter().all(|x| (0.0..f32::INFINITY).contains(x))
+}
+
+/// Whether a coordinate may cross into a backend.
+fn in_range(magnitude: f64) -> bool {
+    magnitude < f64::from(Ray::LIMIT)
+}
+
+fn row_sum(m: &DMat3) -> f64 {
+    let rows = m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs();
+    if rows.is_nan() {
+        f64::NAN
+    } else {
+        rows.max_element()
+    }
+}
+
+fn error(item: impl Into<String>, fault: impl Into<String>) -> SceneError {
+    SceneError {
+        item: item.into(),
+        fault: fault.into(),
+    }
+}
+
+fn named(kind: &str, index: usize, name: &str) -> String {
+    format!("{kind} {index} `{name}`")
+}
+
+fn out_of_range(kind: &str, index: u32, count: usize) -> String {
+    format!("refers to {kind} {index} of {count}: correct the index")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Slab;
+    use crate::scene::{Filter, Image, Sampler, Texture, TextureUse, Wrap};
+    use crate::shape::Sphere;
+
+    /// A textured triangle, a sphere, a light and a camera, all in order.
+    fn scene() -> Scene {
+        let mesh = Mesh {
+            positions: Slab::from(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            triangles: Slab::from(vec![[0, 1, 2]]),
+            normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; 3])),
+            tex_coords: vec![Slab::from(vec![[0.0; 2]; 3])],
+            colors: None,
+        };
+        let turned = DAffine3::from_rotation_x(0.4) * DAffine3::from_scale(DVec3::new(-1e3, 1.0, 1e-3));
+        Scene {
+            geometries: vec![Geometry::Mesh(mesh), Geometry::Sphere(Sphere::UNIT)],
+            instances: vec![
+                Instance::new("triangle", 0, 0, turned).unwrap(),
+                Instance::new("ball", 1, 0, DAffine3::IDENTITY).unwrap(),
+            ],
+            materials: vec![Material {
+                base_color_texture: Some(TextureUse {
+                    texture: 0,
+                    tex_coord: 0,
+                }),
+                ..Material::default()
+            }],
+            textures: vec![Texture {
+                image: 0,
+                sampler: Sampler {
+                    wrap_u: Wrap::Repeat,
+                    wrap_v: Wrap::Repeat,
+                    filter: Filter::Linear,
+                },
+            }],
+            images: vec![Image {
+                name: "dot".into(),
+                width: 1,
+                height: 1,
+                texels: vec![[255; 4]],
+            }],
+            lights: vec![Light {
+                name: "sun".into(),
+                intensity: [1.0; 3],
+                kind: LightKind::Directional { to_light: DVec3::Y },
+            }],
+            cameras: vec![Camera {
+                name: "eye".into(),
+                world_from_camera: DAffine3::IDENTITY,
+                projection: Projection::Perspective {
+                    y_fov: 1.0,
+                    aspect: None,
+                },
+                z_near: 0.0,
+                z_far: f64::INFINITY,
+            }],
+            ..Scene::default()
+        }
+    }
+
+    fn mesh(scene: &mut Scene) -> &mut Mesh {
+        match &mut scene.geometries[0] {
+            Geometry::Mesh(mesh) => mesh,
+            Geometry::Sphere(_) => unreachable!(),
+        }
+    }
+
+    #[test]
+    fn a_scene_in_order_passes() {
+        // The triangle only becomes a sphere-less scene's worst case: mirrored and stretched by 1e6.
+        assert_eq!(scene().validate(), Ok(()));
+    }
+
+    #[test]
+    fn every_fault_is_found_and_its_item_named() {
+        type Break = fn(&mut Scene);
+        let breaks: [(&str, Break); 24] = [
+            ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 3]])),
+            ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 1]])),
+            ("geometry 0", |s| {
+                mesh(s).positions = Slab::from(vec![[f32::NAN; 3]; 3])
+            }),
+            ("geometry 0", |s| {
+                mesh(s).normals = Some(Slab::from(vec![[1.0; 3]; 2]))
+            }),
+            ("geometry 0", |s| {
+                mesh(s).normals = Some(Slab::from(vec![[f32::NAN; 3]; 3]))
+            }),
+            ("geometry 0", |s| {
+                mesh(s).colors = Some(Slab::from(vec![[f32::INFINITY; 4]; 3]))
+            }),
+            ("instance 0", |s| mesh(s).tex_coords.clear()),
+            ("geometry 1", |s| {
+                s.geometries[1] = Geometry::Sphere(Sphere {
+                    radius: -1.0,
+                    ..Sphere::UNIT
+                })
+            }),
+            ("geometry 1", |s| {
+                s.geometries[1] = Geometry::Sphere(Sphere {
+                    radius: 1e30,
+                    ..Sphere::UNIT
+                })
+            }),
+            ("instance 1", |s| s.instances[1].geometry = 2),
+            ("instance 1", |s| s.instances[1].material = 1),
+            ("instance 1", |s| {
+                s.instances[1].object_from_world = DAffine3::from_rotation_x(1e-3)
+            }),
+            ("instance 1", |s| {
+                s.instances[1].world_from_object.matrix3.x_axis = DVec3::ZERO
+            }),
+            ("instance 1", |s| {
+                s.instances[1].object_from_world.translation.y = f64::NAN
+            }),
+            ("material 0", |s| s.materials[0].emission[1] = f32::INFINITY),
+            ("material 0", |s| s.materials[0].roughness = 1.5),
+            ("material 0", |s| {
+                s.materials[0].base_color_texture = Some(TextureUse {
+                    texture: 1,
+                    tex_coord: 0,
+                })
+            }),
+            ("texture 0", |s| s.textures[0].image = 1),
+            ("image 0", |s| s.images[0].width = 2),
+            ("light 0", |s| s.lights[0].intensity[0] = -1.0),
+            ("light 0", |s| {
+                s.lights[0].kind = LightKind::Directional { to_light: DVec3::ONE }
+            }),
+            ("camera 0", |s| {
+                s.cameras[0].projection = Projection::Perspective {
+                    y_fov: PI,
+                    aspect: None,
+                }
+            }),
+            ("camera 0", |s| {
+                s.cameras[0].world_from_camera.matrix3.x_axis *= 2.0
+            }),
+            ("the ambient light", |s| s.ambient[2] = f32::NAN),
+        ];
+        for (number, (item, spoil)) in breaks.into_iter().enumerate() {
+            let mut scene = scene();
+            spoil(&mut scene);
+            let error = scene
+                .validate()
+                .expect_err(&format!("fault {number} went unseen"));
+            assert!(error.item.starts_with(item), "fault {number}: {error}");
+            assert!(error.fault.contains(": "), "no remedy: {error}");
+        }
+    }
 }

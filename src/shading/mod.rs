@@ -1,1 +1,12 @@
-//! Placeholder.
+//! How surfaces answer light: lights, textures, and glTF's metallic-roughness model, sixteen points at a time.
+//!
+//! Everything here is arithmetic on lanes without branches, so that it vectorises; what lanes do not need is masked by
+//! a factor of zero.
+
+mod light;
+mod metallic_roughness;
+mod texture;
+
+pub use light::{Illumination, illuminate};
+pub use metallic_roughness::{MIRROR_ROUGHNESS, MaterialPacket, direct, mirror};
+pub use texture::{Encoding, sample};

@@ -1,0 +1,314 @@
+//! What may be typed: the flags and their ranges. Nothing below this room knows a flag.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::LazyLock;
+
+use clap::{Args as ArgGroup, Parser, Subcommand};
+
+use crate::accel::{Backend, Precision};
+use crate::image::ImageFormat;
+
+/// Most samples a pixel: 2^16, where noise is 1/256 of that of one sample.
+const MAX_SPP: i64 = 1 << 16;
+/// Most generations of reflection.
+const MAX_DEPTH: i64 = 255;
+/// More threads than any machine that this is likely to meet.
+const MAX_THREADS: i64 = 1024;
+/// Most repetitions of a benchmark.
+const MAX_REPEAT: i64 = 1000;
+
+static VERSION: LazyLock<String> = LazyLock::new(|| match embree_version() {
+    Some(embree) => format!("{} (Embree {embree})", env!("CARGO_PKG_VERSION")),
+    None => format!("{} (without Embree)", env!("CARGO_PKG_VERSION")),
+});
+
+/// A Whitted-style ray tracer for glTF scenes.
+///
+/// Finds hits through the system's Embree or through its own BSP tree.
+#[derive(Debug, Parser)]
+#[command(name = "whit", version = VERSION.as_str(), after_help = EXIT_CODES)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    pub(super) command: Command,
+}
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done; 1 a render or check failed; 2 bad usage or bad input; 130 interrupted (what was finished is kept).
+Results go to standard output, everything else to standard error.";
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Render scenes to PNG or EXR images
+    Render(RenderArgs),
+    /// Say what was understood of a scene
+    Info(InfoArgs),
+    /// Time Embree against the BSP on the same recorded rays
+    Bench(BenchArgs),
+}
+
+const RENDER_EXAMPLES: &str = "\
+Examples:
+  whit render scene.glb -o scene.png
+  whit render scene.glb -o scene.exr --size 1920x1080 --spp 64 --camera top --stats scene.json
+  whit render a.glb b.gltf --out pictures --format exr
+
+With several scenes, one that fails does not keep the others from being rendered; the exit code is then 1.";
+
+/// Flags of `whit render`.
+#[derive(Debug, ArgGroup)]
+#[command(after_help = RENDER_EXAMPLES)]
+#[group(id = "target", required = true, args = ["output", "out"])]
+pub(super) struct RenderArgs {
+    /// glTF scenes (.glb, .gltf)
+    #[arg(required = true, value_name = "SCENE")]
+    pub(super) scenes: Vec<PathBuf>,
+
+    /// Image to write, .png (8-bit sRGB) or .exr (linear float radiance); for one scene
+    #[arg(short = 'o', value_name = "FILE")]
+    pub(super) output: Option<PathBuf>,
+
+    /// Existing folder to write one image a scene into, named like the scene
+    #[arg(long, value_name = "DIR", conflicts_with = "output")]
+    pub(super) out: Option<PathBuf>,
+
+    /// Kind of the images in --out [default: png]
+    #[arg(long, requires = "out")]
+    pub(super) format: Option<ImageFormat>,
+
+    #[command(flatten)]
+    pub(super) frame: FrameArgs,
+
+    /// Samples a pixel
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    pub(super) spp: u32,
+
+    /// What finds the hits [default: embree if built in, else bsp]
+    #[arg(long)]
+    pub(super) backend: Option<Backend>,
+
+    #[command(flatten)]
+    pub(super) tracing: TracingArgs,
+
+    /// Camera to look through, by name or number; see `whit info`
+    #[arg(long, value_name = "NAME|N")]
+    pub(super) camera: Option<String>,
+
+    /// Radiance of the surroundings, as X or R,G,B, in place of the scene's own
+    #[arg(long, value_name = "RADIANCE", allow_hyphen_values = true)]
+    pub(super) ambient: Option<Ambient>,
+
+    /// Stops of exposure for PNG images: radiance is multiplied by 2^EV
+    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = exposure, allow_hyphen_values = true)]
+    pub(super) exposure: f32,
+
+    /// Write rays, seconds and memory as JSON; with several scenes a list
+    #[arg(long, value_name = "FILE")]
+    pub(super) stats: Option<PathBuf>,
+
+    /// Say nothing but errors
+    #[arg(long, short)]
+    pub(super) quiet: bool,
+}
+
+/// What is rendered, of whatever scene.
+#[derive(Clone, Copy, Debug, ArgGroup)]
+pub(super) struct FrameArgs {
+    /// Image size in pixels
+    #[arg(long, value_name = "WxH", default_value = "1024x1024")]
+    pub(super) size: ImageSize,
+
+    /// Generations of reflected rays; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
+    pub(super) depth: u32,
+}
+
+/// How hits are found.
+#[derive(Clone, Debug, ArgGroup)]
+pub(super) struct TracingArgs {
+    /// How far triangle hits may be trusted; the BSP and brute force are always watertight
+    #[arg(long, default_value_t = Precision::default())]
+    pub(super) precision: Precision,
+
+    /// Instruction set that Embree is held to, so that results repeat on other machines [default: Embree's choice]
+    #[arg(long, value_parser = ["sse2", "sse4.2", "avx", "avx2", "avx512"])]
+    pub(super) isa: Option<String>,
+
+    /// Threads; 0 takes one a processor
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
+    pub(super) threads: u32,
+}
+
+/// Flags of `whit info`.
+#[derive(Debug, ArgGroup)]
+pub(super) struct InfoArgs {
+    /// glTF scene (.glb, .gltf)
+    #[arg(value_name = "SCENE")]
+    pub(super) scene: PathBuf,
+
+    /// Print JSON
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+const BENCH_HELP: &str = "\
+The rays of the frame itself (camera, shadow, reflection) are recorded, uniformly random ones added, and all replayed
+on one thread, every variant in turn within each repetition. Modes: raw is a bare loop over the Embree library's
+packet calls; single and packet are the rays asked one by one or 16 at a time; batch hands 64 packets over at once.
+
+Example:
+  whit bench scene.glb --size 512x512 --repeat 3 --json bench.json";
+
+/// Flags of `whit bench`.
+#[derive(Debug, ArgGroup)]
+#[command(after_help = BENCH_HELP)]
+pub(super) struct BenchArgs {
+    /// glTF scenes (.glb, .gltf)
+    #[arg(required = true, value_name = "SCENE")]
+    pub(super) scenes: Vec<PathBuf>,
+
+    #[command(flatten)]
+    pub(super) frame: FrameArgs,
+
+    /// Samples a pixel
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    pub(super) spp: u32,
+
+    #[command(flatten)]
+    pub(super) tracing: TracingArgs,
+
+    /// Repetitions; medians and extremes are over them
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=MAX_REPEAT))]
+    pub(super) repeat: u32,
+
+    /// Write the measurements as JSON
+    #[arg(long, value_name = "FILE")]
+    pub(super) json: Option<PathBuf>,
+}
+
+/// Width and height in pixels, at least 1 each and at most [`ImageSize::MAX_PIXELS`] together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ImageSize {
+    pub(super) width: u32,
+    pub(super) height: u32,
+}
+
+impl ImageSize {
+    /// Most pixels of an image; the machine's memory usually sets a lower limit.
+    pub(super) const MAX_PIXELS: u64 = 1 << 31;
+}
+
+impl FromStr for ImageSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<ImageSize, String> {
+        let sides = text.split_once(['x', 'X']).and_then(|(width, height)| {
+            let side = |digits: &str| digits.parse::<u64>().ok();
+            Some((side(width)?, side(height)?))
+        });
+        let Some((width, height)) = sides else {
+            return Err("give width and height in pixels as in 640x480".into());
+        };
+        if width == 0 || height == 0 {
+            return Err("an image needs at least one pixel each way, as in 640x480".into());
+        }
+        match (u32::try_from(width), u32::try_from(height)) {
+            (Ok(w), Ok(h)) if u64::from(w) * u64::from(h) <= ImageSize::MAX_PIXELS => {
+                Ok(ImageSize { width: w, height: h })
+            }
+            _ => Err("an image may have at most 2^31 pixels: give a smaller size".into()),
+        }
+    }
+}
+
+/// Linear RGB radiance, finite and not negative.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Ambient(pub(super) [f32; 3]);
+
+impl FromStr for Ambient {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Ambient, String> {
+        let values: Vec<f32> = text
+            .split(',')
+            .map(|value| {
+                value
+                    .trim()
+                    .parse()
+                    .ok()
+                    .filter(|v: &f32| v.is_finite() && *v >= 0.0)
+            })
+            .collect::<Option<_>>()
+            .ok_or(
+                "give one radiance or three (red, green, blue) of zero or more, as in 0.2 or 0.1,0.2,0.3",
+            )?;
+        match values[..] {
+            [gray] => Ok(Ambient([gray; 3])),
+            [red, green, blue] => Ok(Ambient([red, green, blue])),
+            _ => Err("give one radiance or three (red, green, blue), as in 0.2 or 0.1,0.2,0.3".into()),
+        }
+    }
+}
+
+/// Beyond this many stops every f32 would be black or white.
+const MAX_EXPOSURE: f32 = 100.0;
+
+fn exposure(text: &str) -> Result<f32, String> {
+    text.parse()
+        .ok()
+        .filter(|ev: &f32| ev.abs() <= MAX_EXPOSURE)
+        .ok_or_else(|| format!("give stops from -{MAX_EXPOSURE} to {MAX_EXPOSURE}"))
+}
+
+/// The Embree that whit was built for; the one that answers is in the statistics.
+fn embree_version() -> Option<&'static str> {
+    // Set by the build script; empty without the feature.
+    Some(env!("WHIT_EMBREE_HEADERS")).filter(|version| !version.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clap_finds_nothing_wrong_with_the_flags() {
+        use clap::CommandFactory;
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn a_size_is_two_whole_numbers_within_the_cap() {
+        let size = |text: &str| text.parse::<ImageSize>();
+        assert_eq!(
+            size("640x480"),
+            Ok(ImageSize {
+                width: 640,
+                height: 480
+            })
+        );
+        for bad in [
+            "640",
+            "x",
+            "640x",
+            "-1x5",
+            "0x5",
+            "5x0",
+            "1e3x5",
+            "65536x32769",
+            "99999999999x1",
+        ] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        assert!(size("65536x32768").is_ok());
+    }
+
+    #[test]
+    fn an_ambient_radiance_is_one_number_or_three() {
+        let ambient = |text: &str| text.parse::<Ambient>();
+        assert_eq!(ambient("0.25"), Ok(Ambient([0.25; 3])));
+        assert_eq!(ambient("0.1,0.2, 3"), Ok(Ambient([0.1, 0.2, 3.0])));
+        for bad in ["", "-1", "nan", "inf", "1,2", "1,2,3,4", "a"] {
+            assert!(ambient(bad).is_err(), "{bad}");
+        }
+    }
+}

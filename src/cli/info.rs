@@ -1,0 +1,24 @@
+//! `whit info`: what was understood of a scene.
+
+use crate::gltf::{self, LoadOptions};
+use crate::report::info::SceneInfo;
+
+use super::args::InfoArgs;
+use super::failure::Failure;
+use super::output;
+
+/// Prints what the scene holds.
+pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
+    let scene = gltf::load(&args.scene, &LoadOptions::default())?;
+    let info = SceneInfo::of(&scene, &args.scene);
+    if !args.json {
+        return output::print(&info.to_string());
+    }
+    let mut text = serde_json::to_string_pretty(&info).map_err(|error| {
+        Failure::Work(format!(
+            "could not put the scene's description into JSON: {error}"
+        ))
+    })?;
+    text.push('\n');
+    output::print(&text)
+}

@@ -1,0 +1,298 @@
+//! What a render command means: paths resolved, numbers in range, outputs known to be writable. Made before any
+//! scene is opened; nothing after it knows a flag.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::thread;
+
+use crate::accel::{Backend, Precision};
+use crate::image::{ImageFormat, ToneMap, check_writable};
+use crate::render::RenderSettings;
+use crate::report::memory;
+use crate::scene::{Camera, Scene};
+
+use super::args::{FrameArgs, RenderArgs, TracingArgs};
+use super::failure::Failure;
+use super::progress::Verbosity;
+
+/// Everything that `whit render` is to do.
+#[derive(Debug)]
+pub(super) struct RenderJob {
+    pub(super) targets: Vec<Target>,
+    pub(super) settings: RenderSettings,
+    pub(super) backend: Backend,
+    pub(super) tracing: Tracing,
+    pub(super) camera: Option<String>,
+    pub(super) ambient: Option<[f32; 3]>,
+    pub(super) tone: ToneMap,
+    pub(super) stats: Option<PathBuf>,
+    pub(super) verbosity: Verbosity,
+}
+
+/// A scene and the image that it becomes.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Target {
+    pub(super) scene: PathBuf,
+    pub(super) image: PathBuf,
+    pub(super) format: ImageFormat,
+}
+
+/// How hits are found, whatever finds them.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Tracing {
+    pub(super) precision: Precision,
+    pub(super) isa: Option<String>,
+    /// One or more.
+    pub(super) threads: usize,
+}
+
+impl RenderJob {
+    /// Checks all that can be checked without opening a scene.
+    pub(super) fn new(args: &RenderArgs) -> Result<RenderJob, Failure> {
+        let backend = args.backend.unwrap_or_default();
+        if backend == Backend::Embree && !cfg!(feature = "embree") {
+            return Err(crate::accel::AccelError::NoEmbree.into());
+        }
+        if backend != Backend::Embree && args.tracing.isa.is_some() {
+            return Err(Failure::Input(format!(
+                "`--isa` is for Embree: leave it out with `--backend {backend}`"
+            )));
+        }
+        let targets = targets(args)?;
+        for path in targets
+            .iter()
+            .map(|t| t.image.as_path())
+            .chain(args.stats.as_deref())
+        {
+            check_writable(path)?;
+        }
+        Ok(RenderJob {
+            targets,
+            settings: settings(args.frame, args.spp)?,
+            backend,
+            tracing: Tracing::new(&args.tracing),
+            camera: args.camera.clone(),
+            ambient: args.ambient.map(|a| a.0),
+            tone: ToneMap {
+                exposure_ev: args.exposure,
+            },
+            stats: args.stats.clone(),
+            verbosity: if args.quiet {
+                Verbosity::Quiet
+            } else {
+                Verbosity::Normal
+            },
+        })
+    }
+}
+
+/// The precision that triangle hits really get: the BSP and brute force know only one.
+pub(super) fn effective_precision(backend: Backend, wish: Precision) -> Precision {
+    match backend {
+        Backend::Embree => wish,
+        Backend::Bsp | Backend::Brute => Precision::Watertight,
+    }
+}
+
+impl Tracing {
+    /// Resolves the number of threads.
+    pub(super) fn new(args: &TracingArgs) -> Tracing {
+        let threads = match args.threads {
+            0 => thread::available_parallelism().map_or(1, usize::from),
+            n => n as usize,
+        };
+        Tracing {
+            precision: args.precision,
+            isa: args.isa.clone(),
+            threads,
+        }
+    }
+
+    /// The threads that everything runs on.
+    pub(super) fn pool(&self) -> Result<rayon::ThreadPool, Failure> {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(self.threads)
+            .build()
+            .map_err(|error| {
+                Failure::Work(format!(
+                    "could not start {} threads: {error}; use fewer `--threads`",
+                    self.threads
+                ))
+            })
+    }
+}
+
+/// Which scene becomes which file.
+fn targets(args: &RenderArgs) -> Result<Vec<Target>, Failure> {
+    match (&args.output, &args.out) {
+        (Some(image), _) => {
+            let [scene] = &args.scenes[..] else {
+                return Err(Failure::Input(
+                    "`-o` names one image: give one scene, or a folder with `--out`".into(),
+                ));
+            };
+            let format = ImageFormat::of_path(image).ok_or_else(|| {
+                Failure::Input(format!(
+                    "cannot tell the kind of image from the name {}: end it in .png or .exr",
+                    image.display()
+                ))
+            })?;
+            Ok(vec![Target {
+                scene: scene.clone(),
+                image: image.clone(),
+                format,
+            }])
+        }
+        (None, Some(folder)) => targets_in(folder, &args.scenes, args.format.unwrap_or_default()),
+        // clap asks for one of the two.
+        (None, None) => Err(Failure::Input(
+            "name an image with `-o` or a folder with `--out`".into(),
+        )),
+    }
+}
+
+fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<Vec<Target>, Failure> {
+    if !folder.is_dir() {
+        return Err(Failure::Input(format!(
+            "there is no folder {}: make it first",
+            folder.display()
+        )));
+    }
+    let mut taken: HashMap<PathBuf, &Path> = HashMap::new();
+    let mut targets = Vec::with_capacity(scenes.len());
+    for scene in scenes {
+        let Some(stem) = scene.file_stem() else {
+            return Err(Failure::Input(format!(
+                "{} is no scene file: name a file",
+                scene.display()
+            )));
+        };
+        let mut name = stem.to_owned();
+        name.push(format!(".{format}"));
+        let image = folder.join(name);
+        if let Some(other) = taken.insert(image.clone(), scene) {
+            return Err(Failure::Input(format!(
+                "{} and {} would both become {}: render them into different folders",
+                other.display(),
+                scene.display(),
+                image.display()
+            )));
+        }
+        targets.push(Target {
+            scene: scene.clone(),
+            image,
+            format,
+        });
+    }
+    Ok(targets)
+}
+
+/// Render settings of a size that the machine can hold.
+pub(super) fn settings(frame: FrameArgs, spp: u32) -> Result<RenderSettings, Failure> {
+    let (width, height) = (frame.size.width, frame.size.height);
+    let needed = memory::film_bytes(width, height);
+    if let Some(available) = memory::available_bytes().filter(|&available| needed > available) {
+        return Err(Failure::Input(format!(
+            "an image of {width}x{height} pixels takes {} of memory and {} are free: give a smaller `--size`",
+            memory::in_words(needed),
+            memory::in_words(available)
+        )));
+    }
+    Ok(RenderSettings {
+        width,
+        height,
+        spp,
+        depth: frame.depth,
+        ..RenderSettings::default()
+    })
+}
+
+/// The camera that was asked for, by name first and then by number; without a wish the first.
+pub(super) fn choose_camera<'s>(
+    scene: &'s Scene,
+    path: &Path,
+    wish: Option<&str>,
+) -> Result<&'s Camera, Failure> {
+    let cameras = &scene.cameras;
+    let found = match wish {
+        None => cameras.first(),
+        Some(wish) => cameras
+            .iter()
+            .find(|camera| camera.name == wish)
+            .or_else(|| cameras.get(wish.parse::<usize>().ok()?)),
+    };
+    found.ok_or_else(|| {
+        let known: Vec<String> = cameras
+            .iter()
+            .enumerate()
+            .map(|(number, camera)| format!("{number} `{}`", camera.name))
+            .collect();
+        Failure::Input(format!(
+            "{} has no camera `{}`: it has {}",
+            path.display(),
+            wish.unwrap_or_default(),
+            if known.is_empty() {
+                "none".into()
+            } else {
+                known.join(", ")
+            }
+        ))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::scene::Projection;
+
+    fn scene_with_cameras(names: &[&str]) -> Scene {
+        let cameras = names
+            .iter()
+            .map(|name| Camera {
+                name: (*name).into(),
+                world_from_camera: DAffine3::IDENTITY,
+                projection: Projection::Perspective {
+                    y_fov: 1.0,
+                    aspect: None,
+                },
+                z_near: 0.0,
+                z_far: f64::INFINITY,
+            })
+            .collect();
+        Scene {
+            cameras,
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn a_camera_is_found_by_name_before_number() {
+        let scene = scene_with_cameras(&["front", "2", "top"]);
+        let name = |wish| choose_camera(&scene, Path::new("a.glb"), wish).map(|c| c.name.clone());
+        assert_eq!(name(None).unwrap(), "front");
+        assert_eq!(name(Some("top")).unwrap(), "top");
+        assert_eq!(name(Some("2")).unwrap(), "2");
+        assert_eq!(name(Some("1")).unwrap(), "2");
+        assert_eq!(
+            name(Some("back")).unwrap_err().to_string(),
+            "a.glb has no camera `back`: it has 0 `front`, 1 `2`, 2 `top`"
+        );
+    }
+
+    #[test]
+    fn two_scenes_of_one_name_are_refused_before_either_is_rendered() {
+        let folder = tempfile::tempdir().unwrap();
+        let scenes = ["a/x.glb".into(), "b/x.gltf".into()];
+        let error = targets_in(folder.path(), &scenes, ImageFormat::Png).unwrap_err();
+        assert_eq!(error.exit_code(), 2);
+        assert!(
+            error
+                .to_string()
+                .contains("a/x.glb and b/x.gltf would both become")
+        );
+        let named = targets_in(folder.path(), &scenes[..1], ImageFormat::Exr).unwrap();
+        assert_eq!(named[0].image, folder.path().join("x.exr"));
+    }
+}

@@ -1,0 +1,42 @@
+//! The command line: what was typed ([`args`]) becomes what is meant (a job), which is carried out.
+//!
+//! Results go to standard output, everything else to standard error. Exit codes: 0 done; 1 a render or check failed;
+//! 2 bad usage or bad input; 130 interrupted.
+
+mod args;
+mod bench;
+mod failure;
+mod info;
+mod interrupt;
+mod job;
+mod output;
+mod progress;
+mod render;
+mod replay;
+
+use clap::Parser;
+
+use args::{Args, Command};
+use failure::Failure;
+
+/// Runs the program on the process's arguments and returns its exit code.
+///
+/// Prints results, warnings and errors itself. The caller is to exit with the code at once: loaded scenes may have
+/// been left allocated on purpose.
+pub fn run() -> i32 {
+    let result = Args::try_parse().map_err(Failure::of_usage).and_then(|args| {
+        interrupt::install();
+        match args.command {
+            Command::Render(args) => render::run(&args),
+            Command::Info(args) => info::run(&args),
+            Command::Bench(args) => bench::run(&args),
+        }
+    });
+    match result {
+        Ok(()) => 0,
+        Err(failure) => {
+            failure.print();
+            failure.exit_code()
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! Words to the user: results to standard output, the rest to standard error, never a panic when nobody listens.
+
+use std::io::{self, ErrorKind, Write};
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::image::write_atomically;
+
+use super::failure::Failure;
+
+/// Prints a result. A reader that has left (`whit ... | head`) is no failure.
+pub(super) fn print(text: &str) -> Result<(), Failure> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Work(format!(
+            "could not write to standard output: {error}"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Prints a line for the person at the terminal.
+pub(super) fn tell(line: &str) {
+    // There is nobody left to tell that telling failed.
+    let _ = writeln!(io::stderr().lock(), "{line}");
+}
+
+/// Writes `value` to `path` as JSON, whole or not at all.
+pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
+    write_atomically(path, |file| {
+        serde_json::to_writer_pretty(&mut *file, value)?;
+        file.write_all(b"\n")
+    })?;
+    Ok(())
+}

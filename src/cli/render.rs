@@ -1,0 +1,224 @@
+//! `whit render`: scenes to images, one after the other; one that fails does not stop the rest.
+
+use std::mem;
+use std::time::Instant;
+
+use crate::accel::{self, Accel, AccelOptions};
+use crate::gltf::{self, LoadOptions};
+use crate::image;
+use crate::render::{self, Monitor, Rendering};
+use crate::report::memory;
+use crate::report::stats::{
+    AccelStats, ImageStats, PhaseSeconds, RayCounts, RenderStats, SceneStats, effect_stats,
+};
+use crate::scene::{Camera, Scene};
+
+use super::args::RenderArgs;
+use super::failure::Failure;
+use super::interrupt;
+use super::job::{RenderJob, Target, choose_camera, effective_precision};
+use super::output;
+use super::progress::{Progress, Verbosity};
+
+/// Renders what the arguments ask for.
+pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let job = RenderJob::new(args)?;
+    let pool = job.tracing.pool()?;
+    let progress = Progress::new(job.verbosity);
+    let mut finished = Vec::with_capacity(job.targets.len());
+    let mut failed = 0;
+    for target in &job.targets {
+        let result = pool
+            .install(|| render_one(&job, target, &progress))
+            .and_then(|stats| {
+                let verdict = check_finite(&stats);
+                finished.push(stats);
+                // After each image, so that later trouble loses nothing.
+                write_stats(&job, &finished)?;
+                verdict
+            });
+        match result {
+            Ok(()) => {}
+            Err(failure) if job.targets.len() == 1 || matches!(failure, Failure::Interrupted) => {
+                progress.clear();
+                return Err(failure);
+            }
+            Err(failure) => {
+                progress.suspend(|| failure.print());
+                failed += 1;
+            }
+        }
+    }
+    progress.clear();
+    match failed {
+        0 => Ok(()),
+        _ => Err(Failure::Some {
+            failed,
+            total: job.targets.len(),
+        }),
+    }
+}
+
+/// One scene, from its file to its image.
+fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<RenderStats, Failure> {
+    let start = Instant::now();
+    let name = target.scene.display().to_string();
+    let mut seconds = PhaseSeconds::default();
+
+    progress.phase(&name, "load");
+    let (scene, load_seconds) = timed(|| load(job, target))?;
+    seconds.load = load_seconds;
+    let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
+    for warning in &scene.warnings {
+        progress.warn(&format!("{name}: {warning}"));
+    }
+
+    progress.phase(&name, "build");
+    let (accel, build_seconds) = timed(|| build(job, &scene, progress))?;
+    seconds.build = build_seconds;
+
+    progress.phase(&name, "render");
+    let (rendering, render_seconds) = timed(|| trace(job, &scene, camera, &*accel, progress))?;
+    seconds.render = render_seconds;
+    seconds.trace = rendering.ledger.trace_seconds();
+
+    let ((), write_seconds) = timed(|| write_image(job, target, &rendering))?;
+    seconds.write = write_seconds;
+    seconds.total = start.elapsed().as_secs_f64();
+    say_finished(job, target, seconds.total, progress)?;
+
+    let mut stats = stats(job, target, &scene, &*accel, &rendering);
+    stats.image.camera.clone_from(&camera.name);
+    stats.seconds = seconds;
+    if job.targets.last() == Some(target) {
+        // The process ends here; returning gigabytes piece by piece would only delay that.
+        mem::forget(accel);
+        mem::forget(scene);
+    }
+    Ok(stats)
+}
+
+/// The result of `work` and its wall-clock seconds.
+fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failure> {
+    let start = Instant::now();
+    let result = work()?;
+    Ok((result, start.elapsed().as_secs_f64()))
+}
+
+fn load(job: &RenderJob, target: &Target) -> Result<Scene, Failure> {
+    let mut scene = gltf::load(&target.scene, &LoadOptions::default())?;
+    if let Some(ambient) = job.ambient {
+        scene.ambient = ambient;
+    }
+    interrupt::check()?;
+    Ok(scene)
+}
+
+fn build<'s>(job: &RenderJob, scene: &'s Scene, progress: &Progress) -> Result<Box<dyn Accel + 's>, Failure> {
+    let tracing = &job.tracing;
+    let options = AccelOptions {
+        precision: tracing.precision,
+        threads: tracing.threads,
+        isa: tracing.isa.clone(),
+        progress: Some(&|fraction| progress.fraction(fraction)),
+        ..AccelOptions::default()
+    };
+    let accel = accel::build(scene, job.backend, &options)?;
+    interrupt::check()?;
+    Ok(accel)
+}
+
+fn trace(
+    job: &RenderJob,
+    scene: &Scene,
+    camera: &Camera,
+    accel: &dyn Accel,
+    progress: &Progress,
+) -> Result<Rendering, Failure> {
+    let monitor = Monitor {
+        progress: &|fraction| progress.fraction(fraction),
+        cancel: &interrupt::CANCELLED,
+    };
+    render::render(scene, camera, accel, &job.settings, &monitor).ok_or(Failure::Interrupted)
+}
+
+fn write_image(job: &RenderJob, target: &Target, rendering: &Rendering) -> Result<(), Failure> {
+    interrupt::finish_first(|| image::write(&rendering.image, &target.image, target.format, job.tone))?;
+    Ok(())
+}
+
+/// One line an image on standard output.
+fn say_finished(job: &RenderJob, target: &Target, seconds: f64, progress: &Progress) -> Result<(), Failure> {
+    if job.verbosity == Verbosity::Quiet {
+        return Ok(());
+    }
+    let line = format!(
+        "{}: {}x{}, {seconds:.2} s\n",
+        target.image.display(),
+        job.settings.width,
+        job.settings.height
+    );
+    progress.suspend(|| output::print(&line))
+}
+
+/// A picture with NaNs or infinities in it was made, but is no picture.
+fn check_finite(stats: &RenderStats) -> Result<(), Failure> {
+    match stats.image.non_finite_pixels {
+        0 => Ok(()),
+        n => Err(Failure::Work(format!(
+            "{n} pixels of {} are not finite: look for extreme light intensities in {}",
+            stats.image.path.display(),
+            stats.scene.path.display()
+        ))),
+    }
+}
+
+/// Writes the statistics of the finished images: one object for one scene, a list for several.
+fn write_stats(job: &RenderJob, finished: &[RenderStats]) -> Result<(), Failure> {
+    let Some(path) = &job.stats else {
+        return Ok(());
+    };
+    interrupt::finish_first(|| match finished {
+        [one] if job.targets.len() == 1 => output::write_json(path, one),
+        several => output::write_json(path, &several),
+    })
+}
+
+/// The statistics of an image, but for its times and its camera's name.
+fn stats(
+    job: &RenderJob,
+    target: &Target,
+    scene: &Scene,
+    accel: &dyn Accel,
+    rendering: &Rendering,
+) -> RenderStats {
+    let report = accel.report();
+    RenderStats {
+        version: env!("CARGO_PKG_VERSION"),
+        scene: SceneStats::of(scene, &target.scene),
+        image: ImageStats {
+            path: target.image.clone(),
+            width: rendering.image.width,
+            height: rendering.image.height,
+            camera: String::new(),
+            ambient: scene.ambient,
+            exposure_ev: job.tone.exposure_ev,
+            non_finite_pixels: rendering.image.non_finite_count(),
+        },
+        spp: job.settings.spp,
+        depth: job.settings.depth,
+        backend: job.backend,
+        precision: effective_precision(job.backend, job.tracing.precision),
+        threads: job.tracing.threads,
+        seconds: PhaseSeconds::default(),
+        rays: RayCounts::of(&rendering.ledger),
+        effects: effect_stats(scene, &rendering.ledger),
+        accel: AccelStats {
+            bytes: report.bytes,
+            peak_bytes: report.peak_bytes,
+            summary: report.summary,
+        },
+        embree: report.embree,
+        peak_memory_bytes: memory::peak_bytes(),
+    }
+}

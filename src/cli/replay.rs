@@ -1,0 +1,271 @@
+//! Recorded rays and their replay: the same rays, copied the same way, through one backend after the other.
+
+use std::f64::consts::TAU;
+use std::hint::black_box;
+use std::time::Instant;
+
+use glam::{DVec3, Vec3};
+
+use crate::accel::agreement::{self, Agreement};
+use crate::accel::{Accel, Hit, LANES, RayOrder, RayPacket};
+use crate::numeric::{Bounds, Ray};
+use crate::report::bench::{Mode, RayKind};
+use crate::scene::Scene;
+
+/// Packets copied and traced at once: 11 KB, so that they stay in the first-level cache.
+const CHUNK_PACKETS: usize = 8;
+/// Packets of a batch: those of a tile of 32x32 pixels.
+const BATCH_PACKETS: usize = 64;
+/// Most packets kept of a kind: 16 times this many rays tell as much as more would.
+const MOST_PACKETS: usize = 1 << 16;
+
+/// The rays of one kind.
+pub(super) struct RaySet {
+    pub(super) kind: RayKind,
+    packets: Vec<RayPacket>,
+    /// Active lanes.
+    pub(super) ray_count: u64,
+}
+
+impl RaySet {
+    /// Keeps packets that hold a ray; of very many an even choice.
+    pub(super) fn new(kind: RayKind, mut packets: Vec<RayPacket>) -> RaySet {
+        packets.retain(RayPacket::any_active);
+        let packets = thinned(packets, MOST_PACKETS);
+        let active = |packet: &RayPacket| (0..LANES).filter(|&lane| packet.is_active(lane)).count() as u64;
+        RaySet {
+            kind,
+            ray_count: packets.iter().map(active).sum(),
+            packets,
+        }
+    }
+
+    /// About `count` rays with origins evenly within `bounds` and directions evenly over the sphere, the same ones
+    /// every time.
+    pub(super) fn random(bounds: &Bounds, count: usize) -> RaySet {
+        let mut packets = Vec::new();
+        if !bounds.is_empty() {
+            let mut random = SplitMix(0x5eed);
+            packets.resize_with(count.min(MOST_PACKETS * LANES).div_ceil(LANES), || {
+                let mut packet = RayPacket::EMPTY;
+                for lane in 0..LANES {
+                    packet.set(lane, &random_ray(bounds, &mut random));
+                }
+                packet
+            });
+        }
+        RaySet::new(RayKind::Random, packets)
+    }
+
+    /// Whether neighbouring lanes run side by side.
+    fn order(&self) -> RayOrder {
+        match self.kind {
+            RayKind::Camera | RayKind::Shadow => RayOrder::Coherent,
+            RayKind::Reflection | RayKind::Random => RayOrder::Incoherent,
+        }
+    }
+}
+
+/// At most `most` packets in runs of a batch each, spread evenly over all.
+fn thinned(packets: Vec<RayPacket>, most: usize) -> Vec<RayPacket> {
+    if packets.len() <= most {
+        return packets;
+    }
+    let runs = most / BATCH_PACKETS;
+    (0..runs)
+        .flat_map(|run| {
+            let start = run * (packets.len() - BATCH_PACKETS) / runs;
+            packets[start..start + BATCH_PACKETS].iter().cloned()
+        })
+        .collect()
+}
+
+/// The generator of Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014.
+struct SplitMix(u64);
+
+impl SplitMix {
+    /// Uniform in [0, 1).
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^= z >> 31;
+        // The 53 bits that an f64 holds.
+        (z >> 11) as f64 * 0.5f64.powi(53)
+    }
+}
+
+fn random_ray(bounds: &Bounds, random: &mut SplitMix) -> Ray {
+    let position = DVec3::new(random.next(), random.next(), random.next());
+    let z = 2.0 * random.next() - 1.0;
+    let (sin, cos) = (TAU * random.next()).sin_cos();
+    let radius = (1.0 - z * z).sqrt();
+    Ray {
+        origin: (bounds.min + position * bounds.extent()).as_vec3(),
+        direction: Vec3::new((radius * cos) as f32, (radius * sin) as f32, z as f32),
+        t_near: 0.0,
+        t_far: f32::INFINITY,
+    }
+}
+
+/// What rays are asked of.
+#[derive(Clone, Copy)]
+pub(super) enum Engine<'a> {
+    /// The library's own calls.
+    #[cfg(feature = "embree")]
+    Raw(&'a crate::accel::embree::EmbreeAccel<'a>),
+    /// A backend.
+    Accel(&'a dyn Accel),
+}
+
+impl Engine<'_> {
+    fn ask(&self, packets: &mut [RayPacket], kind: RayKind, order: RayOrder) {
+        match (self, kind) {
+            #[cfg(feature = "embree")]
+            (Engine::Raw(embree), RayKind::Shadow) => embree.raw_occluded(packets, order),
+            #[cfg(feature = "embree")]
+            (Engine::Raw(embree), _) => embree.raw_intersect(packets, order),
+            (Engine::Accel(accel), RayKind::Shadow) => accel.occluded(packets, order),
+            (Engine::Accel(accel), _) => accel.intersect(packets, order),
+        }
+    }
+}
+
+/// Seconds that `engine` takes for all rays of `set` on this thread, copies of the packets included.
+pub(super) fn replay_seconds(engine: Engine, set: &RaySet, mode: Mode) -> f64 {
+    let chunk = if mode == Mode::Batch {
+        BATCH_PACKETS
+    } else {
+        CHUNK_PACKETS
+    };
+    let mut scratch = vec![RayPacket::EMPTY; chunk];
+    let start = Instant::now();
+    for packets in set.packets.chunks(chunk) {
+        let scratch = &mut scratch[..packets.len()];
+        scratch.clone_from_slice(packets);
+        engine.ask(scratch, set.kind, set.order());
+        black_box(scratch);
+    }
+    start.elapsed().as_secs_f64()
+}
+
+/// How many answers differ.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Differences {
+    /// By more than rounding.
+    pub(super) wrong: u64,
+    /// Within the documented rounding.
+    pub(super) ties: u64,
+}
+
+/// Compares the answers of two engines to all rays of `set`.
+pub(super) fn differences(scene: &Scene, set: &RaySet, reference: Engine, other: Engine) -> Differences {
+    let mut differences = Differences::default();
+    for asked in &set.packets {
+        let [mut a, mut b] = [asked.clone(), asked.clone()];
+        reference.ask(std::slice::from_mut(&mut a), set.kind, set.order());
+        other.ask(std::slice::from_mut(&mut b), set.kind, set.order());
+        for lane in (0..LANES).filter(|&lane| asked.is_active(lane)) {
+            let agreement = match (set.kind, reference, other) {
+                #[cfg(feature = "embree")]
+                (_, Engine::Raw(_), _) | (_, _, Engine::Raw(_)) => same_distance(&a, &b, lane),
+                (RayKind::Shadow, Engine::Accel(first), Engine::Accel(second)) => {
+                    let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
+                    shadow_agreement(scene, &asked.ray(lane), [first, second], blocked)
+                }
+                _ => agreement::compare(scene, &asked.ray(lane), a.hit(lane), b.hit(lane)),
+            };
+            match agreement {
+                Agreement::Same => {}
+                Agreement::Tie => differences.ties += 1,
+                Agreement::Wrong => differences.wrong += 1,
+            }
+        }
+    }
+    differences
+}
+
+/// Raw answers are in the library's own numbering: only their distances can be held against others.
+#[cfg(feature = "embree")]
+fn same_distance(a: &RayPacket, b: &RayPacket, lane: usize) -> Agreement {
+    if a.t_far[lane].to_bits() == b.t_far[lane].to_bits() {
+        Agreement::Same
+    } else {
+        Agreement::Wrong
+    }
+}
+
+/// Whether two backends may tell a shadow ray blocked or not as they do. Their nearest hits mostly settle it; else the
+/// whole scene is asked, which takes long.
+fn shadow_agreement(scene: &Scene, ray: &Ray, accels: [&dyn Accel; 2], blocked: [bool; 2]) -> Agreement {
+    if blocked[0] == blocked[1] {
+        return Agreement::Same;
+    }
+    let [first, second] = accels.map(|accel| -> Option<Hit> {
+        let mut packet = RayPacket::EMPTY;
+        packet.set(0, ray);
+        accel.intersect(std::slice::from_mut(&mut packet), RayOrder::Incoherent);
+        packet.hit(0)
+    });
+    match agreement::compare(scene, ray, first, second) {
+        Agreement::Tie => Agreement::Tie,
+        Agreement::Same | Agreement::Wrong => {
+            agreement::compare_occlusion(scene, ray, blocked[0], blocked[1])
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn random_rays_start_within_the_bounds_and_repeat() {
+        let bounds = Bounds {
+            min: DVec3::new(-1.0, 2.0, 5.0),
+            max: DVec3::new(1.0, 3.0, 5.0),
+        };
+        let set = RaySet::random(&bounds, 1000);
+        assert_eq!(set.ray_count, 1008);
+        for packet in &set.packets {
+            for lane in 0..LANES {
+                let ray = packet.ray(lane);
+                let origin = ray.origin.as_dvec3();
+                assert!(origin.cmpge(bounds.min).all() && origin.cmple(bounds.max).all());
+                // Each of three squares is rounded to f32 and so is each coordinate: under 2^-22 together.
+                assert!((ray.direction.length_squared() - 1.0).abs() < 2f32.powi(-22));
+            }
+        }
+        let again = RaySet::random(&bounds, 1000);
+        assert_eq!(again.packets[7].origin, set.packets[7].origin);
+        assert_eq!(RaySet::random(&Bounds::EMPTY, 1000).ray_count, 0);
+    }
+
+    #[test]
+    fn of_too_many_packets_even_runs_are_kept() {
+        let packets: Vec<RayPacket> = (0..1000)
+            .map(|i| {
+                let mut packet = RayPacket::EMPTY;
+                packet.set(0, &Ray::new(Vec3::splat(i as f32), Vec3::X));
+                packet
+            })
+            .collect();
+        let kept = thinned(packets, 2 * BATCH_PACKETS);
+        let starts: Vec<f32> = kept.iter().map(|p| p.origin[0][0]).collect();
+        assert_eq!(kept.len(), 128);
+        // Runs begin at 0 and at (1000 - 64) / 2.
+        assert_eq!(
+            (starts[0], starts[63], starts[64], starts[127]),
+            (0.0, 63.0, 468.0, 531.0)
+        );
+    }
+
+    #[test]
+    fn packets_without_a_ray_are_not_replayed() {
+        let mut packet = RayPacket::EMPTY;
+        packet.set(3, &Ray::new(Vec3::ZERO, Vec3::X));
+        let set = RaySet::new(RayKind::Camera, vec![RayPacket::EMPTY, packet]);
+        assert_eq!((set.packets.len(), set.ray_count), (1, 1));
+    }
+}

@@ -1,0 +1,217 @@
+//! Where the bytes are: the binary chunk, other files, data URIs.
+
+use std::ops::{Deref, Range};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use base64::Engine;
+use base64::alphabet;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use memmap2::Mmap;
+use percent_encoding::{percent_decode, percent_decode_str};
+
+use super::GltfError;
+use super::document::Document;
+use super::error::EXPORT_AGAIN;
+use super::map::map_file;
+
+/// Some bytes, mapped or decoded.
+#[derive(Clone, Debug)]
+pub(super) enum Bytes {
+    Mapped { map: Arc<Mmap>, range: Range<usize> },
+    Decoded(Arc<Vec<u8>>),
+}
+
+impl Bytes {
+    /// All of a mapped file.
+    pub(super) fn whole(map: Arc<Mmap>) -> Bytes {
+        let range = 0..map.len();
+        Bytes::Mapped { map, range }
+    }
+
+    /// The file and the offset in it of the first byte.
+    pub(super) fn mapped(&self) -> Option<(&Arc<Mmap>, usize)> {
+        match self {
+            Bytes::Mapped { map, range } => Some((map, range.start)),
+            Bytes::Decoded(_) => None,
+        }
+    }
+}
+
+impl Deref for Bytes {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        match self {
+            // The range was checked against the map when it was made.
+            Bytes::Mapped { map, range } => &map[range.clone()],
+            Bytes::Decoded(bytes) => bytes,
+        }
+    }
+}
+
+/// A window of a buffer.
+pub(super) struct Window<'a> {
+    pub(super) bytes: &'a [u8],
+    /// Distance of elements where the view states one.
+    pub(super) stride: Option<usize>,
+    /// The file and the offset in it of the first byte.
+    pub(super) mapped: Option<(&'a Arc<Mmap>, usize)>,
+}
+
+impl<'a> Window<'a> {
+    /// The window without its first `offset` bytes.
+    pub(super) fn skip(self, offset: usize) -> Option<Window<'a>> {
+        Some(Window {
+            bytes: self.bytes.get(offset..)?,
+            mapped: self.mapped.map(|(map, start)| (map, start + offset)),
+            ..self
+        })
+    }
+}
+
+/// Exporters differ in whether they pad.
+const BASE64: GeneralPurpose = GeneralPurpose::new(
+    &alphabet::STANDARD,
+    GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+        .with_decode_allow_trailing_bits(true),
+);
+
+impl Document {
+    /// The bytes of a buffer view.
+    pub(super) fn view(&self, number: usize) -> Result<Window<'_>, GltfError> {
+        let item = || format!("buffer view {number}");
+        let views = &self.root.buffer_views;
+        let Some(view) = views.get(number) else {
+            return Err(self.missing("buffer view", number, views.len()));
+        };
+        let buffer = self.buffer(view.buffer.value())?;
+        let offset = view.byte_offset.map_or(0, |o| o.0);
+        let length = view.byte_length.0;
+        let window = usize::try_from(offset)
+            .ok()
+            .zip(usize::try_from(length).ok())
+            .and_then(|(offset, length)| Some((offset, buffer.get(offset..offset.checked_add(length)?)?)));
+        let Some((offset, bytes)) = window else {
+            let fault = format!(
+                "spans {length} bytes from {offset} on, past the end of buffer {} ({} bytes)",
+                view.buffer.value(),
+                buffer.len()
+            );
+            return Err(self.fault(item(), fault, EXPORT_AGAIN));
+        };
+        Ok(Window {
+            bytes,
+            stride: view.byte_stride.map(|s| s.0),
+            mapped: buffer.mapped().map(|(map, start)| (map, start + offset)),
+        })
+    }
+
+    /// The bytes of a buffer, opened when they are first asked for.
+    fn buffer(&self, number: usize) -> Result<&Bytes, GltfError> {
+        let Some(slot) = self.buffers.get(number) else {
+            return Err(self.missing("buffer", number, self.buffers.len()));
+        };
+        slot.get_or_init(|| self.open_buffer(number))
+            .as_ref()
+            .map_err(Clone::clone)
+    }
+
+    fn open_buffer(&self, number: usize) -> Result<Bytes, GltfError> {
+        let item = format!("buffer {number}");
+        let buffer = &self.root.buffers[number];
+        let bytes = match (&buffer.uri, &self.binary_chunk) {
+            (Some(uri), _) => self.resolve(uri, &item)?,
+            (None, Some(chunk)) if number == 0 => chunk.clone(),
+            (None, _) => {
+                let fault = "has neither a URI nor a binary chunk";
+                return Err(self.fault(item, fault, EXPORT_AGAIN));
+            }
+        };
+        if (bytes.len() as u64) < buffer.byte_length.0 {
+            let fault = format!(
+                "holds {} bytes of the {} it states",
+                bytes.len(),
+                buffer.byte_length.0
+            );
+            return Err(self.fault(item, fault, "copy or export the file again, it is cut off"));
+        }
+        Ok(bytes)
+    }
+
+    /// What a URI stands for: a data URI's content, or a file beside this one.
+    pub(super) fn resolve(&self, uri: &str, item: &str) -> Result<Bytes, GltfError> {
+        if let Some(data) = uri.strip_prefix("data:") {
+            return match decode_data_uri(data) {
+                Some(bytes) => Ok(Bytes::Decoded(Arc::new(bytes))),
+                None => Err(self.fault(item, "has a data URI that cannot be decoded", EXPORT_AGAIN)),
+            };
+        }
+        if uri.contains("://") {
+            let fault = format!("is at `{}`", shortened(uri));
+            return Err(self.fault(item, fault, "download it and put its file name instead"));
+        }
+        let Ok(name) = percent_decode_str(uri).decode_utf8() else {
+            let fault = format!("has the URI `{}`, which is not UTF-8", shortened(uri));
+            return Err(self.fault(item, fault, EXPORT_AGAIN));
+        };
+        let folder = self.file.parent().map_or_else(PathBuf::new, PathBuf::from);
+        let path = folder.join(name.as_ref());
+        let map = map_file(&path).map_err(|e| {
+            let fault = match e {
+                GltfError::Unreadable { fault, .. } | GltfError::NotGltf { fault, .. } => fault,
+                other => other.to_string(),
+            };
+            let fault = format!("is in `{}`, but {fault}", path.display());
+            self.fault(item, fault, "put the file there or correct the URI")
+        })?;
+        Ok(Bytes::whole(map))
+    }
+}
+
+/// The content of a data URI without its `data:`.
+fn decode_data_uri(data: &str) -> Option<Vec<u8>> {
+    let (kind, content) = data.split_once(',')?;
+    if kind.ends_with(";base64") {
+        if content.contains('%') {
+            let plain: Vec<u8> = percent_decode_str(content).collect();
+            return BASE64.decode(plain).ok();
+        }
+        return BASE64.decode(content).ok();
+    }
+    Some(percent_decode(content.as_bytes()).collect())
+}
+
+/// A URI cut to a length that fits into a sentence.
+fn shortened(uri: &str) -> String {
+    const LENGTH: usize = 80;
+    if uri.chars().count() <= LENGTH {
+        return uri.into();
+    }
+    uri.chars().take(LENGTH).chain("...".chars()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn data_uris_decode_with_and_without_base64_and_padding() {
+        for uri in [
+            "application/octet-stream;base64,AAEC/w==",
+            ";base64,AAEC/w",
+            ";base64,AAEC%2Fw%3D%3D",
+            ",%00%01%02%ff",
+        ] {
+            assert_eq!(decode_data_uri(uri), Some(vec![0, 1, 2, 255]), "{uri}");
+        }
+        assert_eq!(decode_data_uri("image/png;base64"), None);
+        assert_eq!(decode_data_uri(";base64,***"), None);
+    }
+
+    #[test]
+    fn a_long_uri_is_cut_between_characters() {
+        assert_eq!(shortened(&"é".repeat(200)).chars().count(), 83);
+    }
+}

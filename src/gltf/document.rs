@@ -1,0 +1,264 @@
+//! From bytes to a glTF document: the container, the JSON, the version, the extensions.
+//!
+//! The kind of file is told by its content. JSON is read into the `gltf` crate's types; its importer and its
+//! validation are not used, and nothing here trusts a number in it.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use gltf::json;
+use serde_json::Value;
+
+use super::GltfError;
+use super::buffer::Bytes;
+use super::map::map_file;
+
+/// Extensions whose meaning is carried out.
+const KNOWN: [&str; 3] = [
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_mesh_quantization",
+];
+
+/// A parsed file and the way to its bytes.
+pub(super) struct Document {
+    /// The file as the user named it.
+    pub(super) file: PathBuf,
+    pub(super) root: json::Root,
+    pub(super) binary_chunk: Option<Bytes>,
+    pub(super) buffers: Vec<OnceLock<Result<Bytes, GltfError>>>,
+}
+
+impl Document {
+    /// Maps and parses a file. What can be ignored is pushed to `warnings`.
+    pub(super) fn open(file: &Path, warnings: &mut Vec<String>) -> Result<Document, GltfError> {
+        let whole = Bytes::whole(map_file(file)?);
+        let (json, binary_chunk) = if whole.starts_with(b"glTF") {
+            split_container(&whole).map_err(|fault| not_gltf(file, fault))?
+        } else {
+            (whole, None)
+        };
+        let root = parse(&json).map_err(|fault| not_gltf(file, fault))?;
+        let document = Document {
+            file: file.to_owned(),
+            buffers: root.buffers.iter().map(|_| OnceLock::new()).collect(),
+            root,
+            binary_chunk,
+        };
+        document.check_version()?;
+        document.check_extensions(warnings)?;
+        Ok(document)
+    }
+
+    /// An error about one item of this file.
+    pub(super) fn fault(
+        &self,
+        item: impl Into<String>,
+        fault: impl Into<String>,
+        remedy: &'static str,
+    ) -> GltfError {
+        GltfError::Item {
+            file: self.file.clone(),
+            item: item.into(),
+            fault: fault.into(),
+            remedy,
+        }
+    }
+
+    /// An error about a reference to something that is not there.
+    pub(super) fn missing(&self, kind: &str, number: usize, count: usize) -> GltfError {
+        let fault = format!("is referred to, but the file has {count} of them");
+        self.fault(format!("{kind} {number}"), fault, super::error::EXPORT_AGAIN)
+    }
+
+    fn check_version(&self) -> Result<(), GltfError> {
+        let asset = &self.root.asset;
+        let is_two = |version: &str| version.split('.').next() == Some("2");
+        let min_is_two = asset.min_version.as_deref().is_none_or(|v| v.trim() == "2.0");
+        if is_two(&asset.version) && min_is_two {
+            return Ok(());
+        }
+        let version = match &asset.min_version {
+            Some(min) if is_two(&asset.version) => min.clone(),
+            _ => asset.version.clone(),
+        };
+        Err(GltfError::Version {
+            file: self.file.clone(),
+            version,
+        })
+    }
+
+    fn check_extensions(&self, warnings: &mut Vec<String>) -> Result<(), GltfError> {
+        let is_known = |name: &String| KNOWN.contains(&name.as_str());
+        let unknown = |names: &[String]| -> Vec<String> {
+            let mut names: Vec<String> = names.iter().filter(|n| !is_known(n)).cloned().collect();
+            names.sort();
+            names.dedup();
+            names
+        };
+        let names = unknown(&self.root.extensions_required);
+        if !names.is_empty() {
+            let file = self.file.clone();
+            return Err(GltfError::RequiredExtensions { file, names });
+        }
+        for name in unknown(&self.root.extensions_used) {
+            warnings.push(format!("the extension {name} is not known and was ignored"));
+        }
+        Ok(())
+    }
+}
+
+fn not_gltf(file: &Path, fault: String) -> GltfError {
+    GltfError::NotGltf {
+        file: file.to_owned(),
+        fault,
+    }
+}
+
+/// The JSON chunk and the binary chunk of a `.glb` (glTF 2.0, section 4.4).
+fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
+    const HEADER: usize = 12;
+    const CHUNK_HEADER: usize = 8;
+    const JSON: u32 = u32::from_le_bytes(*b"JSON");
+    const BIN: u32 = u32::from_le_bytes(*b"BIN\0");
+    let Some((map, start)) = whole.mapped() else {
+        return Err("it is not mapped".into());
+    };
+    let word = |at: usize| -> Option<u32> {
+        let bytes = whole.get(at..at.checked_add(4)?)?;
+        Some(u32::from_le_bytes(bytes.try_into().ok()?))
+    };
+    let (Some(version), Some(length)) = (word(4), word(8)) else {
+        return Err("it ends within its header".into());
+    };
+    if version != 2 {
+        return Err(format!("its container has version {version}, not 2"));
+    }
+    let end = length as usize;
+    if end > whole.len() {
+        return Err(format!(
+            "it is cut off: {} bytes of {length} are there",
+            whole.len()
+        ));
+    }
+    let mut chunks = Vec::new();
+    let mut at = HEADER;
+    while at + CHUNK_HEADER <= end {
+        let (Some(size), Some(kind)) = (word(at), word(at + 4)) else {
+            break;
+        };
+        let content = at + CHUNK_HEADER;
+        let Some(next) = content.checked_add(size as usize).filter(|&next| next <= end) else {
+            return Err(format!("chunk {} reaches past the end", chunks.len()));
+        };
+        let range = start + content..start + next;
+        chunks.push((
+            kind,
+            Bytes::Mapped {
+                map: map.clone(),
+                range,
+            },
+        ));
+        at = next;
+    }
+    let mut chunks = chunks.into_iter();
+    let Some((JSON, json)) = chunks.next() else {
+        return Err("its first chunk is not JSON".into());
+    };
+    let binary = chunks
+        .next()
+        .filter(|(kind, _)| *kind == BIN)
+        .map(|(_, bytes)| bytes);
+    Ok((json, binary))
+}
+
+/// Reads the JSON; where a part that is not used here is at fault, without that part.
+fn parse(json: &[u8]) -> Result<json::Root, String> {
+    const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+    let json = json.strip_prefix(BYTE_ORDER_MARK).unwrap_or(json);
+    let first = json.iter().find(|b| !b.is_ascii_whitespace());
+    if first != Some(&b'{') {
+        return Err("it starts neither with `glTF` nor with a JSON object".into());
+    }
+    json::Root::from_slice(json).or_else(|strict| parse_leniently(json).ok_or_else(|| strict.to_string()))
+}
+
+/// The image of a texture that names none, as those do whose image only an extension knows.
+pub(super) const NO_IMAGE: u32 = u32::MAX;
+
+/// A second attempt: unused parts are left out, whole numbers may be written with a point, and what has a sensible
+/// default gets it.
+fn parse_leniently(json: &[u8]) -> Option<json::Root> {
+    let mut root: Value = serde_json::from_slice(json).ok()?;
+    let object = root.as_object_mut()?;
+    for unused in ["animations", "skins", "extras"] {
+        object.remove(unused);
+    }
+    let defaults = [
+        ("scenes", "nodes", Value::Array(Vec::new())),
+        ("textures", "source", NO_IMAGE.into()),
+    ];
+    for (list, key, default) in defaults {
+        let items = object.get_mut(list).and_then(Value::as_array_mut);
+        for item in items.into_iter().flatten().filter_map(Value::as_object_mut) {
+            item.entry(key).or_insert_with(|| default.clone());
+        }
+    }
+    write_whole_numbers_plainly(&mut root);
+    // Through text again, because the `gltf` crate's types hold raw JSON.
+    json::Root::from_slice(&serde_json::to_vec(&root).ok()?).ok()
+}
+
+/// Turns `3.0` into `3`, which JSON does not tell apart but the types do. The parser limits the depth.
+fn write_whole_numbers_plainly(value: &mut Value) {
+    const EXACT: f64 = 9_007_199_254_740_992.0;
+    match value {
+        Value::Number(number) => {
+            let whole = number.as_f64().filter(|x| x.fract() == 0.0 && x.abs() < EXACT);
+            if let Some(x) = whole.filter(|_| number.is_f64()) {
+                *value = Value::from(x as i64);
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(write_whole_numbers_plainly),
+        Value::Object(object) => object.values_mut().for_each(write_whole_numbers_plainly),
+        _ => {}
+    }
+}
+
+/// A document for tests from its JSON, as if read from `test.gltf`.
+#[cfg(test)]
+pub(super) fn of_json(root: &Value) -> Document {
+    let root = parse(root.to_string().as_bytes()).unwrap();
+    Document {
+        file: "test.gltf".into(),
+        buffers: root.buffers.iter().map(|_| OnceLock::new()).collect(),
+        root,
+        binary_chunk: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_broken_part_that_is_not_used_does_not_spoil_the_file() {
+        let json = br#"{"asset": {"version": "2.0"}, "animations": 7, "scenes": [{}],
+            "textures": [{}], "buffers": [{"byteLength": 12.0}]}"#;
+        let root = parse(json).unwrap();
+        assert_eq!(root.buffers[0].byte_length.0, 12);
+        assert_eq!(root.textures[0].source.value(), NO_IMAGE as usize);
+        assert!(root.scenes[0].nodes.is_empty());
+    }
+
+    #[test]
+    fn json_that_is_nested_without_end_is_refused() {
+        let json = format!("{{\"asset\": {}", "[".repeat(1_000_000));
+        assert!(parse(json.as_bytes()).is_err());
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_skipped() {
+        assert!(parse(b"\xef\xbb\xbf {\"asset\": {\"version\": \"2.0\"}}").is_ok());
+    }
+}

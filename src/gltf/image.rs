@@ -1,0 +1,134 @@
+//! Decoding the images that the scene uses, in parallel and within a budget.
+
+use std::io::Cursor;
+
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use rayon::prelude::*;
+
+use super::buffer::Bytes;
+use super::document::Document;
+use super::{GltfError, LoadOptions};
+use crate::scene::Image;
+
+impl Document {
+    /// Decodes the images with these numbers.
+    pub(super) fn decode_images(
+        &self,
+        numbers: &[usize],
+        options: &LoadOptions,
+    ) -> Result<Vec<Image>, GltfError> {
+        // Sizes first: nothing is decoded before it is known that all of it fits.
+        let sources: Vec<ImageBytes> = numbers
+            .iter()
+            .map(|&number| self.image_bytes(number))
+            .collect::<Result<_, _>>()?;
+        let mut total = 0u64;
+        for (&number, source) in numbers.iter().zip(&sources) {
+            let (width, height) = self.image_size(number, source)?;
+            let texel_count = u64::from(width) * u64::from(height);
+            total += texel_count;
+            if texel_count == 0 || total > options.max_texels {
+                let fault = format!(
+                    "is {width} x {height}; with it the images have {total} texels of {} allowed",
+                    options.max_texels
+                );
+                return Err(self.fault(self.image_item(number), fault, "make the image smaller"));
+            }
+        }
+        numbers
+            .par_iter()
+            .zip(&sources)
+            .map(|(&number, source)| self.decode_image(number, source))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .collect()
+    }
+
+    fn decode_image(&self, number: usize, source: &ImageBytes) -> Result<Image, GltfError> {
+        let decoded = self.image_decoder(number, source).and_then(|decoder| {
+            DynamicImage::from_decoder(decoder).map_err(|e| self.bad_image(number, &e))
+        })?;
+        let texels = decoded.into_rgba8();
+        let (width, height) = texels.dimensions();
+        Ok(Image {
+            name: self.image_name(number),
+            width,
+            height,
+            texels: bytemuck::allocation::try_cast_vec(texels.into_raw()).unwrap_or_else(|(_, bytes)| {
+                bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect()
+            }),
+        })
+    }
+
+    fn image_size(&self, number: usize, source: &ImageBytes) -> Result<(u32, u32), GltfError> {
+        Ok(self.image_decoder(number, source)?.dimensions())
+    }
+
+    fn image_decoder<'b>(
+        &self,
+        number: usize,
+        source: &'b ImageBytes,
+    ) -> Result<impl ImageDecoder + use<'b>, GltfError> {
+        let bytes: &'b [u8] = source.as_slice();
+        let mut reader = ImageReader::new(Cursor::new(bytes))
+            .with_guessed_format()
+            .map_err(|e| self.bad_image(number, &e))?;
+        // The budget of texels is ours; what the decoder itself allocates must still have an end.
+        let mut limits = Limits::no_limits();
+        limits.max_alloc = Some(MOST_DECODER_BYTES);
+        reader.limits(limits);
+        reader.into_decoder().map_err(|e| self.bad_image(number, &e))
+    }
+
+    fn image_bytes(&self, number: usize) -> Result<ImageBytes<'_>, GltfError> {
+        let source = &self.root.images[number];
+        match (&source.uri, source.buffer_view) {
+            (Some(uri), _) => Ok(ImageBytes::Own(self.resolve(uri, &self.image_item(number))?)),
+            (None, Some(view)) => Ok(ImageBytes::Shared(self.view(view.value())?.bytes)),
+            (None, None) => {
+                let fault = "has neither a URI nor a buffer view";
+                Err(self.fault(self.image_item(number), fault, super::error::EXPORT_AGAIN))
+            }
+        }
+    }
+
+    fn image_item(&self, number: usize) -> String {
+        let name = self.image_name(number);
+        if name == format!("image {number}") {
+            name
+        } else {
+            format!("image {number} `{name}`")
+        }
+    }
+
+    fn image_name(&self, number: usize) -> String {
+        let source = &self.root.images[number];
+        let uri = source.uri.as_deref().filter(|uri| !uri.starts_with("data:"));
+        let name = source.name.as_deref().filter(|name| !name.is_empty());
+        name.or(uri)
+            .map_or_else(|| format!("image {number}"), str::to_owned)
+    }
+
+    fn bad_image(&self, number: usize, error: &dyn std::fmt::Display) -> GltfError {
+        let fault = format!("cannot be decoded ({error})");
+        self.fault(self.image_item(number), fault, "save it as PNG or JPEG")
+    }
+}
+
+/// The most a decoder may allocate for one image: 8 bytes a texel of the largest image allowed by default.
+const MOST_DECODER_BYTES: u64 = 8 * LoadOptions::DEFAULT_MAX_TEXELS;
+
+/// An encoded image.
+enum ImageBytes<'a> {
+    Own(Bytes),
+    Shared(&'a [u8]),
+}
+
+impl ImageBytes<'_> {
+    fn as_slice(&self) -> &[u8] {
+        match self {
+            ImageBytes::Own(bytes) => bytes,
+            ImageBytes::Shared(bytes) => bytes,
+        }
+    }
+}

@@ -1,0 +1,325 @@
+//! From a glTF primitive to a triangle mesh.
+
+use gltf::json;
+use json::mesh::{Mode, Semantic};
+use json::validation::Checked;
+use rayon::prelude::*;
+
+use super::GltfError;
+use super::document::Document;
+use super::error::EXPORT_AGAIN;
+use crate::mesh::{Mesh, Slab};
+use crate::numeric::Bounds;
+use crate::scene::survey::{self, Dropped};
+
+/// A primitive made ready: a mesh without bad indices or unusable triangles, perhaps an empty one.
+pub(super) struct ReadPrimitive {
+    pub(super) mesh: Mesh,
+    pub(super) bounds: Bounds,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Which primitive of which mesh of the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) struct PrimitiveId {
+    pub(super) mesh: usize,
+    pub(super) primitive: usize,
+}
+
+impl Document {
+    /// Reads one primitive in its object space.
+    pub(super) fn read_primitive(&self, id: PrimitiveId) -> Result<ReadPrimitive, GltfError> {
+        Reader {
+            document: self,
+            id,
+            warnings: Vec::new(),
+        }
+        .read()
+    }
+
+    /// What messages call a primitive.
+    pub(super) fn primitive_item(&self, id: PrimitiveId) -> String {
+        let mesh = &self.root.meshes[id.mesh];
+        let name = match &mesh.name {
+            Some(name) if !name.is_empty() => format!("mesh {} `{name}`", id.mesh),
+            _ => format!("mesh {}", id.mesh),
+        };
+        if mesh.primitives.len() > 1 {
+            format!("{name} primitive {}", id.primitive)
+        } else {
+            name
+        }
+    }
+
+    pub(super) fn primitive(&self, id: PrimitiveId) -> &json::mesh::Primitive {
+        &self.root.meshes[id.mesh].primitives[id.primitive]
+    }
+}
+
+struct Reader<'a> {
+    document: &'a Document,
+    id: PrimitiveId,
+    warnings: Vec<String>,
+}
+
+impl Reader<'_> {
+    fn read(mut self) -> Result<ReadPrimitive, GltfError> {
+        let mut mesh = Mesh::default();
+        let primitive = self.document.primitive(self.id);
+        let Checked::Valid(mode) = primitive.mode else {
+            return Err(self.fault("has a mode that glTF does not have".into()));
+        };
+        let is_triangles = matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan);
+        match self.attribute(Semantic::Positions) {
+            None => self.warn("has no positions and was skipped"),
+            Some(_) if !is_triangles => self.warn("is made of points or lines and was skipped"),
+            Some(accessor) => mesh.positions = self.document.accessor(accessor)?.vectors()?,
+        }
+        if mesh.positions.is_empty() {
+            return Ok(self.finish(mesh, Bounds::EMPTY));
+        }
+        if primitive
+            .targets
+            .as_ref()
+            .is_some_and(|targets| !targets.is_empty())
+        {
+            self.warn("has morph targets, which were ignored: shown as without them");
+        }
+        mesh.triangles = self.triangles(mode, mesh.positions.len())?;
+        let bounds = self.sift(&mut mesh)?;
+        self.read_attributes(&mut mesh)?;
+        Ok(self.finish(mesh, bounds))
+    }
+
+    fn finish(self, mesh: Mesh, bounds: Bounds) -> ReadPrimitive {
+        ReadPrimitive {
+            mesh,
+            bounds,
+            warnings: self.warnings,
+        }
+    }
+
+    fn triangles(&mut self, mode: Mode, vertex_count: usize) -> Result<Slab<[u32; 3]>, GltfError> {
+        let count_fault = |count: usize| match mode {
+            Mode::Triangles => !count.is_multiple_of(3),
+            _ => count < 3,
+        };
+        let indices = self.document.primitive(self.id).indices;
+        let Some(indices) = indices else {
+            let Ok(count) = u32::try_from(vertex_count) else {
+                return Err(self.fault("has more than 2^32 vertices".into()));
+            };
+            if count_fault(vertex_count) {
+                self.warn("has vertices left over that make no triangle");
+            }
+            return Ok(assemble(mode, vertex_count, |i| i as u32 % count));
+        };
+        let accessor = self.document.accessor(indices.value())?;
+        if count_fault(accessor.count()) {
+            self.warn("has indices left over that make no triangle");
+        }
+        if let Some(triangles) = accessor.mapped_triangles().filter(|_| mode == Mode::Triangles) {
+            return Ok(triangles);
+        }
+        let indices = accessor.indices()?;
+        Ok(assemble(mode, indices.len(), |i| indices[i]))
+    }
+
+    /// Checks the indices and drops what cannot be hit. A mesh that is in order stays mapped.
+    fn sift(&mut self, mesh: &mut Mesh) -> Result<Bounds, GltfError> {
+        let found = survey::survey(mesh).map_err(|bad| {
+            let count = mesh.positions.len();
+            self.fault(format!(
+                "has in triangle {} the index {}, but {count} vertices",
+                bad.triangle, bad.vertex
+            ))
+        })?;
+        if found.unusable > 0 {
+            let dropped = survey::drop_unusable(mesh);
+            self.warn(&dropped_sentence(dropped));
+        }
+        survey::clear_non_finite_positions(mesh);
+        Ok(found.bounds)
+    }
+
+    fn read_attributes(&mut self, mesh: &mut Mesh) -> Result<(), GltfError> {
+        if mesh.triangles.is_empty() {
+            return Ok(());
+        }
+        let vertex_count = mesh.positions.len();
+        if let Some(accessor) = self.attribute(Semantic::Normals) {
+            let normals = self.vectors::<3>(accessor, vertex_count, "normals")?;
+            mesh.normals = self.unit_normals(normals, &mesh.triangles);
+        }
+        if let Some(accessor) = self.attribute(Semantic::Colors(0)) {
+            mesh.colors = Some(self.colors(accessor, vertex_count)?);
+        }
+        let material = self.document.primitive(self.id).material.map(|m| m.value());
+        for set in self.document.texture_coordinate_sets(material)? {
+            // Sets are few: more than any exporter writes would only waste memory on empty arrays.
+            const MOST_SETS: u32 = 64;
+            let Some(accessor) = self
+                .attribute(Semantic::TexCoords(set))
+                .filter(|_| set < MOST_SETS)
+            else {
+                continue;
+            };
+            let values = self.vectors::<2>(accessor, vertex_count, "texture coordinates")?;
+            mesh.tex_coords
+                .resize_with(mesh.tex_coords.len().max(set as usize + 1), Slab::default);
+            mesh.tex_coords[set as usize] = self.finite(values, "texture coordinates");
+        }
+        Ok(())
+    }
+
+    fn colors(&mut self, accessor: usize, vertex_count: usize) -> Result<Slab<[f32; 4]>, GltfError> {
+        let is_rgb = self
+            .document
+            .root
+            .accessors
+            .get(accessor)
+            .is_some_and(|a| matches!(a.type_, Checked::Valid(json::accessor::Type::Vec3)));
+        if !is_rgb {
+            let colors = self.vectors::<4>(accessor, vertex_count, "colours")?;
+            return Ok(self.finite(colors, "colours"));
+        }
+        let colors = self.vectors::<3>(accessor, vertex_count, "colours")?;
+        let colors = self.finite(colors, "colours");
+        let opaque = |&[r, g, b]: &[f32; 3]| [r, g, b, 1.0];
+        Ok(Slab::from(colors.par_iter().map(opaque).collect::<Vec<_>>()))
+    }
+
+    /// An attribute with one value a vertex.
+    fn vectors<const N: usize>(
+        &self,
+        accessor: usize,
+        vertex_count: usize,
+        what: &str,
+    ) -> Result<Slab<[f32; N]>, GltfError>
+    where
+        [f32; N]: bytemuck::Pod,
+    {
+        let accessor = self.document.accessor(accessor)?;
+        if accessor.count() != vertex_count {
+            let fault = format!("has {} {what} for {vertex_count} vertices", accessor.count());
+            return Err(self.fault(fault));
+        }
+        accessor.vectors()
+    }
+
+    /// The values with zero for what is not finite.
+    fn finite<const N: usize>(&mut self, values: Slab<[f32; N]>, what: &str) -> Slab<[f32; N]>
+    where
+        [f32; N]: bytemuck::Pod,
+    {
+        if survey::all_finite(bytemuck::cast_slice(&values)) {
+            return values;
+        }
+        self.warn(&format!("has {what} that are not finite: taken as zero"));
+        let clear = |v: &[f32; N]| v.map(|x| if x.is_finite() { x } else { 0.0 });
+        Slab::from(values.iter().map(clear).collect::<Vec<_>>())
+    }
+
+    /// Normals of unit length; `None`, for flat shading, where a triangle uses one without a direction.
+    fn unit_normals(&mut self, normals: Slab<[f32; 3]>, triangles: &[[u32; 3]]) -> Option<Slab<[f32; 3]>> {
+        // Interpolation normalises again, so the rounding of 8-bit normals may stay.
+        const TOLERANCE: f32 = 1.0 / 64.0;
+        let square = |n: &[f32; 3]| n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
+        let is_unit = |n: &[f32; 3]| (square(n) - 1.0).abs() <= TOLERANCE;
+        if normals.par_iter().with_min_len(1 << 14).all(is_unit) {
+            return Some(normals);
+        }
+        let unit: Vec<[f32; 3]> = normals
+            .par_iter()
+            .map(|&n| {
+                glam::DVec3::from_array(n.map(f64::from))
+                    .normalize_or_zero()
+                    .as_vec3()
+                    .to_array()
+            })
+            .collect();
+        let is_bad = |v: &u32| unit[*v as usize] == [0.0; 3];
+        if triangles.iter().flatten().any(is_bad) {
+            self.warn("has normals without a direction: shaded flat");
+            return None;
+        }
+        Some(Slab::from(unit))
+    }
+
+    fn attribute(&self, semantic: Semantic) -> Option<usize> {
+        let attributes = &self.document.primitive(self.id).attributes;
+        attributes
+            .get(&Checked::Valid(semantic))
+            .map(|index| index.value())
+    }
+
+    fn warn(&mut self, what: &str) {
+        self.warnings
+            .push(format!("{} {what}", self.document.primitive_item(self.id)));
+    }
+
+    fn fault(&self, fault: String) -> GltfError {
+        self.document
+            .fault(self.document.primitive_item(self.id), fault, EXPORT_AGAIN)
+    }
+}
+
+/// What was dropped, as the end of a sentence.
+pub(super) fn dropped_sentence(dropped: Dropped) -> String {
+    let count = |n: usize, of: &str| {
+        let s = if n == 1 { "" } else { "s" };
+        (n > 0).then(|| format!("{n} triangle{s} {of}"))
+    };
+    let parts = [
+        count(dropped.no_area, "without an area"),
+        count(dropped.not_finite, "with vertices that are not finite"),
+    ];
+    let parts: Vec<String> = parts.into_iter().flatten().collect();
+    format!("had {}: dropped", parts.join(" and "))
+}
+
+/// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1).
+fn assemble(mode: Mode, index_count: usize, index: impl Fn(usize) -> u32 + Sync) -> Slab<[u32; 3]> {
+    let count = match mode {
+        Mode::Triangles => index_count / 3,
+        _ => index_count.saturating_sub(2),
+    };
+    let corners = |i: usize| match mode {
+        Mode::TriangleStrip => [i, i + 1 + i % 2, i + 2 - i % 2],
+        Mode::TriangleFan => [i + 1, i + 2, 0],
+        _ => [3 * i, 3 * i + 1, 3 * i + 2],
+    };
+    let triangles: Vec<[u32; 3]> = (0..count)
+        .into_par_iter()
+        .map(|i| corners(i).map(&index))
+        .collect();
+    Slab::from(triangles)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_and_fans_keep_the_winding() {
+        let identity = |i: usize| i as u32;
+        let strip = assemble(Mode::TriangleStrip, 5, identity);
+        assert_eq!(strip[..], [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
+        let fan = assemble(Mode::TriangleFan, 5, identity);
+        assert_eq!(fan[..], [[1, 2, 0], [2, 3, 0], [3, 4, 0]]);
+        assert_eq!(assemble(Mode::Triangles, 7, identity)[..], [[0, 1, 2], [3, 4, 5]]);
+        assert!(assemble(Mode::TriangleFan, 1, identity).is_empty());
+    }
+
+    #[test]
+    fn what_was_dropped_is_said_in_words() {
+        let dropped = Dropped {
+            no_area: 1,
+            not_finite: 2,
+        };
+        assert_eq!(
+            dropped_sentence(dropped),
+            "had 1 triangle without an area and 2 triangles with vertices that are not finite: dropped"
+        );
+    }
+}

@@ -1,0 +1,260 @@
+//! Cameras and lights: those of the file, and the ones that stand in where it has none.
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+
+use glam::{DAffine3, DMat3, DVec3};
+use gltf::json;
+use json::extensions::scene::khr_lights_punctual;
+use json::validation::Checked;
+
+use super::GltfError;
+use super::document::Document;
+use super::node::PlacedNode;
+use crate::numeric::Bounds;
+use crate::scene::{Camera, Light, LightKind, Projection};
+
+/// Radiance of the surroundings where the default light is used.
+pub(super) const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
+/// Where the default camera stands, seen from the scene's middle: in front, slightly to the right and above.
+const DEFAULT_SIDE: DVec3 = DVec3::new(0.5, 0.35, 1.0);
+/// The default camera's distance is this many times that at which the bounds would touch the picture's edge.
+const MARGIN: f64 = 1.05;
+/// From surfaces to the default light, in the camera's space: behind its left shoulder.
+const LEFT_SHOULDER: DVec3 = DVec3::new(-0.5, 0.8, 1.0);
+
+/// The camera that frames `bounds`: 45 degrees high, from the front, slightly right and above, at the distance where
+/// the box just fits a square picture, with a margin of a twentieth.
+pub(super) fn framing_camera(bounds: &Bounds) -> Camera {
+    let back = DEFAULT_SIDE.normalize();
+    let axes = axes_looking_along(-back, DVec3::Y);
+    let center = bounds.center();
+    let slope = (0.5 * FRAC_PI_4).tan();
+    let mut distance = 0.0f64;
+    for corner in 0..8 {
+        let pick = |axis: usize| {
+            if corner >> axis & 1 == 0 {
+                bounds.min[axis]
+            } else {
+                bounds.max[axis]
+            }
+        };
+        let p = axes.transpose() * (DVec3::new(pick(0), pick(1), pick(2)) - center);
+        // The corner is seen while max(|x|, |y|) <= (distance - z) * slope.
+        distance = distance.max(p.z + p.x.abs().max(p.y.abs()) / slope);
+    }
+    Camera {
+        name: "framing".into(),
+        world_from_camera: DAffine3::from_mat3_translation(axes, center + back * distance * MARGIN),
+        projection: Projection::Perspective {
+            y_fov: FRAC_PI_4,
+            aspect: None,
+        },
+        z_near: 0.0,
+        z_far: f64::INFINITY,
+    }
+}
+
+/// White sunlight from behind the camera's left shoulder, of π lux: a white Lambertian surface that faces it has
+/// radiance 1.
+pub(super) fn default_light(camera: &Camera) -> Light {
+    Light {
+        name: "default".into(),
+        intensity: [PI as f32; 3],
+        kind: LightKind::Directional {
+            to_light: (camera.world_from_camera.matrix3 * LEFT_SHOULDER).normalize(),
+        },
+    }
+}
+
+impl Document {
+    /// The camera at a node, if it has one. One that makes no sense is skipped with a warning.
+    pub(super) fn camera_at(
+        &self,
+        node: &PlacedNode,
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<Camera>, GltfError> {
+        let Some(number) = self.root.nodes[node.number].camera.map(|c| c.value()) else {
+            return Ok(None);
+        };
+        let cameras = &self.root.cameras;
+        let Some(source) = cameras.get(number) else {
+            return Err(self.missing("camera", number, cameras.len()));
+        };
+        let lens = lens(source);
+        let place = rigid(&node.world_from_node);
+        let (Some((projection, z_near, z_far)), Some(world_from_camera)) = (lens, place) else {
+            warnings.push(format!("camera {number} makes no sense and was skipped"));
+            return Ok(None);
+        };
+        let name = source.name.as_deref().filter(|name| !name.is_empty());
+        Ok(Some(Camera {
+            name: name.map_or_else(|| self.node_name(node.number), str::to_owned),
+            world_from_camera,
+            projection,
+            z_near,
+            z_far,
+        }))
+    }
+
+    /// The light at a node, if it has one. One that makes no sense is skipped with a warning.
+    pub(super) fn light_at(
+        &self,
+        node: &PlacedNode,
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<Light>, GltfError> {
+        let extensions = self.root.nodes[node.number].extensions.as_ref();
+        let Some(reference) = extensions.and_then(|e| e.khr_lights_punctual.as_ref()) else {
+            return Ok(None);
+        };
+        let number = reference.light.value();
+        let lights = self
+            .root
+            .extensions
+            .as_ref()
+            .and_then(|e| e.khr_lights_punctual.as_ref());
+        let lights = lights.map_or(&[][..], |l| &l.lights);
+        let Some(source) = lights.get(number) else {
+            return Err(self.missing("light", number, lights.len()));
+        };
+        let intensity = source.color.map(|c| c * source.intensity);
+        let is_sound = intensity.iter().all(|x| (0.0..f32::INFINITY).contains(x));
+        let kind = shine(source, &node.world_from_node).filter(|_| is_sound);
+        let Some(kind) = kind else {
+            warnings.push(format!("light {number} makes no sense and was skipped"));
+            return Ok(None);
+        };
+        let name = source.name.as_deref().filter(|name| !name.is_empty());
+        Ok(Some(Light {
+            name: name.map_or_else(|| self.node_name(node.number), str::to_owned),
+            intensity,
+            kind,
+        }))
+    }
+}
+
+/// Projection, near and far plane, if they make sense.
+fn lens(source: &json::Camera) -> Option<(Projection, f64, f64)> {
+    let is_size = |x: &f64| *x > 0.0 && *x < f64::INFINITY;
+    let size = |x: f32| Some(f64::from(x)).filter(is_size);
+    let (projection, z_near, z_far) = match source.type_ {
+        Checked::Valid(json::camera::Type::Perspective) => {
+            let lens = source.perspective.as_ref()?;
+            let projection = Projection::Perspective {
+                y_fov: size(lens.yfov).filter(|&y_fov| y_fov < PI)?,
+                aspect: lens.aspect_ratio.and_then(size),
+            };
+            (
+                projection,
+                f64::from(lens.znear),
+                lens.zfar.map_or(f64::INFINITY, f64::from),
+            )
+        }
+        Checked::Valid(json::camera::Type::Orthographic) => {
+            let lens = source.orthographic.as_ref()?;
+            let projection = Projection::Orthographic {
+                y_mag: size(lens.ymag)?,
+                x_mag: Some(size(lens.xmag)?),
+            };
+            (projection, f64::from(lens.znear), f64::from(lens.zfar))
+        }
+        Checked::Invalid => return None,
+    };
+    let is_sound = (0.0..f64::INFINITY).contains(&z_near) && z_far > z_near;
+    is_sound.then_some((projection, z_near, z_far))
+}
+
+/// How a light shines from its node: along -z, unscaled.
+fn shine(source: &khr_lights_punctual::Light, world_from_node: &DAffine3) -> Option<LightKind> {
+    let position = Some(world_from_node.translation).filter(|p| p.is_finite())?;
+    let forward = || world_from_node.matrix3.z_axis.try_normalize().map(|back| -back);
+    // A range that makes no sense is none.
+    let range = source
+        .range
+        .map(f64::from)
+        .filter(|&r| r > 0.0 && r < f64::INFINITY);
+    match source.type_ {
+        Checked::Valid(khr_lights_punctual::Type::Directional) => Some(LightKind::Directional {
+            to_light: -forward()?,
+        }),
+        Checked::Valid(khr_lights_punctual::Type::Point) => Some(LightKind::Point { position, range }),
+        Checked::Valid(khr_lights_punctual::Type::Spot) => {
+            let cone = source.spot.as_ref();
+            let inner = cone.map_or(0.0, |c| f64::from(c.inner_cone_angle));
+            let outer = cone.map_or(FRAC_PI_4, |c| f64::from(c.outer_cone_angle));
+            // Exporters round π/2 up to f32.
+            let outer = outer.min(FRAC_PI_2);
+            let (cos_inner, cos_outer) = (inner.cos(), outer.cos());
+            let is_sound = 0.0 <= inner && inner < outer && cos_outer < cos_inner;
+            is_sound.then_some(LightKind::Spot {
+                position,
+                direction: forward()?,
+                cos_inner,
+                cos_outer,
+                range,
+            })
+        }
+        Checked::Invalid => None,
+    }
+}
+
+/// The map without its scale, shear and mirroring: the view axis keeps its direction, up is made orthogonal to it.
+fn rigid(map: &DAffine3) -> Option<DAffine3> {
+    let back = map.matrix3.z_axis.try_normalize()?;
+    let up = map.matrix3.y_axis.try_normalize()?;
+    let up = (up - up.dot(back) * back).try_normalize()?;
+    let translation = Some(map.translation).filter(|t| t.is_finite())?;
+    let axes = DMat3::from_cols(up.cross(back), up, back);
+    Some(DAffine3::from_mat3_translation(axes, translation))
+}
+
+/// Axes of a camera that looks along the unit vector `forward`, which is not parallel to `up`.
+fn axes_looking_along(forward: DVec3, up: DVec3) -> DMat3 {
+    let right = forward.cross(up).normalize();
+    DMat3::from_cols(right, right.cross(forward), -forward)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_framed_box_fits_a_square_picture_and_nearly_touches_its_edge() {
+        for (low, high) in [
+            (DVec3::ZERO, DVec3::ONE),
+            (DVec3::new(-5.0, 0.0, -1.0), DVec3::new(50.0, 0.0, 1.0)),
+            (DVec3::splat(1e-9), DVec3::new(1e-6, 3e-6, 2e-6)),
+        ] {
+            let bounds = Bounds { min: low, max: high };
+            let camera = framing_camera(&bounds);
+            let slope = (0.5 * FRAC_PI_4).tan();
+            let mut largest = 0.0f64;
+            for corner in 0..8 {
+                let t = DVec3::new(
+                    (corner & 1) as f64,
+                    (corner >> 1 & 1) as f64,
+                    (corner >> 2) as f64,
+                );
+                let p = camera
+                    .world_from_camera
+                    .inverse()
+                    .transform_point3(low + t * (high - low));
+                assert!(p.z < 0.0);
+                largest = largest.max(p.x.abs().max(p.y.abs()) / (-p.z * slope));
+            }
+            assert!((0.9..1.0).contains(&largest), "{largest}");
+        }
+    }
+
+    #[test]
+    fn a_scaled_and_mirrored_camera_node_gives_an_orthonormal_camera() {
+        let turn = DAffine3::from_rotation_y(0.5);
+        let map = turn * DAffine3::from_scale(DVec3::new(-3.0, 2.0, 0.1));
+        let axes = rigid(&map).unwrap().matrix3;
+        assert!(
+            (axes - turn.matrix3)
+                .to_cols_array()
+                .iter()
+                .all(|x| x.abs() < 1e-15)
+        );
+    }
+}

@@ -1,0 +1,160 @@
+//! Linear radiance -> 8-bit sRGB: exposure, the exact curve, rounding to the nearest code.
+//!
+//! The curve of IEC 61966-2-1 is turned round: a code is a count of the 255 radiances at which the rounded curve
+//! steps, so that no power is taken per pixel and the result is exact. The float's own exponent and leading mantissa
+//! bits index a table that starts the count at most two steps short.
+
+use std::sync::LazyLock;
+
+use rayon::prelude::*;
+
+use super::LinearImage;
+
+/// How radiance becomes what a screen shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ToneMap {
+    /// Stops of exposure: radiance is multiplied by 2 to this power; a radiance of 1 is then white.
+    pub exposure_ev: f32,
+}
+
+impl ToneMap {
+    /// The 8-bit sRGB pixels of `image`, three bytes each, top row first.
+    ///
+    /// Radiance above 1 is white, below 0 and NaN black.
+    pub fn srgb_bytes(&self, image: &LinearImage) -> Vec<u8> {
+        const CHUNK: usize = 1 << 14;
+        let gain = self.exposure_ev.exp2();
+        let curve = &*CURVE;
+        let mut bytes = vec![0; 3 * image.pixels.len()];
+        bytes
+            .par_chunks_mut(3 * CHUNK)
+            .zip(image.pixels.par_chunks(CHUNK))
+            .for_each(|(bytes, pixels)| {
+                for (byte, &value) in bytes.iter_mut().zip(pixels.as_flattened()) {
+                    *byte = curve.code(value * gain);
+                }
+            });
+        bytes
+    }
+}
+
+/// The radiance of an sRGB value in [0, 1] (IEC 61966-2-1).
+fn linear_from_srgb(encoded: f64) -> f64 {
+    if encoded <= 0.040_45 {
+        encoded / 12.92
+    } else {
+        ((encoded + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+/// Mantissa bits of the table's index: 2^-7 of a value is less than one code's width wherever codes are narrow.
+const MANTISSA_BITS: u32 = 7;
+const SHIFT: u32 = f32::MANTISSA_DIGITS - 1 - MANTISSA_BITS;
+/// The table starts at 2^-13, below the first step at 1/(2·255·12.92) = 2^-12.7.
+const FIRST_BITS: u32 = (127 - 13) << (f32::MANTISSA_DIGITS - 1);
+const LAST_BITS: u32 = 1f32.to_bits();
+
+/// The stepping radiances and where to begin counting them.
+struct Curve {
+    /// `steps[c]`: the least f32 whose code is more than `c`.
+    steps: [f32; 255],
+    start: Vec<u8>,
+}
+
+static CURVE: LazyLock<Curve> = LazyLock::new(|| {
+    let steps = std::array::from_fn(|code| {
+        let step = linear_from_srgb((code as f64 + 0.5) / 255.0);
+        let rounded = step as f32;
+        if f64::from(rounded) < step {
+            rounded.next_up()
+        } else {
+            rounded
+        }
+    });
+    let start = (FIRST_BITS >> SHIFT..=LAST_BITS >> SHIFT)
+        .map(|index| {
+            let low = f32::from_bits(index << SHIFT);
+            steps.partition_point(|&step| step <= low) as u8
+        })
+        .collect();
+    Curve { steps, start }
+});
+
+impl Curve {
+    /// The code of a radiance: how many steps are at or below it.
+    #[inline(always)]
+    fn code(&self, radiance: f32) -> u8 {
+        // Written so that a NaN is black.
+        if !(radiance >= self.steps[0]) {
+            return 0;
+        }
+        if radiance >= self.steps[254] {
+            return 255;
+        }
+        let mut code = self.start[((radiance.to_bits() - FIRST_BITS) >> SHIFT) as usize];
+        while radiance >= self.steps[code as usize] {
+            code += 1;
+        }
+        code
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The curve as the standard states it, and rounding.
+    fn code_by_the_book(radiance: f64) -> u8 {
+        let encoded = if radiance <= 0.003_130_8 {
+            12.92 * radiance
+        } else {
+            1.055 * radiance.powf(1.0 / 2.4) - 0.055
+        };
+        (255.0 * encoded.clamp(0.0, 1.0)).round() as u8
+    }
+
+    #[test]
+    fn every_radiance_gets_the_code_of_the_standards_curve() {
+        // The standard's two pieces meet within 1e-7 only, far less than the half code that separates steps: no
+        // tolerance is needed at points which are not themselves steps.
+        let curve = &*CURVE;
+        for bits in (1e-6f32.to_bits()..2f32.to_bits()).step_by(97) {
+            let radiance = f32::from_bits(bits);
+            assert_eq!(
+                curve.code(radiance),
+                code_by_the_book(f64::from(radiance)),
+                "radiance {radiance}"
+            );
+        }
+    }
+
+    #[test]
+    fn codes_step_exactly_at_their_thresholds() {
+        let curve = &*CURVE;
+        for (code, &step) in curve.steps.iter().enumerate() {
+            assert_eq!(usize::from(curve.code(step.next_down())), code);
+            assert_eq!(usize::from(curve.code(step)), code + 1);
+        }
+    }
+
+    #[test]
+    fn what_is_no_brightness_is_black_and_what_is_too_bright_white() {
+        let curve = &*CURVE;
+        let dark = [f32::NAN, -f32::NAN, -1.0, f32::NEG_INFINITY, -0.0, 1e-40];
+        assert_eq!(dark.map(|r| curve.code(r)), [0; 6]);
+        assert_eq!([1.0, 7.0, f32::INFINITY].map(|r| curve.code(r)), [255; 3]);
+    }
+
+    #[test]
+    fn one_stop_doubles_the_radiance() {
+        let image = |radiance| LinearImage {
+            width: 1,
+            height: 1,
+            pixels: vec![[radiance, 2.0 * radiance, 0.0]],
+        };
+        let brighter = ToneMap { exposure_ev: 1.0 }.srgb_bytes(&image(0.2));
+        assert_eq!(brighter, ToneMap::default().srgb_bytes(&image(0.4)));
+        // 0.4 -> 1.055 · 0.4^(1/2.4) - 0.055 = 0.66519 -> 169.6, 0.8 -> 0.90633 -> 231.1
+        assert_eq!(brighter, [170, 231, 0]);
+    }
+}

@@ -1,0 +1,91 @@
+//! Which samples there are and which sixteen of them make a packet.
+//!
+//! Samples are addressed by (pixel, sample), never drawn from a running stream, so a picture does not depend on who
+//! renders which tile when.
+
+use crate::numeric::LANES;
+
+/// Position of sample `sample` within its pixel, each coordinate in [0, 1); the first is the middle.
+///
+/// Roberts' R2 sequence: the plane's analogue of the golden ratio (M. Roberts, "The unreasonable effectiveness of
+/// quasirandom sequences", 2018). Any prefix of it is evenly spread.
+#[inline(always)]
+pub(super) fn sample_position(sample: u32) -> [f64; 2] {
+    const STEP: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
+    STEP.map(|step| (0.5 + f64::from(sample) * step).fract())
+}
+
+/// How a packet's lanes are spread over pixels and samples: `block * block` pixels of `LANES / block²` samples each.
+///
+/// Measured on a 2-million-triangle mesh: sixteen samples of one pixel run 1.3 to 2.2 times as fast a ray as one sample of
+/// sixteen pixels, because their rays visit nearly the same nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct PacketShape {
+    /// Pixels along each side.
+    pub(super) block: u32,
+    /// Samples a pixel in one packet.
+    pub(super) samples: u32,
+}
+
+impl PacketShape {
+    pub(super) fn for_samples(spp: u32) -> PacketShape {
+        let block = match spp {
+            0..4 => 4,
+            4..16 => 2,
+            _ => 1,
+        };
+        PacketShape {
+            block,
+            samples: LANES as u32 / (block * block),
+        }
+    }
+
+    /// Pixel offset within the block and sample offset within the packet of lane `lane`.
+    #[inline(always)]
+    pub(super) fn lane(&self, lane: u32) -> (u32, u32, u32) {
+        let pixel = lane / self.samples;
+        (pixel % self.block, pixel / self.block, lane % self.samples)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    #[test]
+    fn the_first_sample_is_the_middle_and_all_stay_inside() {
+        assert_eq!(sample_position(0), [0.5, 0.5]);
+        for sample in 0..100_000 {
+            assert!(sample_position(sample).iter().all(|x| (0.0..1.0).contains(x)));
+        }
+    }
+
+    #[test]
+    fn sixteen_samples_fall_into_sixteen_different_columns_and_rows_nearly() {
+        // A sequence of low discrepancy leaves no quarter of the pixel empty and none with half of the samples.
+        let mut quarters = [0; 4];
+        for sample in 0..16 {
+            let [x, y] = sample_position(sample);
+            quarters[(x * 2.0) as usize + 2 * (y * 2.0) as usize] += 1;
+        }
+        assert!(
+            quarters.iter().all(|&count| (2..8).contains(&count)),
+            "{quarters:?}"
+        );
+    }
+
+    #[test]
+    fn the_lanes_of_a_packet_cover_every_pixel_and_sample_once() {
+        for spp in [1, 3, 4, 15, 16, 100] {
+            let shape = PacketShape::for_samples(spp);
+            let lanes: HashSet<_> = (0..LANES as u32).map(|lane| shape.lane(lane)).collect();
+            assert_eq!(lanes.len(), LANES);
+            assert!(
+                lanes
+                    .iter()
+                    .all(|&(x, y, s)| x < shape.block && y < shape.block && s < shape.samples)
+            );
+        }
+    }
+}

@@ -1,0 +1,170 @@
+//! The lane arithmetic between hits and the next rays: surroundings, glow, feelers, mirror rays.
+//!
+//! Each function is compiled for several instruction sets and chosen at run time; none contracts a multiply and an add,
+//! so all give the same bits.
+
+use multiversion::multiversion;
+
+use super::surface::SurfacePacket;
+use crate::accel::{NO_HIT, RayPacket};
+use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::scene::{Light, LightKind};
+use crate::shading::{MaterialPacket, direct, illuminate, mirror};
+
+/// What a feeler to a light starts from.
+pub(super) struct Lit<'a> {
+    pub(super) surfaces: &'a SurfacePacket,
+    pub(super) materials: &'a MaterialPacket,
+    /// Weights of the rays that found the surfaces.
+    pub(super) weight: &'a Lanes3<f32>,
+    /// Where rays leave the surfaces.
+    pub(super) origins: &'a Lanes3<f32>,
+}
+
+/// The mirror rays of sixteen surfaces.
+pub(super) struct Mirrored {
+    /// Unit directions.
+    pub(super) direction: Lanes3<f32>,
+    /// Weights along the whole path, zero for surfaces that are no mirrors.
+    pub(super) weight: Lanes3<f32>,
+    /// Whether the ray leaves the surface rather than entering it, which an interpolated normal may ask for.
+    pub(super) leaves: Lanes<bool>,
+}
+
+/// What the lanes that hit nothing bring home.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn surroundings(packet: &RayPacket, weight: &Lanes3<f32>, ambient: [f32; 3]) -> Lanes3<f32> {
+    let mut share = [0.0; LANES];
+    for l in 0..LANES {
+        let missed = (packet.active[l] != 0) & (packet.instance[l] == NO_HIT);
+        share[l] = if missed { 1.0 } else { 0.0 };
+    }
+    let mut radiance = [[0.0; LANES]; 3];
+    for channel in 0..3 {
+        for l in 0..LANES {
+            radiance[channel][l] = weight[channel][l] * ambient[channel] * share[l];
+        }
+    }
+    radiance
+}
+
+/// What needs no light: emission and the ambient term where something was hit, the surroundings elsewhere.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn glow(
+    packet: &RayPacket,
+    surfaces: &SurfacePacket,
+    materials: &MaterialPacket,
+    weight: &Lanes3<f32>,
+    ambient: [f32; 3],
+) -> Lanes3<f32> {
+    let glow = materials.ambient(ambient);
+    let (mut share, mut hit) = ([0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        share[l] = if packet.active[l] != 0 { 1.0 } else { 0.0 };
+        hit[l] = if surfaces.hit[l] { 1.0 } else { 0.0 };
+    }
+    let mut radiance = [[0.0; LANES]; 3];
+    for channel in 0..3 {
+        for l in 0..LANES {
+            let seen = glow[channel][l] * hit[l] + ambient[channel] * (1.0 - hit[l]);
+            radiance[channel][l] = weight[channel][l] * seen * share[l];
+        }
+    }
+    radiance
+}
+
+/// Where rays leave the surfaces.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn spawn_origins(surfaces: &SurfacePacket) -> Lanes3<f32> {
+    let mut origins = [[0.0; LANES]; 3];
+    for l in 0..LANES {
+        let origin = surfaces.spawn_origin(l);
+        for axis in 0..3 {
+            origins[axis][l] = origin[axis];
+        }
+    }
+    origins
+}
+
+/// Makes the feelers to one light and the radiance that arrives where they meet nothing. Returns whether there is any.
+///
+/// A lane has no feeler where the light is behind the surface or nothing would be reflected.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
+    let surfaces = lit.surfaces;
+    let arriving = illuminate(light, &surfaces.p);
+    let reflected = direct(lit.materials, &surfaces.ns, &surfaces.wo, &arriving.wi);
+    let mut any = 0;
+    for l in 0..LANES {
+        let mut above = 0.0;
+        for axis in 0..3 {
+            above += surfaces.ng[axis][l] as f32 * arriving.wi[axis][l];
+        }
+        let reaches = surfaces.hit[l] & (above > 0.0);
+        let mut largest = 0.0f32;
+        for channel in 0..3 {
+            let arrived = light.intensity[channel] * arriving.attenuation[l];
+            let value = lit.weight[channel][l] * (reflected[channel][l] * arrived);
+            radiance[channel][l] = if reaches { value } else { 0.0 };
+            largest = largest.max(radiance[channel][l]);
+        }
+        let active = -i32::from(largest > 0.0);
+        feeler.active[l] = active;
+        any |= active;
+    }
+    feeler.origin = *lit.origins;
+    match light.kind {
+        LightKind::Directional { .. } => feeler.direction = arriving.wi,
+        LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
+            // The whole segment: the light is at t = 1 exactly, so nothing behind it can block.
+            for axis in 0..3 {
+                for l in 0..LANES {
+                    feeler.direction[axis][l] = (position[axis] - f64::from(feeler.origin[axis][l])) as f32;
+                }
+            }
+            feeler.t_far = [1.0; LANES];
+        }
+    }
+    any != 0
+}
+
+/// The mirror rays of the surfaces, with the weights that they would carry.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn reflection(
+    surfaces: &SurfacePacket,
+    materials: &MaterialPacket,
+    weight: &Lanes3<f32>,
+) -> Mirrored {
+    let (direction, mut reflectance) = mirror(materials, &surfaces.ns, &surfaces.wo);
+    let mut leaves = [false; LANES];
+    for l in 0..LANES {
+        let mut above = 0.0;
+        for axis in 0..3 {
+            above += surfaces.ng[axis][l] as f32 * direction[axis][l];
+        }
+        leaves[l] = above > 0.0;
+        for channel in 0..3 {
+            reflectance[channel][l] *= weight[channel][l];
+        }
+    }
+    Mirrored {
+        direction,
+        weight: reflectance,
+        leaves,
+    }
+}

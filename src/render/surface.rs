@@ -1,0 +1,439 @@
+//! From a hit to something to shade: point and normals in f64, from the primitive itself.
+//!
+//! Backends say which primitive was hit and where on it; everything else is computed here, the same way for all of
+//! them, so that they can only disagree about *which* hit. Sixteen lanes are gathered from the meshes and then worked
+//! on side by side.
+
+use glam::{DAffine3, DVec3};
+use multiversion::multiversion;
+
+use crate::accel::{NO_HIT, RayPacket};
+use crate::numeric::{LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_error};
+use crate::scene::{Geometry, Material, Scene, TextureUse};
+use crate::shading::{Encoding, MaterialPacket, sample};
+use crate::shape::Sphere;
+
+/// The scene, seen from its hits: one entry an instance.
+pub(super) struct SurfaceScene<'s> {
+    scene: &'s Scene,
+    views: Vec<InstanceView<'s>>,
+}
+
+struct InstanceView<'s> {
+    kind: Kind<'s>,
+    material: &'s Material,
+    /// Whether the material is the same at every point: no texture, no vertex colour.
+    uniform: bool,
+    /// `None` where object space is world space.
+    placement: Option<Placement<'s>>,
+}
+
+#[derive(Clone, Copy)]
+struct Placement<'s> {
+    world_from_object: &'s DAffine3,
+    object_from_world: &'s DAffine3,
+}
+
+enum Kind<'s> {
+    Mesh(MeshView<'s>),
+    Sphere(&'s Sphere),
+}
+
+/// The arrays of a mesh, resolved once: a `Slab` decides at every access whether it is mapped.
+struct MeshView<'s> {
+    positions: &'s [[f32; 3]],
+    triangles: &'s [[u32; 3]],
+    normals: Option<&'s [[f32; 3]]>,
+    tex_coords: Vec<&'s [[f32; 2]]>,
+    colors: Option<&'s [[f32; 4]]>,
+}
+
+/// Sixteen points to shade, in world space. Lanes without a hit hold harmless values.
+pub(super) struct SurfacePacket {
+    /// Lanes that have hit something.
+    pub(super) hit: Lanes<bool>,
+    /// The points.
+    pub(super) p: Lanes3<f64>,
+    /// Unit geometric normals on the side that the ray came from.
+    pub(super) ng: Lanes3<f64>,
+    /// Unit shading normals on that side.
+    pub(super) ns: Lanes3<f32>,
+    /// Unit vectors to where the ray came from.
+    pub(super) wo: Lanes3<f32>,
+    /// Bounds on the distance between `p` and the surface that a traversal sees, along `ng`.
+    error: Lanes<f64>,
+}
+
+/// Corners and corner normals of the hit triangles, as gathered.
+struct Gathered {
+    corners: [Lanes3<f32>; 3],
+    normals: [Lanes3<f32>; 3],
+    /// Lanes with corner normals; the others are flat.
+    smooth: Lanes<bool>,
+    /// Lanes that are not plain triangles in world space and are worked out one by one.
+    odd: bool,
+}
+
+impl<'s> SurfaceScene<'s> {
+    pub(super) fn new(scene: &'s Scene) -> SurfaceScene<'s> {
+        let views = scene.instances.iter().map(|instance| {
+            let material = &scene.materials[instance.material as usize];
+            let (kind, colored) = match &scene.geometries[instance.geometry as usize] {
+                Geometry::Mesh(mesh) => {
+                    let view = MeshView {
+                        positions: &mesh.positions,
+                        triangles: &mesh.triangles,
+                        normals: mesh.normals.as_deref(),
+                        tex_coords: mesh.tex_coords.iter().map(|set| &set[..]).collect(),
+                        colors: mesh.colors.as_deref(),
+                    };
+                    let colored = view.colors.is_some();
+                    (Kind::Mesh(view), colored)
+                }
+                Geometry::Sphere(sphere) => (Kind::Sphere(sphere), false),
+            };
+            InstanceView {
+                kind,
+                material,
+                uniform: !colored && !material.is_textured(),
+                placement: (!instance.is_identity()).then_some(Placement {
+                    world_from_object: &instance.world_from_object,
+                    object_from_world: &instance.object_from_world,
+                }),
+            }
+        });
+        SurfaceScene {
+            scene,
+            views: views.collect(),
+        }
+    }
+
+    /// Writes the surfaces that a traced packet has met.
+    #[inline(always)]
+    pub(super) fn surfaces(&self, packet: &RayPacket, surfaces: &mut SurfacePacket) {
+        let gathered = self.gather(packet);
+        triangle_surfaces(packet, &gathered, surfaces);
+        if gathered.odd {
+            self.place_odd_lanes(packet, &gathered, surfaces);
+        }
+    }
+
+    /// The materials at those surfaces.
+    #[inline(always)]
+    pub(super) fn materials(&self, packet: &RayPacket) -> MaterialPacket {
+        let mut materials = MaterialPacket::BLACK;
+        for l in 0..LANES {
+            if packet.active[l] == 0 || packet.instance[l] == NO_HIT {
+                continue;
+            }
+            let view = &self.views[packet.instance[l] as usize];
+            let [r, g, b, _] = view.material.base_color;
+            for (channel, value) in [r, g, b].into_iter().enumerate() {
+                materials.base_color[channel][l] = value;
+                materials.emission[channel][l] = view.material.emission[channel];
+            }
+            materials.metallic[l] = view.material.metallic;
+            materials.roughness[l] = view.material.roughness;
+            if !view.uniform {
+                self.vary(view, packet, l, &mut materials);
+            }
+        }
+        materials
+    }
+
+    /// Collects what the vector code needs from the meshes.
+    #[inline(always)]
+    fn gather(&self, packet: &RayPacket) -> Gathered {
+        let mut gathered = Gathered {
+            // A right triangle in the xy plane, for lanes without one of their own.
+            corners: [
+                [[0.0; LANES]; 3],
+                [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
+                [[0.0; LANES], [1.0; LANES], [0.0; LANES]],
+            ],
+            normals: [[[0.0; LANES]; 3]; 3],
+            smooth: [false; LANES],
+            odd: false,
+        };
+        for l in 0..LANES {
+            if packet.active[l] == 0 || packet.instance[l] == NO_HIT {
+                continue;
+            }
+            let view = &self.views[packet.instance[l] as usize];
+            gathered.odd |= view.placement.is_some();
+            let Kind::Mesh(mesh) = &view.kind else {
+                gathered.odd = true;
+                continue;
+            };
+            let vertices = mesh.triangles[packet.primitive[l] as usize];
+            for (corner, vertex) in vertices.into_iter().enumerate() {
+                let position = mesh.positions[vertex as usize];
+                for axis in 0..3 {
+                    gathered.corners[corner][axis][l] = position[axis];
+                }
+            }
+            if let Some(normals) = mesh.normals {
+                gathered.smooth[l] = true;
+                for (corner, vertex) in vertices.into_iter().enumerate() {
+                    let normal = normals[vertex as usize];
+                    for axis in 0..3 {
+                        gathered.normals[corner][axis][l] = normal[axis];
+                    }
+                }
+            }
+        }
+        gathered
+    }
+
+    /// Replaces the lanes that are analytic shapes or stand elsewhere than their object space.
+    #[cold]
+    fn place_odd_lanes(&self, packet: &RayPacket, gathered: &Gathered, surfaces: &mut SurfacePacket) {
+        for l in 0..LANES {
+            if packet.active[l] == 0 || packet.instance[l] == NO_HIT {
+                continue;
+            }
+            let view = &self.views[packet.instance[l] as usize];
+            let placed = match (&view.kind, view.placement) {
+                (Kind::Mesh(_), None) => continue,
+                (Kind::Mesh(_), Some(placement)) => placed_triangle(packet, gathered, l, placement),
+                (Kind::Sphere(sphere), placement) => placed_sphere(packet, l, sphere, placement),
+            };
+            let wo = lane(&surfaces.wo, l).as_dvec3();
+            let ng = if placed.ng.dot(wo) < 0.0 {
+                -placed.ng
+            } else {
+                placed.ng
+            };
+            let mut ns = placed.ns.unwrap_or(ng);
+            if ns.dot(ng) < 0.0 {
+                ns = -ns;
+            }
+            if !(ns.dot(wo) > 0.0) {
+                ns = ng;
+            }
+            for axis in 0..3 {
+                surfaces.p[axis][l] = placed.p[axis];
+                surfaces.ng[axis][l] = ng[axis];
+                surfaces.ns[axis][l] = ns[axis] as f32;
+            }
+            surfaces.error[l] = placed.error.along(ng);
+        }
+    }
+
+    /// Multiplies textures and vertex colours into lane `l`.
+    #[cold]
+    fn vary(&self, view: &InstanceView, packet: &RayPacket, l: usize, materials: &mut MaterialPacket) {
+        let material = view.material;
+        let look_up = |texture: TextureUse, encoding| {
+            let coordinates = view.tex_coord(texture.tex_coord, packet, l);
+            let texture = self.scene.textures[texture.texture as usize];
+            sample(
+                &self.scene.images[texture.image as usize],
+                texture.sampler,
+                encoding,
+                coordinates,
+            )
+        };
+        if let Some(texture) = material.base_color_texture {
+            let texel = look_up(texture, Encoding::Srgb);
+            for channel in 0..3 {
+                materials.base_color[channel][l] *= texel[channel];
+            }
+        }
+        if let Some(color) = view.vertex_color(packet, l) {
+            for channel in 0..3 {
+                materials.base_color[channel][l] *= color[channel];
+            }
+        }
+        if let Some(texture) = material.metallic_roughness_texture {
+            let [_, roughness, metallic, _] = look_up(texture, Encoding::Linear);
+            materials.roughness[l] *= roughness;
+            materials.metallic[l] *= metallic;
+        }
+        if let Some(texture) = material.emission_texture {
+            let texel = look_up(texture, Encoding::Srgb);
+            for channel in 0..3 {
+                materials.emission[channel][l] *= texel[channel];
+            }
+        }
+    }
+}
+
+impl InstanceView<'_> {
+    /// Texture coordinates of a hit; zero where the mesh has no such set.
+    fn tex_coord(&self, set: u32, packet: &RayPacket, l: usize) -> [f32; 2] {
+        match &self.kind {
+            Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
+                Some(set) => mesh.interpolate(set, packet, l),
+                None => [0.0; 2],
+            },
+            Kind::Sphere(_) => [0.0; 2],
+        }
+    }
+
+    fn vertex_color(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
+        match &self.kind {
+            Kind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
+            Kind::Sphere(_) => None,
+        }
+    }
+}
+
+impl MeshView<'_> {
+    /// A vertex attribute at the hit of lane `l`.
+    fn interpolate<const N: usize>(&self, values: &[[f32; N]], packet: &RayPacket, l: usize) -> [f32; N] {
+        let [a, b, c] = self.triangles[packet.primitive[l] as usize].map(|vertex| values[vertex as usize]);
+        let (u, v) = (packet.u[l], packet.v[l]);
+        let w = 1.0 - u - v;
+        std::array::from_fn(|i| w * a[i] + u * b[i] + v * c[i])
+    }
+}
+
+impl SurfacePacket {
+    /// Memory to write surfaces into.
+    pub(super) const EMPTY: SurfacePacket = SurfacePacket {
+        hit: [false; LANES],
+        p: [[0.0; LANES]; 3],
+        ng: [[0.0; LANES]; 3],
+        ns: [[0.0; LANES]; 3],
+        wo: [[0.0; LANES]; 3],
+        error: [0.0; LANES],
+    };
+
+    /// Where a ray starts that leaves lane `l` on the side of `ng`.
+    #[inline(always)]
+    pub(super) fn spawn_origin(&self, l: usize) -> glam::Vec3 {
+        let ng = lane64(&self.ng, l);
+        spawn_point(lane64(&self.p, l), ng, self.error[l])
+    }
+}
+
+/// Points and normals of triangles that are stored in world space, all lanes at once.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut SurfacePacket) {
+    let [a, b, c] = &gathered.corners;
+    let [na, nb, nc] = &gathered.normals;
+    let d = &packet.direction;
+    for l in 0..LANES {
+        surfaces.hit[l] = (packet.active[l] != 0) & (packet.instance[l] != NO_HIT);
+    }
+    for l in 0..LANES {
+        let length = (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt();
+        let scale = -1.0 / length;
+        for axis in 0..3 {
+            surfaces.wo[axis][l] = d[axis][l] * scale;
+        }
+    }
+    for l in 0..LANES {
+        let wide = |v: &Lanes3<f32>| DVec3::new(v[0][l].into(), v[1][l].into(), v[2][l].into());
+        let v0 = wide(a);
+        let (e1, e2) = (wide(b) - v0, wide(c) - v0);
+        let p = v0 + f64::from(packet.u[l]) * e1 + f64::from(packet.v[l]) * e2;
+        let cross = e1.cross(e2);
+        let scale = 1.0 / cross.dot(cross).sqrt();
+        let facing = if cross.dot(wide(&surfaces.wo)) < 0.0 {
+            -scale
+        } else {
+            scale
+        };
+        let ng = cross * facing;
+        for axis in 0..3 {
+            surfaces.p[axis][l] = p[axis];
+            surfaces.ng[axis][l] = ng[axis];
+        }
+        surfaces.error[l] = triangle_spawn_error(v0, e1, e2).along(ng);
+    }
+    for l in 0..LANES {
+        let (u, v) = (packet.u[l], packet.v[l]);
+        let w = 1.0 - u - v;
+        let ng = [
+            surfaces.ng[0][l] as f32,
+            surfaces.ng[1][l] as f32,
+            surfaces.ng[2][l] as f32,
+        ];
+        let mut ns = [0.0; 3];
+        for axis in 0..3 {
+            ns[axis] = w * na[axis][l] + u * nb[axis][l] + v * nc[axis][l];
+        }
+        let squared = ns[0] * ns[0] + ns[1] * ns[1] + ns[2] * ns[2];
+        let side = ns[0] * ng[0] + ns[1] * ng[1] + ns[2] * ng[2];
+        let scale = if side < 0.0 { -1.0 } else { 1.0 } / squared.sqrt();
+        let seen =
+            (ns[0] * surfaces.wo[0][l] + ns[1] * surfaces.wo[1][l] + ns[2] * surfaces.wo[2][l]) * scale;
+        // Zero normals give NaN or infinity here, and compare false.
+        let smooth = gathered.smooth[l] & (seen > 0.0) & (squared > 0.0) & (squared < f32::INFINITY);
+        for axis in 0..3 {
+            surfaces.ns[axis][l] = if smooth { ns[axis] * scale } else { ng[axis] };
+        }
+    }
+}
+
+/// One lane, worked out in world space; normals on either side.
+struct Placed {
+    p: DVec3,
+    ng: DVec3,
+    ns: Option<DVec3>,
+    error: SpawnError,
+}
+
+fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, placement: Placement) -> Placed {
+    let [a, b, c] = std::array::from_fn(|corner| lane(&gathered.corners[corner], l).as_dvec3());
+    let (e1, e2) = (b - a, c - a);
+    let (u, v) = (f64::from(packet.u[l]), f64::from(packet.v[l]));
+    let map = placement.world_from_object;
+    let p = map.transform_point3(a + u * e1 + v * e2);
+    let ns = gathered.smooth[l].then(|| {
+        let [na, nb, nc] = std::array::from_fn(|corner| lane(&gathered.normals[corner], l).as_dvec3());
+        transform_normal(&map.matrix3, (1.0 - u - v) * na + u * nb + v * nc)
+    });
+    Placed {
+        p,
+        ng: transform_normal(&map.matrix3, e1.cross(e2).normalize_or_zero()),
+        ns: ns.filter(|n| *n != DVec3::ZERO),
+        error: triangle_spawn_error(a, e1, e2).transformed(map, placement.object_from_world, p),
+    }
+}
+
+fn placed_sphere(packet: &RayPacket, l: usize, sphere: &Sphere, placement: Option<Placement>) -> Placed {
+    let ray = packet.ray(l);
+    let (mut origin, mut direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    if let Some(placement) = placement {
+        origin = placement.object_from_world.transform_point3(origin);
+        direction = placement.object_from_world.transform_vector3(direction);
+    }
+    // The hit's own f32 parameter says which root it was; the point is taken from the f64 root.
+    let t = f64::from(packet.t_far[l]);
+    let root = match sphere.roots(origin, direction) {
+        Some([near, far]) if (near - t).abs() <= (far - t).abs() => near,
+        Some([_, far]) => far,
+        None => t,
+    };
+    let p_object = sphere.project(origin + root * direction);
+    let n_object = sphere.normal(p_object);
+    let (p, n) = match placement {
+        Some(placement) => (
+            placement.world_from_object.transform_point3(p_object),
+            transform_normal(&placement.world_from_object.matrix3, n_object),
+        ),
+        None => (p_object, n_object),
+    };
+    Placed {
+        p,
+        ng: n,
+        ns: None,
+        error: SpawnError::of_exact_point(p),
+    }
+}
+
+#[inline(always)]
+fn lane(v: &Lanes3<f32>, l: usize) -> glam::Vec3 {
+    glam::Vec3::new(v[0][l], v[1][l], v[2][l])
+}
+
+#[inline(always)]
+fn lane64(v: &Lanes3<f64>, l: usize) -> DVec3 {
+    DVec3::new(v[0][l], v[1][l], v[2][l])
+}

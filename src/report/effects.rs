@@ -1,0 +1,62 @@
+//! Why each kind of secondary ray is traced or not, as the scene tells it.
+
+use crate::scene::{Material, Scene};
+use crate::shading::MIRROR_ROUGHNESS;
+
+/// Why shadow rays are asked, or why none are.
+pub fn shadow_reason(scene: &Scene) -> String {
+    match scene.lights.len() {
+        0 => "no lights".into(),
+        1 => "1 light".into(),
+        n => format!("{n} lights"),
+    }
+}
+
+/// Why reflected rays are followed, or why none are.
+pub fn reflection_reason(scene: &Scene) -> String {
+    let mut mirrors = scene.materials.iter().filter(|material| may_mirror(material));
+    let Some(first) = mirrors.next() else {
+        return format!("no material has a roughness of {MIRROR_ROUGHNESS} or less");
+    };
+    let reason = if first.roughness <= MIRROR_ROUGHNESS {
+        format!("material `{}` has roughness {}", first.name, first.roughness)
+    } else {
+        format!("material `{}` has a roughness texture", first.name)
+    };
+    match mirrors.count() {
+        0 => reason,
+        more => format!("{reason}, and {more} more may be as smooth"),
+    }
+}
+
+/// As the renderer decides; a texture multiplies the factor, so it can only make a surface smoother.
+fn may_mirror(material: &Material) -> bool {
+    material.roughness <= MIRROR_ROUGHNESS || material.metallic_roughness_texture.is_some()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reasons_name_the_lights_and_mirrors_of_the_scene() {
+        let mut scene = Scene::default();
+        assert_eq!(shadow_reason(&scene), "no lights");
+        assert_eq!(
+            reflection_reason(&scene),
+            "no material has a roughness of 0.1 or less"
+        );
+        let smooth = |name: &str, roughness| Material {
+            name: name.into(),
+            roughness,
+            ..Material::default()
+        };
+        scene.materials = vec![Material::default(), smooth("chrome", 0.05)];
+        assert_eq!(reflection_reason(&scene), "material `chrome` has roughness 0.05");
+        scene.materials.push(smooth("glass", 0.0));
+        assert_eq!(
+            reflection_reason(&scene),
+            "material `chrome` has roughness 0.05, and 1 more may be as smooth"
+        );
+    }
+}

@@ -1,0 +1,332 @@
+//! What was understood of a scene: `whit info`.
+
+use std::fmt::{self, Write};
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::scene::{Geometry, LightKind, Projection, Scene};
+
+use super::effects;
+use super::memory::{self, MemoryForecast};
+
+/// A scene in numbers and names.
+#[derive(Clone, Debug, Serialize)]
+pub struct SceneInfo {
+    /// As it was named on the command line.
+    pub scene: PathBuf,
+    /// Those of a shared mesh count once for every instance.
+    pub triangles: usize,
+    /// Analytic shapes among the geometries.
+    pub shapes: usize,
+    /// Meshes and shapes.
+    pub geometries: usize,
+    /// Placed geometries.
+    pub instances: usize,
+    /// Instances that are not baked into world space.
+    pub transformed_instances: usize,
+    /// Bytes of vertex and index arrays.
+    pub mesh_bytes: u64,
+    /// Materials, the default one included where it is used.
+    pub materials: usize,
+    /// Textures of materials.
+    pub textures: usize,
+    /// Decoded images.
+    pub images: usize,
+    /// Bytes of the decoded images.
+    pub image_bytes: u64,
+    /// In the order of the file.
+    pub lights: Vec<LightInfo>,
+    /// Linear RGB radiance of the surroundings.
+    pub ambient: [f32; 3],
+    /// A camera's place in the list is its number for `--camera`.
+    pub cameras: Vec<CameraInfo>,
+    /// Around all instances, in the file's coordinates; null for an empty scene.
+    pub bounds: Option<BoundsInfo>,
+    /// How the file's coordinates became those that are rendered: `(p - center) * scale`.
+    pub normalisation: NormalisationInfo,
+    /// Estimates.
+    pub memory: MemoryForecast,
+    /// Why each kind of secondary ray is traced or not.
+    pub effects: EffectReasons,
+    /// What was dropped or approximated while loading.
+    pub warnings: Vec<String>,
+}
+
+/// A light.
+#[derive(Clone, Debug, Serialize)]
+pub struct LightInfo {
+    /// As in the file, or made up.
+    pub name: String,
+    /// `point`, `spot` or `directional`.
+    pub kind: &'static str,
+    /// As in the file, linear RGB: candela for point and spot lights, lux for directional ones.
+    pub intensity: [f32; 3],
+}
+
+/// A camera.
+#[derive(Clone, Debug, Serialize)]
+pub struct CameraInfo {
+    /// As in the file, or made up.
+    pub name: String,
+    /// `perspective` or `orthographic`.
+    pub kind: &'static str,
+    /// Full vertical field of view in degrees, of a perspective camera.
+    pub y_fov_degrees: Option<f64>,
+}
+
+/// A box.
+#[derive(Clone, Debug, Serialize)]
+pub struct BoundsInfo {
+    /// Lowest corner.
+    pub min: [f64; 3],
+    /// Highest corner.
+    pub max: [f64; 3],
+}
+
+/// A recentring and scaling.
+#[derive(Clone, Debug, Serialize)]
+pub struct NormalisationInfo {
+    /// What became the origin, in the file's coordinates.
+    pub center: [f64; 3],
+    /// A power of two.
+    pub scale: f64,
+}
+
+/// Why each kind of secondary ray is traced or not.
+#[derive(Clone, Debug, Serialize)]
+pub struct EffectReasons {
+    /// Rays to lights.
+    pub shadow: String,
+    /// Rays from mirrors.
+    pub reflection: String,
+}
+
+impl SceneInfo {
+    /// Describes a loaded scene that was read from `path`.
+    pub fn of(scene: &Scene, path: impl Into<PathBuf>) -> SceneInfo {
+        SceneInfo {
+            scene: path.into(),
+            triangles: scene.triangle_count(),
+            shapes: scene
+                .geometries
+                .iter()
+                .filter(|g| matches!(g, Geometry::Sphere(_)))
+                .count(),
+            geometries: scene.geometries.len(),
+            instances: scene.instances.len(),
+            transformed_instances: scene.instances.iter().filter(|i| !i.is_identity()).count(),
+            mesh_bytes: memory::mesh_bytes(scene),
+            materials: scene.materials.len(),
+            textures: scene.textures.len(),
+            images: scene.images.len(),
+            image_bytes: memory::image_bytes(scene),
+            lights: lights(scene),
+            ambient: scene.ambient,
+            cameras: cameras(scene),
+            bounds: bounds(scene),
+            normalisation: NormalisationInfo {
+                center: scene.normalisation.center.to_array(),
+                scale: scene.normalisation.scale,
+            },
+            memory: MemoryForecast::of(scene),
+            effects: EffectReasons {
+                shadow: effects::shadow_reason(scene),
+                reflection: effects::reflection_reason(scene),
+            },
+            warnings: scene.warnings.clone(),
+        }
+    }
+}
+
+fn lights(scene: &Scene) -> Vec<LightInfo> {
+    // Irradiance is intensity over distance squared, and distances were scaled.
+    let area_scale = scene.normalisation.scale.powi(2);
+    let describe = |kind: &LightKind| match kind {
+        LightKind::Directional { .. } => ("directional", 1.0),
+        LightKind::Point { .. } => ("point", area_scale),
+        LightKind::Spot { .. } => ("spot", area_scale),
+    };
+    scene
+        .lights
+        .iter()
+        .map(|light| {
+            let (kind, scale) = describe(&light.kind);
+            LightInfo {
+                name: light.name.clone(),
+                kind,
+                intensity: light.intensity.map(|i| (f64::from(i) / scale) as f32),
+            }
+        })
+        .collect()
+}
+
+fn cameras(scene: &Scene) -> Vec<CameraInfo> {
+    scene
+        .cameras
+        .iter()
+        .map(|camera| {
+            let (kind, y_fov_degrees) = match camera.projection {
+                Projection::Perspective { y_fov, .. } => ("perspective", Some(y_fov.to_degrees())),
+                Projection::Orthographic { .. } => ("orthographic", None),
+            };
+            CameraInfo {
+                name: camera.name.clone(),
+                kind,
+                y_fov_degrees,
+            }
+        })
+        .collect()
+}
+
+/// The scene's box, taken back to the file's coordinates.
+fn bounds(scene: &Scene) -> Option<BoundsInfo> {
+    let bounds = scene.bounds();
+    let from_scene = |p: glam::DVec3| (p / scene.normalisation.scale + scene.normalisation.center).to_array();
+    (!bounds.is_empty()).then(|| BoundsInfo {
+        min: from_scene(bounds.min),
+        max: from_scene(bounds.max),
+    })
+}
+
+/// The form for a person: one subject a line.
+impl fmt::Display for SceneInfo {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let words = memory::in_words;
+        let mut line = |subject: &str, text: String| writeln!(f, "{subject:<15}{text}");
+        line("scene", self.scene.display().to_string())?;
+        line("triangles", self.triangles.to_string())?;
+        line(
+            "geometries",
+            format!(
+                "{} ({} analytic shapes), {}",
+                self.geometries,
+                self.shapes,
+                words(self.mesh_bytes)
+            ),
+        )?;
+        line(
+            "instances",
+            format!("{} ({} transformed)", self.instances, self.transformed_instances),
+        )?;
+        line("materials", self.materials.to_string())?;
+        line(
+            "textures",
+            format!(
+                "{} of {} images, {}",
+                self.textures,
+                self.images,
+                words(self.image_bytes)
+            ),
+        )?;
+        for (number, light) in self.lights.iter().enumerate() {
+            let [r, g, b] = light.intensity;
+            let unit = if light.kind == "directional" { "lx" } else { "cd" };
+            line(
+                &format!("light {number}"),
+                format!("`{}`, {}, {r} {g} {b} {unit}", light.name, light.kind),
+            )?;
+        }
+        let [r, g, b] = self.ambient;
+        line("ambient", format!("{r} {g} {b}"))?;
+        for (number, camera) in self.cameras.iter().enumerate() {
+            let fov = camera
+                .y_fov_degrees
+                .map_or(String::new(), |fov| format!(", {fov:.1} degrees high"));
+            line(
+                &format!("camera {number}"),
+                format!("`{}`, {}{fov}", camera.name, camera.kind),
+            )?;
+        }
+        match &self.bounds {
+            Some(bounds) => line("bounds", format!("{:?} to {:?}", bounds.min, bounds.max))?,
+            None => line("bounds", "empty".into())?,
+        }
+        let normalisation = &self.normalisation;
+        line(
+            "normalisation",
+            format!("(p - {:?}) * {}", normalisation.center, normalisation.scale),
+        )?;
+        line("shadow rays", self.effects.shadow.clone())?;
+        line("reflected rays", self.effects.reflection.clone())?;
+        let memory = &self.memory;
+        line(
+            "memory",
+            format!(
+                "scene {}, plus Embree about {} or BSP about {}, plus {} for 1024x1024 pixels",
+                words(memory.scene_bytes),
+                words(memory.embree_bytes),
+                words(memory.bsp_bytes),
+                words(memory.film_bytes)
+            ),
+        )?;
+        let mut warnings = String::new();
+        for warning in &self.warnings {
+            writeln!(warnings, "{:<15}{warning}", "warning")?;
+        }
+        f.write_str(&warnings)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::scene::{Instance, Light, Material, Normalisation};
+    use crate::shape::Sphere;
+
+    fn scene() -> Scene {
+        Scene {
+            geometries: vec![Geometry::Sphere(Sphere::UNIT)],
+            instances: vec![Instance::new("ball", 0, 0, glam::DAffine3::IDENTITY).unwrap()],
+            materials: vec![Material::default()],
+            lights: vec![Light {
+                name: "sun".into(),
+                intensity: [3.0, 2.0, 1.0],
+                kind: LightKind::Directional { to_light: DVec3::Y },
+            }],
+            normalisation: Normalisation {
+                center: DVec3::new(10.0, 0.0, 0.0),
+                scale: 0.5,
+            },
+            warnings: vec!["2 triangles without area were dropped".into()],
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn bounds_are_told_in_the_files_coordinates() {
+        // A unit ball in the scene, halved and moved by 10: ±1 / 0.5 + 10 = 8 .. 12.
+        let bounds = SceneInfo::of(&scene(), "a.glb").bounds.unwrap();
+        assert_eq!((bounds.min, bounds.max), ([8.0, -2.0, -2.0], [12.0, 2.0, 2.0]));
+        assert!(SceneInfo::of(&Scene::default(), "a.glb").bounds.is_none());
+    }
+
+    #[test]
+    fn intensities_are_told_as_in_the_file() {
+        let mut scene = scene();
+        scene.lights[0].kind = LightKind::Point {
+            position: DVec3::ZERO,
+            range: None,
+        };
+        // Halving all lengths takes a quarter of the intensity to keep the picture.
+        assert_eq!(
+            SceneInfo::of(&scene, "a.glb").lights[0].intensity,
+            [12.0, 8.0, 4.0]
+        );
+    }
+
+    #[test]
+    fn the_text_names_lights_units_and_warnings() {
+        let text = SceneInfo::of(&scene(), "a.glb").to_string();
+        assert!(
+            text.contains("light 0        `sun`, directional, 3 2 1 lx\n"),
+            "{text}"
+        );
+        assert!(
+            text.ends_with("warning        2 triangles without area were dropped\n"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,129 @@
+//! Memory: what the process has used, what the machine has left, what a scene will take.
+
+use std::fs;
+
+use crate::scene::{Geometry, Scene};
+
+/// A pixel's linear image (12 bytes), its planes on the way into a file (12) and the encoded file (3, rounded up).
+const FILM_BYTES_PER_PIXEL: u64 = 28;
+
+/// Bytes that the film of an image takes, until it is written.
+pub fn film_bytes(width: u32, height: u32) -> u64 {
+    FILM_BYTES_PER_PIXEL * u64::from(width) * u64::from(height)
+}
+
+/// Most bytes of memory that this process has held so far, where the system tells.
+pub fn peak_bytes() -> Option<u64> {
+    kilobytes_of(&fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
+}
+
+/// Bytes of memory that may still be taken, where the system tells.
+pub fn available_bytes() -> Option<u64> {
+    kilobytes_of(&fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:")
+}
+
+/// The value of a line such as `VmHWM:  1234 kB`, in bytes.
+fn kilobytes_of(text: &str, key: &str) -> Option<u64> {
+    let value = text.lines().find_map(|line| line.strip_prefix(key))?;
+    let kilobytes: u64 = value.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kilobytes * 1024)
+}
+
+/// What rendering a scene will take, in bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct MemoryForecast {
+    /// Meshes and images as loaded.
+    pub scene_bytes: u64,
+    /// Embree's structure.
+    pub embree_bytes: u64,
+    /// The BSP tree.
+    pub bsp_bytes: u64,
+    /// The film of an image of 1024x1024 pixels.
+    pub film_bytes: u64,
+}
+
+/// Bytes a triangle of Embree 3.13's native triangles, measured over 2 million.
+const EMBREE_BYTES_PER_TRIANGLE: u64 = 85;
+/// Bytes a triangle of the BSP with its duplicates, measured over 2 million.
+const BSP_BYTES_PER_TRIANGLE: u64 = 97;
+
+impl MemoryForecast {
+    /// The forecast for a loaded scene. Instances share what they place.
+    pub fn of(scene: &Scene) -> MemoryForecast {
+        let triangles: u64 = scene.geometries.iter().map(|g| g.primitive_count() as u64).sum();
+        MemoryForecast {
+            scene_bytes: mesh_bytes(scene) + image_bytes(scene),
+            embree_bytes: EMBREE_BYTES_PER_TRIANGLE * triangles,
+            bsp_bytes: BSP_BYTES_PER_TRIANGLE * triangles,
+            film_bytes: film_bytes(1024, 1024),
+        }
+    }
+}
+
+/// Bytes of all vertex and index arrays.
+pub fn mesh_bytes(scene: &Scene) -> u64 {
+    scene
+        .geometries
+        .iter()
+        .map(|geometry| match geometry {
+            Geometry::Mesh(mesh) => mesh.byte_count() as u64,
+            Geometry::Sphere(_) => 0,
+        })
+        .sum()
+}
+
+/// Bytes of all decoded images.
+pub fn image_bytes(scene: &Scene) -> u64 {
+    scene
+        .images
+        .iter()
+        .map(|image| size_of_val(&image.texels[..]) as u64)
+        .sum()
+}
+
+/// A number of bytes for a person, such as `12.3 MB`.
+pub fn in_words(bytes: u64) -> String {
+    const UNITS: [&str; 5] = ["kB", "MB", "GB", "TB", "PB"];
+    if bytes < 1000 {
+        return format!("{bytes} B");
+    }
+    let mut value = bytes as f64 / 1000.0;
+    let mut unit = 0;
+    // What would be printed as 1000.0 belongs to the next unit.
+    while value >= 999.95 && unit + 1 < UNITS.len() {
+        value /= 1000.0;
+        unit += 1;
+    }
+    format!("{value:.1} {}", UNITS[unit])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_of_the_systems_report_is_read_in_bytes() {
+        let text = "VmPeak:\t 9 kB\nVmHWM:\t  1234 kB\nThreads:\t1\n";
+        assert_eq!(kilobytes_of(text, "VmHWM:"), Some(1234 * 1024));
+        assert_eq!(kilobytes_of(text, "Threads:"), None);
+        assert_eq!(kilobytes_of(text, "VmRSS:"), None);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn the_peak_grows_with_what_is_held() {
+        const HELD: u64 = 64 << 20;
+        let before = peak_bytes().unwrap();
+        let held = std::hint::black_box(vec![1u8; HELD as usize]);
+        // The peak may have been higher before, by other tests at the same time.
+        assert!(peak_bytes().unwrap() >= before.max(HELD), "{}", held.len());
+        assert!(available_bytes().unwrap() > 0);
+    }
+
+    #[test]
+    fn bytes_are_told_with_one_decimal_in_the_unit_that_fits() {
+        let words = [0, 999, 1000, 12_345_678, 999_949, 999_950].map(in_words);
+        assert_eq!(words, ["0 B", "999 B", "1.0 kB", "12.3 MB", "999.9 kB", "1.0 MB"]);
+        assert_eq!(in_words(u64::MAX), "18446.7 PB");
+    }
+}

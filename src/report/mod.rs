@@ -1,0 +1,9 @@
+//! Measurements made readable: statistics of a render, contents of a scene, rows of a benchmark.
+//!
+//! Keys of the JSON forms are stable: they are added to, never renamed.
+
+pub mod bench;
+pub mod effects;
+pub mod info;
+pub mod memory;
+pub mod stats;

@@ -1,0 +1,173 @@
+//! What a render took: `whit render --stats`.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::accel::{Backend, EmbreeIdentity, Precision};
+use crate::render::{Ledger, RayTally};
+use crate::scene::{Geometry, Scene};
+
+use super::effects;
+
+/// Everything worth knowing about one rendered image.
+#[derive(Clone, Debug, Serialize)]
+pub struct RenderStats {
+    /// Of whit.
+    pub version: &'static str,
+    /// What was rendered.
+    pub scene: SceneStats,
+    /// What became of it.
+    pub image: ImageStats,
+    /// Samples a pixel.
+    pub spp: u32,
+    /// Most generations of reflected rays.
+    pub depth: u32,
+    /// What found the hits.
+    pub backend: Backend,
+    /// Which Embree, where it is the backend.
+    pub embree: Option<EmbreeIdentity>,
+    /// How far triangle hits may be trusted.
+    pub precision: Precision,
+    /// Threads that built and rendered.
+    pub threads: usize,
+    /// Where the time went.
+    pub seconds: PhaseSeconds,
+    /// Rays by purpose.
+    pub rays: RayCounts,
+    /// Kinds of secondary ray, each with its cost and its reason.
+    pub effects: BTreeMap<&'static str, EffectStats>,
+    /// The acceleration structure.
+    pub accel: AccelStats,
+    /// Most memory that the process has held so far; null where the system does not tell.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+/// What a scene holds.
+#[derive(Clone, Debug, Serialize)]
+pub struct SceneStats {
+    /// As it was named on the command line.
+    pub path: PathBuf,
+    /// Those of a shared mesh count once for every instance.
+    pub triangles: usize,
+    /// Instances of analytic shapes.
+    pub shapes: usize,
+    /// Placed geometries.
+    pub instances: usize,
+    /// Punctual lights.
+    pub lights: usize,
+    /// Textures of materials.
+    pub textures: usize,
+}
+
+impl SceneStats {
+    /// Counts a scene that was read from `path`.
+    pub fn of(scene: &Scene, path: impl Into<PathBuf>) -> SceneStats {
+        let is_shape = |geometry: u32| matches!(scene.geometries[geometry as usize], Geometry::Sphere(_));
+        SceneStats {
+            path: path.into(),
+            triangles: scene.triangle_count(),
+            shapes: scene.instances.iter().filter(|i| is_shape(i.geometry)).count(),
+            instances: scene.instances.len(),
+            lights: scene.lights.len(),
+            textures: scene.textures.len(),
+        }
+    }
+}
+
+/// The image that was written.
+#[derive(Clone, Debug, Serialize)]
+pub struct ImageStats {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Name of the camera.
+    pub camera: String,
+    /// Radiance of the surroundings, linear RGB.
+    pub ambient: [f32; 3],
+    /// Stops of exposure, which only a PNG shows.
+    pub exposure_ev: f32,
+    /// Pixels that hold a NaN or an infinity; 0 in a sound picture.
+    pub non_finite_pixels: usize,
+}
+
+/// Wall-clock seconds by phase.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct PhaseSeconds {
+    /// Reading and checking the scene.
+    pub load: f64,
+    /// Building the acceleration structure.
+    pub build: f64,
+    /// Rendering.
+    pub render: f64,
+    /// Writing the image.
+    pub write: f64,
+    /// From the start of loading to the end of writing.
+    pub total: f64,
+    /// Within the backend while rendering, summed over threads.
+    pub trace: f64,
+}
+
+/// Rays by purpose.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct RayCounts {
+    /// From the camera.
+    pub camera: u64,
+    /// To lights.
+    pub shadow: u64,
+    /// From mirrors.
+    pub reflection: u64,
+}
+
+impl RayCounts {
+    /// The counts of a ledger.
+    pub fn of(ledger: &Ledger) -> RayCounts {
+        RayCounts {
+            camera: ledger.camera.rays,
+            shadow: ledger.shadow.rays,
+            reflection: ledger.reflection.rays,
+        }
+    }
+}
+
+/// What an effect cost and why it was simulated.
+#[derive(Clone, Debug, Serialize)]
+pub struct EffectStats {
+    /// Rays traced for it.
+    pub rays: u64,
+    /// Seconds within the backend for them, summed over threads.
+    pub seconds: f64,
+    /// What in the scene calls for it, or that nothing does.
+    pub reason: String,
+}
+
+/// The effects of a frame by name.
+pub fn effect_stats(scene: &Scene, ledger: &Ledger) -> BTreeMap<&'static str, EffectStats> {
+    let entry = |tally: &RayTally, reason| EffectStats {
+        rays: tally.rays,
+        seconds: tally.seconds,
+        reason,
+    };
+    BTreeMap::from([
+        ("shadow", entry(&ledger.shadow, effects::shadow_reason(scene))),
+        (
+            "reflection",
+            entry(&ledger.reflection, effects::reflection_reason(scene)),
+        ),
+    ])
+}
+
+/// The acceleration structure that was used.
+#[derive(Clone, Debug, Serialize)]
+pub struct AccelStats {
+    /// After the build.
+    pub bytes: u64,
+    /// At most during the build.
+    pub peak_bytes: u64,
+    /// What it is, for a person.
+    pub summary: String,
+}

@@ -1,0 +1,154 @@
+//! Baking: moving a mesh by an affine map once and for all, so that rays need not be moved to meet it.
+//!
+//! Every vertex is mapped in f64 and rounded to f32 once.
+
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::survey::{self, Dropped};
+use super::{Geometry, Scene};
+use crate::mesh::{Mesh, Slab};
+use crate::numeric;
+
+/// The mesh moved by `map`: normals stay outside, and a mirroring map swaps the windings so that front stays front.
+pub(crate) fn bake_mesh(mesh: &Mesh, map: &DAffine3) -> Mesh {
+    let normal = |n: &[f32; 3]| {
+        numeric::transform_normal(&map.matrix3, Vec3::from(*n).as_dvec3())
+            .as_vec3()
+            .to_array()
+    };
+    let is_mirrored = map.matrix3.determinant() < 0.0;
+    Mesh {
+        triangles: if is_mirrored {
+            let swapped = |&[a, b, c]: &[u32; 3]| [a, c, b];
+            Slab::from(mesh.triangles.par_iter().map(swapped).collect::<Vec<_>>())
+        } else {
+            mesh.triangles.clone()
+        },
+        normals: match &mesh.normals {
+            Some(normals) if map.matrix3 != DMat3::IDENTITY => {
+                Some(Slab::from(normals.par_iter().map(normal).collect::<Vec<_>>()))
+            }
+            kept => kept.clone(),
+        },
+        ..with_positions(mesh, |p| map.transform_point3(p))
+    }
+}
+
+/// The mesh with other positions and everything else shared.
+pub(crate) fn with_positions(mesh: &Mesh, moved: impl Fn(DVec3) -> DVec3 + Sync) -> Mesh {
+    let position = |p: &[f32; 3]| moved(Vec3::from(*p).as_dvec3()).as_vec3().to_array();
+    Mesh {
+        positions: Slab::from(mesh.positions.par_iter().map(position).collect::<Vec<_>>()),
+        ..mesh.clone()
+    }
+}
+
+impl Scene {
+    /// Bakes every mesh that stands in the world exactly once, unless it stands there unmoved.
+    ///
+    /// Rounding to f32 may leave triangles without an area; they are dropped, and their number is returned with the
+    /// name of the instance they belonged to.
+    pub(crate) fn bake_single_uses(&mut self) -> Vec<(String, Dropped)> {
+        let use_counts = self.use_counts();
+        let mut dropped = Vec::new();
+        for instance in &mut self.instances {
+            let Geometry::Mesh(mesh) = &mut self.geometries[instance.geometry as usize] else {
+                continue;
+            };
+            if use_counts[instance.geometry as usize] != 1 || instance.is_identity() {
+                continue;
+            }
+            *mesh = bake_mesh(mesh, &instance.world_from_object);
+            instance.world_from_object = DAffine3::IDENTITY;
+            instance.object_from_world = DAffine3::IDENTITY;
+            let is_whole = survey::survey(mesh).is_ok_and(|survey| survey.unusable == 0);
+            if !is_whole {
+                dropped.push((instance.name.clone(), survey::drop_unusable(mesh)));
+                survey::clear_non_finite_positions(mesh);
+            }
+        }
+        dropped
+    }
+
+    /// Removes meshes without triangles and the instances of them.
+    pub(crate) fn remove_empty_meshes(&mut self) {
+        let is_empty: Vec<bool> = self.geometries.iter().map(|g| g.primitive_count() == 0).collect();
+        if !is_empty.contains(&true) {
+            return;
+        }
+        let mut number = 0;
+        let new_index: Vec<u32> = is_empty
+            .iter()
+            .map(|&empty| {
+                let index = number;
+                number += u32::from(!empty);
+                index
+            })
+            .collect();
+        self.instances.retain(|i| !is_empty[i.geometry as usize]);
+        for instance in &mut self.instances {
+            instance.geometry = new_index[instance.geometry as usize];
+        }
+        self.geometries.retain(|g| g.primitive_count() > 0);
+    }
+
+    /// How many instances use each geometry.
+    pub(crate) fn use_counts(&self) -> Vec<usize> {
+        let mut counts = vec![0; self.geometries.len()];
+        for instance in &self.instances {
+            counts[instance.geometry as usize] += 1;
+        }
+        counts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Instance;
+
+    fn triangle() -> Mesh {
+        Mesh {
+            positions: Slab::from(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            triangles: Slab::from(vec![[0, 1, 2]]),
+            normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; 3])),
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn a_mirrored_triangle_swaps_its_winding_and_keeps_its_normal_outside() {
+        let mirror = DAffine3::from_scale(DVec3::new(-2.0, 1.0, 1.0));
+        let baked = bake_mesh(&triangle(), &mirror);
+        assert_eq!(baked.positions[1], [-2.0, 0.0, 0.0]);
+        assert_eq!(baked.triangles[0], [0, 2, 1]);
+        // Winding normal: (0,1,0) x (-2,0,0) = (0,0,2), the side of the shading normal.
+        assert_eq!(baked.normals.as_ref().unwrap()[0], [0.0, 0.0, 1.0]);
+        let [a, b, c] = baked.corners_f64(0);
+        assert_eq!((b - a).cross(c - a), DVec3::new(0.0, 0.0, 2.0));
+    }
+
+    #[test]
+    fn only_meshes_that_are_used_once_are_baked_and_collapsed_triangles_are_counted() {
+        let moved = DAffine3::from_translation(DVec3::new(1e9, 0.0, 0.0));
+        let at = |geometry| Instance::new(format!("g{geometry}"), geometry, 0, moved).unwrap();
+        let mut scene = Scene {
+            geometries: vec![Geometry::Mesh(triangle()), Geometry::Mesh(triangle())],
+            instances: vec![at(0), at(1), at(1)],
+            ..Scene::default()
+        };
+        // At 1e9 the f32 step is 64, so the unit triangle collapses.
+        let dropped = scene.bake_single_uses();
+        assert_eq!(dropped.len(), 1);
+        assert_eq!(dropped[0].1.no_area, 1);
+        assert!(scene.instances[0].is_identity());
+        assert!(!scene.instances[1].is_identity());
+        scene.remove_empty_meshes();
+        assert_eq!(scene.geometries.len(), 1);
+        assert_eq!(
+            scene.instances.iter().map(|i| i.geometry).collect::<Vec<_>>(),
+            [0, 0]
+        );
+    }
+}

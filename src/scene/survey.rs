@@ -1,0 +1,203 @@
+//! One parallel pass over a mesh: are its indices in range, which triangles can be hit at all, how large is it; and
+//! the removal of triangles that cannot be hit.
+//!
+//! A triangle has no area exactly when the cross product of two of its edges vanishes. From f32 corners that product
+//! is formed in f64, where differences and products of f32 values of like size are exact, so the test needs no
+//! tolerance: needles stay, lines and points go.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::mesh::{Mesh, Slab};
+use crate::numeric::Bounds;
+
+/// Triangles a task: large enough to hide the cost of a task, small enough to balance.
+const CHUNK: usize = 1 << 14;
+
+/// What one pass over a mesh found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Survey {
+    /// The box around the corners of all usable triangles.
+    pub(crate) bounds: Bounds,
+    /// Triangles without area or with a corner that is not finite.
+    pub(crate) unusable: usize,
+}
+
+/// A triangle that refers to a vertex the mesh does not have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct BadIndex {
+    pub(crate) triangle: usize,
+    pub(crate) vertex: u32,
+}
+
+/// How many triangles were dropped, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Dropped {
+    pub(crate) not_finite: usize,
+    pub(crate) no_area: usize,
+}
+
+/// Looks at every triangle once.
+pub(crate) fn survey(mesh: &Mesh) -> Result<Survey, BadIndex> {
+    let (positions, triangles) = (&mesh.positions[..], &mesh.triangles[..]);
+    let chunks: Vec<Result<Survey, BadIndex>> = triangles
+        .par_chunks(CHUNK)
+        .enumerate()
+        .map(|(chunk, triangles)| survey_chunk(positions, triangles, chunk * CHUNK))
+        .collect();
+    let nothing = Survey {
+        bounds: Bounds::EMPTY,
+        unusable: 0,
+    };
+    // In the order of the file, so that the first bad index is the one that is named.
+    chunks.into_iter().try_fold(nothing, |sum, chunk| {
+        let chunk = chunk?;
+        Ok(Survey {
+            bounds: sum.bounds.union(chunk.bounds),
+            unusable: sum.unusable + chunk.unusable,
+        })
+    })
+}
+
+/// Whether all values are finite.
+pub(crate) fn all_finite(values: &[f32]) -> bool {
+    const VALUES: usize = 1 << 16;
+    // A product with zero is zero for finite values and NaN for others; unlike a chain of tests it runs on all lanes.
+    values
+        .par_chunks(VALUES)
+        .all(|chunk| chunk.iter().fold(true, |finite, x| finite & (x * 0.0 == 0.0)))
+}
+
+/// Removes the triangles that a survey found unusable, and makes what was not finite and is now unused zero.
+pub(crate) fn drop_unusable(mesh: &mut Mesh) -> Dropped {
+    let mut dropped = Dropped::default();
+    let mut kept = Vec::with_capacity(mesh.triangles.len());
+    for &triangle in mesh.triangles.iter() {
+        let corners = triangle.map(|v| Vec3::from(mesh.positions[v as usize]));
+        if is_usable(corners) {
+            kept.push(triangle);
+        } else if corners.iter().all(|p| p.is_finite()) {
+            dropped.no_area += 1;
+        } else {
+            dropped.not_finite += 1;
+        }
+    }
+    mesh.triangles = Slab::from(kept);
+    dropped
+}
+
+/// Sets vertices that are not finite to zero. Only right once no triangle uses them.
+pub(crate) fn clear_non_finite_positions(mesh: &mut Mesh) {
+    if all_finite(bytemuck::cast_slice(&mesh.positions)) {
+        return;
+    }
+    let clear = |p: &[f32; 3]| if Vec3::from(*p).is_finite() { *p } else { [0.0; 3] };
+    mesh.positions = Slab::from(mesh.positions.iter().map(clear).collect::<Vec<_>>());
+}
+
+fn survey_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> Result<Survey, BadIndex> {
+    let mut low = Vec3::INFINITY;
+    let mut high = Vec3::NEG_INFINITY;
+    let mut unusable = 0;
+    for (i, &[a, b, c]) in triangles.iter().enumerate() {
+        let (Some(&p0), Some(&p1), Some(&p2)) = (
+            positions.get(a as usize),
+            positions.get(b as usize),
+            positions.get(c as usize),
+        ) else {
+            let outside = [a, b, c].into_iter().find(|&v| v as usize >= positions.len());
+            return Err(BadIndex {
+                triangle: first + i,
+                vertex: outside.unwrap_or(a),
+            });
+        };
+        let corners = [Vec3::from(p0), Vec3::from(p1), Vec3::from(p2)];
+        if is_usable(corners) {
+            low = low.min(corners[0]).min(corners[1]).min(corners[2]);
+            high = high.max(corners[0]).max(corners[1]).max(corners[2]);
+        } else {
+            unusable += 1;
+        }
+    }
+    let bounds = Bounds {
+        min: low.as_dvec3(),
+        max: high.as_dvec3(),
+    };
+    Ok(Survey { bounds, unusable })
+}
+
+/// Whether the triangle is finite and has an area.
+#[inline(always)]
+fn is_usable(corners: [Vec3; 3]) -> bool {
+    let [p0, p1, p2]: [DVec3; 3] = corners.map(|p| p.as_dvec3());
+    // f32 coordinates squared twice stay far inside the range of f64, so only NaN and infinity come out as such.
+    let area = (p1 - p0).cross(p2 - p0).length_squared();
+    area > 0.0 && area < f64::INFINITY
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mesh(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Mesh {
+        Mesh {
+            positions: Slab::from(positions),
+            triangles: Slab::from(triangles),
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn a_needle_is_kept_and_a_line_dropped_at_any_scale() {
+        for scale in [1e-30f32, 1e-3, 1.0, 1e30] {
+            let p = |x: f32, y: f32| [x * scale, y * scale, 0.0];
+            let mut mesh = mesh(
+                vec![p(0.0, 0.0), p(1.0, 1.0), p(2.0, 2.0), p(2.0, 2.0000002)],
+                vec![[0, 1, 2], [0, 1, 3]],
+            );
+            assert_eq!(survey(&mesh).unwrap().unusable, 1, "scale {scale}");
+            let dropped = drop_unusable(&mut mesh);
+            assert_eq!((dropped.no_area, dropped.not_finite), (1, 0));
+            assert_eq!(mesh.triangles[..], [[0, 1, 3]]);
+        }
+    }
+
+    #[test]
+    fn a_vertex_at_infinity_takes_its_triangles_along_and_nothing_else() {
+        let mut mesh = mesh(
+            vec![
+                [0.0; 3],
+                [1.0, 0.0, 0.0],
+                [0.0, 1.0, 0.0],
+                [0.0, f32::INFINITY, 0.0],
+                [f32::NAN; 3],
+            ],
+            vec![[0, 1, 2], [0, 1, 3], [4, 1, 2]],
+        );
+        assert_eq!(survey(&mesh).unwrap().bounds.max, DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(drop_unusable(&mut mesh).not_finite, 2);
+        clear_non_finite_positions(&mut mesh);
+        assert_eq!(mesh.positions[3..], [[0.0; 3]; 2]);
+        assert_eq!(mesh.triangles.len(), 1);
+    }
+
+    #[test]
+    fn the_first_bad_index_is_named() {
+        let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let mut triangles = vec![[0u32, 1, 2]; 40_000];
+        triangles[20_000] = [0, 3, 1];
+        triangles[39_999] = [0, 1, u32::MAX];
+        let found = survey(&mesh(positions, triangles)).unwrap_err();
+        assert_eq!((found.triangle, found.vertex), (20_000, 3));
+    }
+
+    #[test]
+    fn one_value_that_is_not_finite_is_found_among_many() {
+        let mut values = vec![f32::MAX; 200_000];
+        assert!(all_finite(&values));
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            values[150_001] = bad;
+            assert!(!all_finite(&values));
+        }
+    }
+}

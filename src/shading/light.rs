@@ -1,0 +1,164 @@
+//! What arrives from a punctual light at sixteen points (`KHR_lights_punctual`).
+
+use glam::DVec3;
+
+use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::scene::{Light, LightKind};
+
+/// What arrives at sixteen points from one light, before any shadow.
+#[derive(Clone, Debug)]
+pub struct Illumination {
+    /// Unit vectors to the light.
+    pub wi: Lanes3<f32>,
+    /// What the light's intensity is multiplied by to give the irradiance on a surface that faces it.
+    pub attenuation: Lanes<f32>,
+}
+
+/// `KHR_lights_punctual`'s lower bound on the cosine difference over which a spot light fades.
+const MIN_CONE_FADE: f64 = 0.001;
+
+/// Directions to `light` and its attenuation at the points `p`.
+#[inline(always)]
+pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> Illumination {
+    match light.kind {
+        LightKind::Directional { to_light } => Illumination {
+            wi: to_light.as_vec3().to_array().map(|axis| [axis; LANES]),
+            attenuation: [1.0; LANES],
+        },
+        LightKind::Point { position, range } => {
+            let (wi, distance_squared) = toward(position, p);
+            Illumination {
+                wi,
+                attenuation: falloff(&distance_squared, range),
+            }
+        }
+        LightKind::Spot {
+            position,
+            direction,
+            cos_inner,
+            cos_outer,
+            range,
+        } => {
+            let (wi, distance_squared) = toward(position, p);
+            let mut attenuation = falloff(&distance_squared, range);
+            let scale = (cos_inner - cos_outer).max(MIN_CONE_FADE).recip() as f32;
+            let direction = direction.as_vec3();
+            for l in 0..LANES {
+                let cosine = -(direction.x * wi[0][l] + direction.y * wi[1][l] + direction.z * wi[2][l]);
+                let fade = ((cosine - cos_outer as f32) * scale).clamp(0.0, 1.0);
+                attenuation[l] *= fade * fade;
+            }
+            Illumination { wi, attenuation }
+        }
+    }
+}
+
+/// Unit vectors from `p` to `position`, and the squared distances.
+#[inline(always)]
+fn toward(position: DVec3, p: &Lanes3<f64>) -> (Lanes3<f32>, Lanes<f32>) {
+    let mut wi = [[0.0; LANES]; 3];
+    let mut distance_squared = [0.0; LANES];
+    for l in 0..LANES {
+        let d = [
+            (position.x - p[0][l]) as f32,
+            (position.y - p[1][l]) as f32,
+            (position.z - p[2][l]) as f32,
+        ];
+        let squared = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+        let scale = 1.0 / squared.sqrt();
+        for axis in 0..3 {
+            wi[axis][l] = d[axis] * scale;
+        }
+        distance_squared[l] = squared;
+    }
+    (wi, distance_squared)
+}
+
+/// The inverse square law, faded to nothing at `range` by the extension's window.
+#[inline(always)]
+fn falloff(distance_squared: &Lanes<f32>, range: Option<f64>) -> Lanes<f32> {
+    let mut attenuation = [0.0; LANES];
+    // A light on the point itself has no direction: it gives nothing rather than infinity.
+    let positive = |x: f32| if x > 0.0 { 1.0 / x } else { 0.0 };
+    match range {
+        None => {
+            for l in 0..LANES {
+                attenuation[l] = positive(distance_squared[l]);
+            }
+        }
+        Some(range) => {
+            let inverse = (range * range).recip() as f32;
+            for l in 0..LANES {
+                let ratio = distance_squared[l] * inverse;
+                attenuation[l] = positive(distance_squared[l]) * (1.0 - ratio * ratio).clamp(0.0, 1.0);
+            }
+        }
+    }
+    attenuation
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(light: LightKind, p: DVec3) -> (DVec3, f32) {
+        let light = Light {
+            name: String::new(),
+            intensity: [1.0; 3],
+            kind: light,
+        };
+        let seen = illuminate(&light, &p.to_array().map(|axis| [axis; LANES]));
+        (
+            DVec3::new(seen.wi[0][3].into(), seen.wi[1][3].into(), seen.wi[2][3].into()),
+            seen.attenuation[3],
+        )
+    }
+
+    #[test]
+    fn a_point_light_falls_with_the_square_of_the_distance() {
+        let light = LightKind::Point {
+            position: DVec3::new(0.0, 4.0, 0.0),
+            range: None,
+        };
+        assert_eq!(at(light, DVec3::ZERO), (DVec3::Y, 1.0 / 16.0));
+    }
+
+    #[test]
+    fn a_range_fades_to_nothing_by_the_fourth_power() {
+        let light = LightKind::Point {
+            position: DVec3::Y,
+            range: Some(2.0),
+        };
+        // At half the range: 1 - (1/2)^4 = 15/16.
+        assert_eq!(at(light, DVec3::ZERO).1, 15.0 / 16.0);
+        assert_eq!(at(light, DVec3::new(0.0, -1.5, 0.0)).1, 0.0);
+    }
+
+    #[test]
+    fn a_spot_light_is_full_inside_half_faded_squared_between_and_dark_outside() {
+        let spot = |degrees: f64| {
+            let angle = degrees.to_radians();
+            let kind = LightKind::Spot {
+                position: DVec3::ZERO,
+                direction: DVec3::NEG_Y,
+                cos_inner: 0.9,
+                cos_outer: 0.7,
+                range: None,
+            };
+            at(kind, DVec3::new(angle.sin(), -angle.cos(), 0.0)).1
+        };
+        assert!((spot(10.0) - 1.0).abs() < 1e-6);
+        // cos = 0.8 is half-way: (1/2)² = 1/4.
+        assert!((spot(0.8f64.acos().to_degrees()) - 0.25).abs() < 1e-5);
+        assert_eq!(spot(60.0), 0.0);
+    }
+
+    #[test]
+    fn a_point_at_the_light_itself_gets_nothing() {
+        let light = LightKind::Point {
+            position: DVec3::Y,
+            range: None,
+        };
+        assert_eq!(at(light, DVec3::Y).1, 0.0);
+    }
+}

@@ -1,0 +1,229 @@
+//! glTF's metallic-roughness model (glTF 2.0, Appendix B): Lambert under a Fresnel-weighted GGX lobe.
+//!
+//! Punctual lights are answered by the whole lobe. The surroundings are answered by one mirror ray where the surface
+//! is smooth enough to show an image, and by the ambient term elsewhere.
+
+use std::f32::consts::PI;
+
+use crate::numeric::{LANES, Lanes, Lanes3};
+
+/// Surfaces up to this perceptual roughness reflect an image: their lobe's width (alpha = 0.01, about half a degree)
+/// is that of a few pixels. Rougher ones would need many rays for one reflection.
+pub const MIRROR_ROUGHNESS: f32 = 0.1;
+
+/// Reflectance of a dielectric at normal incidence: index of refraction 1.5.
+const DIELECTRIC_F0: f32 = 0.04;
+
+/// The material at sixteen points, textures and vertex colours multiplied in.
+#[derive(Clone, Debug)]
+pub struct MaterialPacket {
+    /// Linear RGB.
+    pub base_color: Lanes3<f32>,
+    /// 0 dielectric, 1 metal.
+    pub metallic: Lanes<f32>,
+    /// Perceptual roughness, 0 to 1.
+    pub roughness: Lanes<f32>,
+    /// Emitted radiance, linear RGB.
+    pub emission: Lanes3<f32>,
+}
+
+impl MaterialPacket {
+    /// Black everywhere.
+    pub const BLACK: MaterialPacket = MaterialPacket {
+        base_color: [[0.0; LANES]; 3],
+        metallic: [0.0; LANES],
+        roughness: [1.0; LANES],
+        emission: [[0.0; LANES]; 3],
+    };
+
+    /// Diffuse albedo.
+    #[inline(always)]
+    fn c_diff(&self, channel: usize, l: usize) -> f32 {
+        self.base_color[channel][l] * (1.0 - self.metallic[l])
+    }
+
+    /// Reflectance at normal incidence.
+    #[inline(always)]
+    fn f0(&self, channel: usize, l: usize) -> f32 {
+        DIELECTRIC_F0 * (1.0 - self.metallic[l]) + self.base_color[channel][l] * self.metallic[l]
+    }
+
+    /// Radiance that leaves without any light's help: emission, and the surroundings `ambient` seen diffusely, and
+    /// specularly where no mirror ray brings them.
+    #[inline(always)]
+    pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
+        let mut rough = [0.0; LANES];
+        for l in 0..LANES {
+            rough[l] = if self.roughness[l] <= MIRROR_ROUGHNESS {
+                0.0
+            } else {
+                1.0
+            };
+        }
+        let mut radiance = self.emission;
+        for channel in 0..3 {
+            for l in 0..LANES {
+                let albedo = self.c_diff(channel, l) + self.f0(channel, l) * rough[l];
+                radiance[channel][l] += ambient[channel] * albedo;
+            }
+        }
+        radiance
+    }
+}
+
+/// Reflected radiance per unit of irradiance at normal incidence, that is BRDF times n·wi, at sixteen points.
+///
+/// `ns`, `wo` and `wi` are unit vectors; lanes with n·wi <= 0 give zero.
+#[inline(always)]
+pub fn direct(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+) -> Lanes3<f32> {
+    let mut reflected = [[0.0; LANES]; 3];
+    for l in 0..LANES {
+        let n = [ns[0][l], ns[1][l], ns[2][l]];
+        let v = [wo[0][l], wo[1][l], wo[2][l]];
+        let i = [wi[0][l], wi[1][l], wi[2][l]];
+        let n_dot_l = dot(n, i).max(0.0);
+        let n_dot_v = dot(n, v).abs();
+        let h = [v[0] + i[0], v[1] + i[1], v[2] + i[2]];
+        let h_squared = dot(h, h);
+        let h_scale = if h_squared > 0.0 {
+            1.0 / h_squared.sqrt()
+        } else {
+            0.0
+        };
+        let v_dot_h = dot(v, h).abs() * h_scale;
+        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos²: near the peak of a smooth lobe the textbook form
+        // loses all digits, this one none.
+        let c = [
+            n[1] * h[2] - n[2] * h[1],
+            n[2] * h[0] - n[0] * h[2],
+            n[0] * h[1] - n[1] * h[0],
+        ];
+        let sin_squared = dot(c, c) * h_scale * h_scale;
+        let n_dot_h = dot(n, h) * h_scale;
+        let alpha = material.roughness[l] * material.roughness[l];
+        let alpha_squared = alpha * alpha;
+        let denominator = sin_squared + alpha_squared * n_dot_h * n_dot_h;
+        let shadowing_l = n_dot_l + (alpha_squared + (1.0 - alpha_squared) * n_dot_l * n_dot_l).sqrt();
+        let shadowing_v = n_dot_v + (alpha_squared + (1.0 - alpha_squared) * n_dot_v * n_dot_v).sqrt();
+        let below = PI * denominator * denominator * shadowing_l * shadowing_v;
+        // alpha = 0 is a mirror: a punctual light is never exactly in the mirror direction.
+        let lobe = if n_dot_h > 0.0 && alpha_squared > 0.0 && below > 0.0 {
+            alpha_squared / below
+        } else {
+            0.0
+        };
+        let grazing = fifth_power(1.0 - v_dot_h);
+        for channel in 0..3 {
+            let f0 = material.f0(channel, l);
+            let fresnel = f0 + (1.0 - f0) * grazing;
+            let diffuse = (1.0 - fresnel) * material.c_diff(channel, l) * (1.0 / PI);
+            reflected[channel][l] = (diffuse + fresnel * lobe) * n_dot_l;
+        }
+    }
+    reflected
+}
+
+/// The mirror ray of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, zero where the surface is
+/// rougher than [`MIRROR_ROUGHNESS`].
+#[inline(always)]
+pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> (Lanes3<f32>, Lanes3<f32>) {
+    let mut direction = [[0.0; LANES]; 3];
+    let mut reflectance = [[0.0; LANES]; 3];
+    for l in 0..LANES {
+        let cosine = ns[0][l] * wo[0][l] + ns[1][l] * wo[1][l] + ns[2][l] * wo[2][l];
+        for axis in 0..3 {
+            direction[axis][l] = 2.0 * cosine * ns[axis][l] - wo[axis][l];
+        }
+        let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS {
+            1.0
+        } else {
+            0.0
+        };
+        let grazing = fifth_power(1.0 - cosine.abs());
+        for channel in 0..3 {
+            let f0 = material.f0(channel, l);
+            reflectance[channel][l] = smooth * (f0 + (1.0 - f0) * grazing);
+        }
+    }
+    (direction, reflectance)
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// max(x, 0)⁵.
+#[inline(always)]
+fn fifth_power(x: f32) -> f32 {
+    let x = x.max(0.0);
+    let squared = x * x;
+    squared * squared * x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lanes3(v: [f32; 3]) -> Lanes3<f32> {
+        v.map(|axis| [axis; LANES])
+    }
+
+    fn material(base: f32, metallic: f32, roughness: f32) -> MaterialPacket {
+        MaterialPacket {
+            base_color: [[base; LANES]; 3],
+            metallic: [metallic; LANES],
+            roughness: [roughness; LANES],
+            emission: [[0.0; LANES]; 3],
+        }
+    }
+
+    #[test]
+    fn a_rough_white_dielectric_seen_and_lit_head_on_is_lambert_plus_four_percent() {
+        let up = lanes3([0.0, 0.0, 1.0]);
+        let out = direct(&material(1.0, 0.0, 1.0), &up, &up, &up);
+        // Diffuse 0.96 / π, lobe D = 1/π, V = 1/4: 0.04 / (4π).
+        let expected = 0.96 / PI + 0.04 / (4.0 * PI);
+        assert!((out[1][5] - expected).abs() < 4.0 * f32::EPSILON * expected);
+    }
+
+    #[test]
+    fn a_light_below_the_horizon_gives_nothing() {
+        let up = lanes3([0.0, 0.0, 1.0]);
+        let out = direct(&material(1.0, 0.0, 0.5), &up, &up, &lanes3([0.6, 0.0, -0.8]));
+        assert_eq!(out, [[0.0; LANES]; 3]);
+    }
+
+    #[test]
+    fn the_peak_of_a_smooth_lobe_keeps_its_digits() {
+        let up = lanes3([0.0, 0.0, 1.0]);
+        let roughness = 0.05f32;
+        let out = direct(&material(1.0, 1.0, roughness), &up, &up, &up);
+        // Head on: D = 1 / (π α²), V = 1/4, F = 1.
+        let alpha = f64::from(roughness) * f64::from(roughness);
+        let expected = 1.0 / (4.0 * std::f64::consts::PI * alpha * alpha);
+        assert!((f64::from(out[0][0]) / expected - 1.0).abs() < 16.0 * f64::from(f32::EPSILON));
+    }
+
+    #[test]
+    fn a_perfect_mirror_has_no_lobe_and_reflects_about_the_normal() {
+        let up = lanes3([0.0, 0.0, 1.0]);
+        let wo = lanes3([0.6, 0.0, 0.8]);
+        let polished = material(0.5, 1.0, 0.0);
+        assert_eq!(
+            direct(&polished, &up, &wo, &lanes3([-0.6, 0.0, 0.8])),
+            [[0.0; LANES]; 3]
+        );
+        let (direction, reflectance) = mirror(&polished, &up, &wo);
+        let close = |a: f32, b: f32| (a - b).abs() < 4.0 * f32::EPSILON;
+        assert!(close(direction[0][2], -0.6) && close(direction[2][2], 0.8));
+        // f0 = 1/2, (1 - 0.8)^5 = 0.00032.
+        assert!(close(reflectance[0][2], 0.5 + 0.5 * 0.00032));
+        assert_eq!(mirror(&material(0.5, 1.0, 0.2), &up, &wo).1, [[0.0; LANES]; 3]);
+    }
+}

@@ -1,0 +1,69 @@
+//! `whit bench` as its users meet it.
+
+mod cli_program;
+
+use std::collections::BTreeSet;
+use std::fs;
+
+use cli_program::{fails_with, first_light, names_in, whit};
+
+#[test]
+fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
+    let folder = tempfile::tempdir().unwrap();
+    let json = folder.path().join("bench.json").display().to_string();
+    let flags = ["--size", "48x32", "--repeat", "2", "--json", &json];
+    let run = whit(&[&["bench", &first_light()], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stdout.contains("Mrays/s"), "{}", run.stdout);
+    let rows: serde_json::Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    let mut measured = BTreeSet::new();
+    for row in rows.as_array().unwrap() {
+        for key in ["scene", "backend", "precision", "rays", "mode"] {
+            assert!(row[key].is_string(), "{key} in {row}");
+        }
+        for key in ["mrays_per_s", "mrays_per_s_min", "mrays_per_s_max"] {
+            assert!(row[key].as_f64().unwrap() > 0.0, "{key} in {row}");
+        }
+        assert!(row["build_seconds"].is_f64() && row["bytes"].is_u64(), "{row}");
+        assert!(row["mrays_per_s_min"].as_f64() <= row["mrays_per_s_max"].as_f64());
+        assert_eq!(row["mismatches"], 0, "{row}");
+        assert_eq!(row["embree"].is_object(), row["backend"] == "embree", "{row}");
+        assert_eq!(row["frame"].is_object(), cfg!(feature = "embree"), "{row}");
+        measured.insert(format!(
+            "{} {} {}",
+            row["rays"].as_str().unwrap(),
+            row["backend"].as_str().unwrap(),
+            row["mode"].as_str().unwrap()
+        ));
+    }
+    let mut ways = vec!["bsp single", "bsp packet", "bsp batch"];
+    if cfg!(feature = "embree") {
+        ways.extend(["embree raw", "embree single", "embree packet"]);
+    }
+    for rays in ["camera", "shadow", "reflection", "random"] {
+        for way in &ways {
+            assert!(
+                measured.contains(&format!("{rays} {way}")),
+                "{rays} {way} in {measured:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn bad_input_ends_in_one_sentence_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let there = |name: &str| folder.path().join(name).display().to_string();
+    fails_with(
+        2,
+        "no-such-scene.glb",
+        &["bench", "no-such-scene.glb", "--json", &there("a.json")],
+    );
+    fails_with(
+        2,
+        "there is no folder",
+        &["bench", &first_light(), "--json", &there("no/a.json")],
+    );
+    fails_with(2, "1..=1000", &["bench", &first_light(), "--repeat", "0"]);
+    assert_eq!(names_in(folder.path()), Vec::<String>::new());
+}

@@ -1,0 +1,76 @@
+//! `whit info` as its users meet it.
+
+mod cli_program;
+
+use std::fs;
+
+use cli_program::{fails_with, first_light, whit};
+
+#[test]
+fn the_text_tells_triangles_lights_cameras_and_memory() {
+    let run = whit(&["info", &first_light()]);
+    assert_eq!((run.code, &*run.stderr), (0, ""));
+    for subject in [
+        "triangles",
+        "light 0",
+        "camera 0",
+        "bounds",
+        "shadow rays",
+        "memory",
+    ] {
+        assert!(
+            run.stdout.lines().any(|line| line.starts_with(subject)),
+            "{subject} in {}",
+            run.stdout
+        );
+    }
+}
+
+#[test]
+fn the_json_agrees_with_what_a_render_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let [image, stats] = ["a.png", "a.json"].map(|name| folder.path().join(name).display().to_string());
+    let info = whit(&["info", "--json", &first_light()]);
+    assert_eq!((info.code, &*info.stderr), (0, ""));
+    let info: serde_json::Value = serde_json::from_str(&info.stdout).unwrap();
+    let render = whit(&[
+        "render",
+        &first_light(),
+        "-o",
+        &image,
+        "--size",
+        "8x8",
+        "--stats",
+        &stats,
+    ]);
+    assert_eq!(render.code, 0, "{}", render.stderr);
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
+    assert!(info["triangles"].as_u64().unwrap() > 0);
+    assert_eq!(info["triangles"], stats["scene"]["triangles"]);
+    assert_eq!(info["instances"], stats["scene"]["instances"]);
+    assert_eq!(info["textures"], stats["scene"]["textures"]);
+    assert_eq!(info["lights"].as_array().unwrap().len(), stats["scene"]["lights"]);
+    assert_eq!(info["cameras"][0]["name"], stats["image"]["camera"]);
+    assert_eq!(info["effects"]["shadow"], stats["effects"]["shadow"]["reason"]);
+}
+
+#[test]
+fn a_bad_scene_ends_in_one_sentence() {
+    fails_with(2, "no-such-scene.glb", &["info", "no-such-scene.glb"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_reader_that_leaves_is_no_failure() {
+    use std::process::{Command, Stdio};
+    let mut child = Command::new(env!("CARGO_BIN_EXE_whit"))
+        .args(["info", &first_light()])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!((output.status.code(), &*stderr), (Some(0), ""));
+}

@@ -270,7 +270,7 @@ mod tests {
             Vec3::new(
                 fraction(n * 0.754_877_67),
                 fraction(n * 0.569_840_29),
-                fraction(n * std::f64::consts::FRAC_1_PI),
+                fraction(n * 0.438_579_02),
             )
         };
         mesh((0..count).map(|i| {

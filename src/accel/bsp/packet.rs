@@ -5,6 +5,7 @@
 //! against the interval that bounds the whole group, eight children at once; the children that are left, against each
 //! ray, sixteen at once. Small groups go ray by ray.
 
+use super::counters;
 use super::levels::Levels;
 use super::single::{Found, Question, STACK, Stack, ask_whole, hit_of, trace_lane, trace_singles};
 use super::slack::Line;
@@ -16,10 +17,12 @@ use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis, lanes};
 /// A value for each ray.
 type Lanes = [f32; LANES];
 
+/// All lanes.
+const FULL: u32 = (1 << LANES) - 1;
 /// Groups of fewer rays go ray by ray.
 const SMALL_GROUP: u32 = 4;
 /// Up to this many rays, a leaf is tested eight triangles at a time; above, sixteen rays at a time.
-const FEW_RAYS: u32 = 4;
+const FEW_RAYS: u32 = 8;
 
 /// Asks packets.
 #[inline(always)]
@@ -119,15 +122,27 @@ struct Hull {
     t_near: f32,
 }
 
+/// The least and greatest value, by halves: a chain of sixteen comparisons would wait for itself.
 #[inline(always)]
 fn range(values: &Lanes) -> [f32; 2] {
-    let mut low = values[0];
-    let mut high = values[0];
-    for &x in values {
-        low = if x < low { x } else { low };
-        high = if x > high { x } else { high };
+    let (mut low, mut high) = (*values, *values);
+    let mut half = LANES / 2;
+    while half > 0 {
+        for i in 0..half {
+            low[i] = if low[i + half] < low[i] {
+                low[i + half]
+            } else {
+                low[i]
+            };
+            high[i] = if high[i + half] > high[i] {
+                high[i + half]
+            } else {
+                high[i]
+            };
+        }
+        half /= 2;
     }
-    [low, high]
+    [low[0], high[0]]
 }
 
 #[inline(always)]
@@ -138,6 +153,9 @@ fn ranges([x, y, z]: &[Lanes; 3]) -> [[f32; 2]; 3] {
 /// The values of the lanes in `mask`, and that of its first lane elsewhere.
 #[inline(always)]
 fn fill(row: &Lanes, mask: u32) -> Lanes {
+    if mask == FULL {
+        return *row;
+    }
     let first = row[mask.trailing_zeros() as usize % LANES];
     let mut out = [first; LANES];
     for i in 0..LANES {
@@ -236,7 +254,7 @@ fn walk(
         waiting -= 1;
         let (child, mask, enters) = cells[waiting];
         let mask = mask & group.best.active;
-        if mask == 0 || !(enters <= group.best.t_last) {
+        if mask == 0 || enters > group.best.t_last {
             continue;
         }
         if let Some(index) = child.node() {
@@ -265,6 +283,7 @@ fn walk(
 /// Puts the children that any ray meets on the stack, the nearest on top; returns how many wait now.
 #[inline(always)]
 fn enter(isa: impl Isa, node: &Node, group: &Group, cells: &mut [Waiting; STACK], waiting: usize) -> usize {
+    counters::node();
     let (candidates, near) = group.hull.children(isa, node, group.octant, group.best.t_last);
     let order = node.far_to_near[group.octant & 7];
     let Some(slots) = cells[waiting..].first_chunk_mut::<WIDTH>() else {
@@ -340,6 +359,7 @@ impl Group {
     fn ray_by_ray(&mut self, isa: impl Isa, pack: &LeafPack, mask: u32, question: Question) {
         for lane in lanes(mask & self.best.active) {
             let lane = lane % LANES;
+            counters::pack();
             let shear = self.shears.lane(lane);
             let mut found = self.best.found(lane);
             let hits = shear.intersect_pack(isa, &pack.triangles, self.t_near[lane], found.t);
@@ -369,6 +389,7 @@ impl Group {
             if number == NO_NUMBER {
                 break;
             }
+            counters::triangle();
             let hits = self
                 .shears
                 .intersect(isa, pack.triangles.triangle(slot), &self.t_near, &self.best.t);

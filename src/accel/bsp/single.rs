@@ -1,5 +1,7 @@
 //! The kernel for one ray: eight cells at a time, then eight triangles at a time.
 
+use super::builder::MAX_DEPTH;
+use super::counters;
 use super::levels::Levels;
 use super::slack::Line;
 use super::wide::{Child, Leaf, Node, WIDTH, WideTree};
@@ -9,8 +11,6 @@ use crate::mesh::lanes::Isa;
 use crate::mesh::triangle::{PACK, Shear, lanes};
 use crate::numeric::Ray;
 use crate::scene::Geometry;
-
-use super::builder::MAX_DEPTH;
 
 /// Cells that can wait at most: every level leaves all but one of its children behind, and the last writes a full set.
 pub(super) const STACK: usize = MAX_DEPTH * (WIDTH - 1) + 2 * WIDTH;
@@ -222,6 +222,7 @@ fn walk(
         }
         let Leaf { packs, wholes } = tree.leaf(child);
         for pack in packs {
+            counters::pack();
             let hits = beam
                 .shear
                 .intersect_pack(isa, &pack.triangles, beam.t_near, found.t);
@@ -274,6 +275,7 @@ fn enter(
     stack: &mut Stack,
     waiting: usize,
 ) -> usize {
+    counters::node();
     let mut near = [beam.t_near; WIDTH];
     let mut far = [t_far; WIDTH];
     for axis in 0..3 {
@@ -309,4 +311,30 @@ fn enter(
         count += (mask >> slot & 1) as usize;
     }
     waiting + count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tie_within_a_placed_mesh_goes_to_the_smaller_instance_then_to_the_smaller_triangle() {
+        let known = Found {
+            t: 1.0,
+            number: 5,
+            primitive: 7,
+            ..Found::nothing(9.0)
+        };
+        assert!(known.within(4).is_beaten_by(1.0, 1000));
+        assert!(!known.within(6).is_beaten_by(1.0, 0));
+        assert!(known.within(5).is_beaten_by(1.0, 6));
+        assert!(!known.within(5).is_beaten_by(1.0, 7));
+        assert!(known.within(6).is_beaten_by(1f32.next_down(), 0));
+    }
+
+    #[test]
+    fn a_hit_at_the_very_end_of_the_ray_counts() {
+        assert!(Found::nothing(2.0).is_beaten_by(2.0, 0));
+        assert!(!Found::nothing(2.0).is_beaten_by(2f32.next_up(), 0));
+    }
 }

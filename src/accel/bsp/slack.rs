@@ -116,3 +116,46 @@ impl Line {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UNIT_CELL: Cell = Cell {
+        low: [0.0; 3],
+        high: [1.0; 3],
+    };
+
+    #[test]
+    fn a_ray_within_a_plane_is_on_both_sides_of_it_all_along() {
+        let slack = Slack::of(&UNIT_CELL);
+        for zero in [0.0, -0.0, 1e-40, -1e-40] {
+            let line = Line::new([0.5, 0.0, 0.0], [zero, 1.0, 0.0]);
+            for side in [-1.0, 1.0] {
+                let [from, to] = line.half_space(0, 0.5, side, slack);
+                assert!(from <= 0.0 && to >= f32::MAX, "{zero} {side}: {from} {to}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_ray_beside_a_plane_it_runs_along_is_on_one_side_only() {
+        let line = Line::new([0.25, 0.0, 0.0], [-0.0, 1.0, 0.0]);
+        let slack = Slack::of(&UNIT_CELL);
+        let [from, to] = line.half_space(0, 0.5, -1.0, slack);
+        assert!(from <= 0.0 && to >= f32::MAX);
+        let [from, to] = line.half_space(0, 0.5, 1.0, slack);
+        assert!(from > f32::MAX || to < 0.0);
+    }
+
+    #[test]
+    fn the_sides_of_a_crossed_plane_overlap_by_a_little() {
+        let line = Line::new([0.0; 3], [1.0, 0.0, 0.0]);
+        let slack = Slack::of(&UNIT_CELL);
+        let [_, leave] = line.half_space(0, 0.5, -1.0, slack);
+        let [enter, _] = line.half_space(0, 0.5, 1.0, slack);
+        // Each border may be off by the slack of the plane and, relative to 0.5, that of the parameter, and an ulp.
+        let most = PLANE_SLACK + 0.5 * PARAMETER_SLACK + f32::EPSILON;
+        assert!(enter < 0.5 && 0.5 < leave && leave - enter < 2.0 * most);
+    }
+}

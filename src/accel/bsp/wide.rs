@@ -287,3 +287,49 @@ fn far_to_near(branch: &Branch, family: &[&Branch], octant: usize) -> u32 {
         .enumerate()
         .fold(0, |order, (i, slot)| order | slot << (4 * i))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn leaf(low: f32, high: f32) -> Branch {
+        Branch {
+            cell: Cell {
+                low: [low, 0.0, 0.0],
+                high: [high, 1.0, 1.0],
+            },
+            content: Content::Leaf([0].into()),
+        }
+    }
+
+    fn cut(position: f32, halves: [Branch; 2]) -> Branch {
+        Branch {
+            cell: Cell {
+                low: halves[0].cell.low,
+                high: halves[1].cell.high,
+            },
+            content: Content::Cut {
+                axis: 0,
+                position,
+                halves: Box::new(halves),
+            },
+        }
+    }
+
+    #[test]
+    fn cells_are_met_in_the_order_in_which_they_lie_along_the_ray() {
+        let row = cut(2.0, [leaf(0.0, 2.0), cut(3.0, [leaf(2.0, 3.0), leaf(3.0, 4.0)])]);
+        let family = gather(&row);
+        let lows: Vec<f32> = family.iter().map(|member| member.cell.low[0]).collect();
+        assert_eq!(lows, [0.0, 2.0, 3.0]);
+        // Far to near for a rising ray: slots 2, 1, 0; for one that falls along x: 0, 1, 2; unused slots after.
+        assert_eq!(far_to_near(&row, &family, 0), 0x7654_3012);
+        assert_eq!(far_to_near(&row, &family, 1), 0x7654_3210);
+    }
+
+    #[test]
+    fn a_link_tells_a_node_from_a_leaf() {
+        assert_eq!(Child(5).node(), Some(5));
+        assert_eq!(Child(LEAF | 5).node(), None);
+    }
+}

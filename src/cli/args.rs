@@ -264,7 +264,12 @@ fn exposure(text: &str) -> Result<f32, String> {
 #[cfg(feature = "embree")]
 fn embree_version() -> Option<String> {
     let version = embree_sys::HEADER_VERSION;
-    Some(format!("{}.{}.{}", version / 10_000, version / 100 % 100, version % 100))
+    Some(format!(
+        "{}.{}.{}",
+        version / 10_000,
+        version / 100 % 100,
+        version % 100
+    ))
 }
 
 #[cfg(not(feature = "embree"))]

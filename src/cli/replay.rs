@@ -28,8 +28,12 @@ pub(super) struct RaySet {
 }
 
 impl RaySet {
-    /// Keeps packets that hold a ray; of very many an even choice.
+    /// Keeps packets that hold a ray which backends trace; of very many an even choice.
     pub(super) fn new(kind: RayKind, mut packets: Vec<RayPacket>) -> RaySet {
+        // Raw calls check nothing.
+        packets.iter_mut().for_each(|packet| {
+            packet.drop_untraceable();
+        });
         packets.retain(RayPacket::any_active);
         let packets = thinned(packets, MOST_PACKETS);
         let active = |packet: &RayPacket| (0..LANES).filter(|&lane| packet.is_active(lane)).count() as u64;
@@ -262,9 +266,10 @@ mod tests {
     }
 
     #[test]
-    fn packets_without_a_ray_are_not_replayed() {
+    fn lanes_and_packets_without_a_sound_ray_are_not_replayed() {
         let mut packet = RayPacket::EMPTY;
         packet.set(3, &Ray::new(Vec3::ZERO, Vec3::X));
+        packet.set(4, &Ray::new(Vec3::NAN, Vec3::X));
         let set = RaySet::new(RayKind::Camera, vec![RayPacket::EMPTY, packet]);
         assert_eq!((set.packets.len(), set.ray_count), (1, 1));
     }

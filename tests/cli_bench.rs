@@ -42,7 +42,10 @@ fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
     }
     for rays in ["camera", "shadow", "reflection", "random"] {
         for way in &ways {
-            assert!(measured.contains(&format!("{rays} {way}")), "{rays} {way} in {measured:?}");
+            assert!(
+                measured.contains(&format!("{rays} {way}")),
+                "{rays} {way} in {measured:?}"
+            );
         }
     }
 }
@@ -51,8 +54,16 @@ fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
 fn bad_input_ends_in_one_sentence_before_anything_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let there = |name: &str| folder.path().join(name).display().to_string();
-    fails_with(2, "no-such-scene.glb", &["bench", "no-such-scene.glb", "--json", &there("a.json")]);
-    fails_with(2, "there is no folder", &["bench", &first_light(), "--json", &there("no/a.json")]);
+    fails_with(
+        2,
+        "no-such-scene.glb",
+        &["bench", "no-such-scene.glb", "--json", &there("a.json")],
+    );
+    fails_with(
+        2,
+        "there is no folder",
+        &["bench", &first_light(), "--json", &there("no/a.json")],
+    );
     fails_with(2, "1..=1000", &["bench", &first_light(), "--repeat", "0"]);
     assert_eq!(names_in(folder.path()), Vec::<String>::new());
 }

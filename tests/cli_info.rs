@@ -10,8 +10,19 @@ use cli_program::{fails_with, first_light, whit};
 fn the_text_tells_triangles_lights_cameras_and_memory() {
     let run = whit(&["info", &first_light()]);
     assert_eq!((run.code, &*run.stderr), (0, ""));
-    for subject in ["triangles", "light 0", "camera 0", "bounds", "shadow rays", "memory"] {
-        assert!(run.stdout.lines().any(|line| line.starts_with(subject)), "{subject} in {}", run.stdout);
+    for subject in [
+        "triangles",
+        "light 0",
+        "camera 0",
+        "bounds",
+        "shadow rays",
+        "memory",
+    ] {
+        assert!(
+            run.stdout.lines().any(|line| line.starts_with(subject)),
+            "{subject} in {}",
+            run.stdout
+        );
     }
 }
 
@@ -22,7 +33,16 @@ fn the_json_agrees_with_what_a_render_counts() {
     let info = whit(&["info", "--json", &first_light()]);
     assert_eq!((info.code, &*info.stderr), (0, ""));
     let info: serde_json::Value = serde_json::from_str(&info.stdout).unwrap();
-    let render = whit(&["render", &first_light(), "-o", &image, "--size", "8x8", "--stats", &stats]);
+    let render = whit(&[
+        "render",
+        &first_light(),
+        "-o",
+        &image,
+        "--size",
+        "8x8",
+        "--stats",
+        &stats,
+    ]);
     assert_eq!(render.code, 0, "{}", render.stderr);
     let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
     assert!(info["triangles"].as_u64().unwrap() > 0);

@@ -1,170 +1,229 @@
-//! Finds the installed Embree, compiles the shim over its headers and makes bindings from them.
-//!
-//! Neither Debian release ships a pkg-config file, so the headers themselves are looked for: Embree 4 before 3, in
-//! `EMBREE_DIR` (a prefix with `include` and `lib`) or in the usual places; `EMBREE_VERSION=3|4` picks one.
+//! Finds Embree, compiles the shim against its headers and makes the bindings from them.
 
+use std::env;
+use std::fs;
+use std::panic;
 use std::path::{Path, PathBuf};
-use std::{env, fs, process};
+use std::process::ExitCode;
 
-/// What every failure ends with.
-const REMEDY: &str = "install it with `apt-get install libembree-dev libclang-dev gcc`, name another place with \
-                      EMBREE_DIR, or build without it: `--no-default-features`";
+use bindgen::{Builder, EnumVariation, RustEdition};
 
-/// Where Embree is looked for if nothing else is said.
-const PREFIXES: [&str; 3] = ["/usr/local", "/usr", "/opt/embree"];
+/// Where a system keeps libraries that were not given by `EMBREE_DIR`.
+const SYSTEM_PREFIXES: [&str; 3] = ["/usr/local", "/usr", "/opt/homebrew"];
 
-/// The functions, types and constants that are called; nothing else is bound.
-const ALLOWED: [&str; 3] = ["rtc[A-Z].*", "RTC.*", "[wW]hit.*"];
+/// What every message ends with.
+const REMEDY: &str =
+    "run `apt-get install libembree-dev libclang-dev`, or build without Embree by `--no-default-features`";
 
-/// An installed Embree.
-struct Installation {
-    /// 3 or 4.
-    major: u32,
-    /// The folder with `rtcore.h`.
+/// The functions that whit calls; their types come along.
+const FUNCTIONS: &str = "rtc(NewDevice|ReleaseDevice|GetDeviceProperty|GetDeviceError|SetDeviceErrorFunction\
+    |SetDeviceMemoryMonitorFunction|NewScene|ReleaseScene|CommitScene|SetSceneFlags|SetSceneBuildQuality\
+    |SetSceneProgressMonitorFunction|NewGeometry|ReleaseGeometry|CommitGeometry|AttachGeometryByID\
+    |SetGeometryBuildQuality|SetGeometryMask|SetSharedGeometryBuffer|SetNewGeometryBuffer|SetGeometryUserPrimitiveCount\
+    |SetGeometryUserData|SetGeometryBoundsFunction|SetGeometryIntersectFunction|SetGeometryOccludedFunction)\
+    |embree_.*";
+
+/// Constants are reached by no function's type, so they are named here.
+const CONSTANTS: &str = "RTC_VERSION.*";
+const TYPES: &str = "RTC(RayHit|RayHit4|RayHit8|RayHit16|Error|DeviceProperty|Format|BufferType|GeometryType|SceneFlags\
+    |BuildQuality|IntersectFunctionNArguments|OccludedFunctionNArguments|BoundsFunctionArguments)";
+
+/// One installed Embree.
+struct Embree {
+    api: u32,
     headers: PathBuf,
-    /// The folder with the shared library.
-    libraries: PathBuf,
+    library_folder: PathBuf,
+    version: [u32; 3],
 }
 
-fn main() {
-    for name in ["EMBREE_DIR", "EMBREE_VERSION"] {
-        println!("cargo::rerun-if-env-changed={name}");
+fn main() -> ExitCode {
+    for variable in [
+        "EMBREE_DIR",
+        "EMBREE_VERSION",
+        "LIBCLANG_PATH",
+        "LLVM_CONFIG_PATH",
+    ] {
+        println!("cargo::rerun-if-env-changed={variable}");
     }
     for file in ["build.rs", "shim.c", "shim.h"] {
         println!("cargo::rerun-if-changed={file}");
     }
-    if let Err(reason) = build() {
-        eprintln!("{reason}: {REMEDY}");
-        process::exit(1);
+    match make() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("{message}: {REMEDY}");
+            ExitCode::FAILURE
+        }
     }
 }
 
-fn build() -> Result<(), String> {
+fn make() -> Result<(), String> {
+    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set: build with cargo")?);
     let embree = find()?;
-    let config = embree.headers.join("rtcore_config.h");
-    println!("cargo::rerun-if-changed={}", config.display());
-    let version = header_version(&config)?;
-    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("cargo has set no OUT_DIR")?);
-    let include = include_only(&embree, &out)?;
+    // A folder that holds Embree and nothing else: a whole foreign `include` would shadow this system's C headers.
+    let include = out.join("include");
+    link_alone(&embree.headers, &include)?;
     compile_shim(&embree, &include)?;
-    bind(&embree, &include, &out)?;
-    println!("cargo::rustc-link-search=native={}", embree.libraries.display());
-    println!("cargo::rustc-link-lib=dylib=embree{}", embree.major);
-    println!("cargo::metadata=version={version}");
-    println!("cargo::metadata=major={}", embree.major);
+    make_bindings(&embree, &include, &out.join("bindings.rs"))?;
+
+    let [major, minor, patch] = embree.version;
+    println!(
+        "cargo::rustc-link-search=native={}",
+        embree.library_folder.display()
+    );
+    println!("cargo::rustc-link-lib=dylib=embree{}", embree.api);
+    println!("cargo::metadata=version={major}.{minor}.{patch}");
+    println!("cargo::metadata=api={}", embree.api);
+    println!("cargo::rerun-if-changed={}", embree.headers.display());
     Ok(())
 }
 
-fn find() -> Result<Installation, String> {
-    let majors: Vec<u32> = match env::var("EMBREE_VERSION").as_deref() {
-        Ok("3") => vec![3],
+/// The newest Embree under `EMBREE_DIR`, or of the system where that is not set.
+fn find() -> Result<Embree, String> {
+    let apis = match env::var("EMBREE_VERSION").as_deref() {
+        Err(_) | Ok("") => vec![4, 3],
         Ok("4") => vec![4],
-        Ok(other) if !other.is_empty() => return Err(format!("EMBREE_VERSION is `{other}`, not 3 or 4")),
-        _ => vec![4, 3],
+        Ok("3") => vec![3],
+        Ok(other) => return Err(format!("EMBREE_VERSION is `{other}` and must be 3 or 4")),
     };
-    let prefixes: Vec<PathBuf> = match env::var_os("EMBREE_DIR") {
-        Some(prefix) if !prefix.is_empty() => vec![prefix.into()],
-        _ => PREFIXES.iter().map(PathBuf::from).collect(),
+    let prefixes = match env::var_os("EMBREE_DIR").filter(|dir| !dir.is_empty()) {
+        Some(dir) => vec![PathBuf::from(dir)],
+        None => SYSTEM_PREFIXES.map(PathBuf::from).to_vec(),
     };
-    majors
+    for &api in &apis {
+        for prefix in &prefixes {
+            let headers = prefix.join(format!("include/embree{api}"));
+            if !headers.join("rtcore.h").is_file() {
+                continue;
+            }
+            let library_folder = find_library(prefix, api)
+                .ok_or_else(|| format!("{} has no libembree{api} beside it", headers.display()))?;
+            let version = read_version(&headers.join("rtcore_config.h"))?;
+            if version < [3, 13, 0] {
+                let [major, minor, _] = version;
+                return Err(format!("Embree {major}.{minor} is too old, 3.13 or 4 is needed"));
+            }
+            return Ok(Embree {
+                api,
+                headers,
+                library_folder,
+                version,
+            });
+        }
+    }
+    let names: Vec<String> = apis
         .iter()
-        .flat_map(|&major| prefixes.iter().map(move |prefix| (major, prefix)))
-        .find_map(|(major, prefix)| installation(major, prefix))
-        .ok_or_else(|| {
-            let places: Vec<String> = prefixes
-                .iter()
-                .map(|prefix| prefix.display().to_string())
-                .collect();
+        .map(|api| format!("include/embree{api}/rtcore.h"))
+        .collect();
+    let places: Vec<String> = prefixes
+        .iter()
+        .map(|prefix| prefix.display().to_string())
+        .collect();
+    Err(format!(
+        "Embree was not found ({} under {})",
+        names.join(" or "),
+        places.join(" or ")
+    ))
+}
+
+fn find_library(prefix: &Path, api: u32) -> Option<PathBuf> {
+    let architecture = env::var("CARGO_CFG_TARGET_ARCH").unwrap_or_default();
+    let folders = [
+        format!("lib/{architecture}-linux-gnu"),
+        "lib64".into(),
+        "lib".into(),
+    ];
+    let names = [
+        format!("libembree{api}.so"),
+        format!("libembree{api}.dylib"),
+        format!("embree{api}.lib"),
+    ];
+    folders
+        .iter()
+        .map(|folder| prefix.join(folder))
+        .find(|folder| names.iter().any(|name| folder.join(name).exists()))
+}
+
+/// Major, minor and patch from `rtcore_config.h`.
+fn read_version(config: &Path) -> Result<[u32; 3], String> {
+    let text =
+        fs::read_to_string(config).map_err(|e| format!("{} cannot be read ({e})", config.display()))?;
+    let part = |name: &str| {
+        text.lines()
+            .find_map(|line| {
+                line.strip_prefix("#define RTC_VERSION_")?
+                    .strip_prefix(name)?
+                    .trim()
+                    .parse()
+                    .ok()
+            })
+            .ok_or_else(|| format!("{} does not say RTC_VERSION_{name}", config.display()))
+    };
+    Ok([part("MAJOR")?, part("MINOR")?, part("PATCH")?])
+}
+
+/// Makes `folder` hold a link to `headers` and nothing else.
+fn link_alone(headers: &Path, folder: &Path) -> Result<(), String> {
+    let failed = |e: std::io::Error| format!("{} cannot be written ({e})", folder.display());
+    if folder.exists() {
+        fs::remove_dir_all(folder).map_err(failed)?;
+    }
+    fs::create_dir_all(folder).map_err(failed)?;
+    let headers = headers.canonicalize().map_err(failed)?;
+    let link = folder.join(headers.file_name().unwrap_or_default());
+    std::os::unix::fs::symlink(headers, link).map_err(failed)
+}
+
+fn compile_shim(embree: &Embree, include: &Path) -> Result<(), String> {
+    cc::Build::new()
+        .file("shim.c")
+        .include(include)
+        .define("EMBREE_SYS_API", embree.api.to_string().as_str())
+        .std("c11")
+        // Every packet passes through it, in development builds too.
+        .opt_level(2)
+        .cargo_warnings(false)
+        .try_compile("embree_shim")
+        .map_err(|e| {
             format!(
-                "Embree's headers and library were not found in {}",
-                places.join(", ")
+                "the C compiler failed on embree-sys/shim.c ({})",
+                one_line(&e.to_string())
             )
         })
 }
 
-fn installation(major: u32, prefix: &Path) -> Option<Installation> {
-    let headers = prefix.join(format!("include/embree{major}"));
-    headers.join("rtcore_config.h").is_file().then_some(())?;
-    let architecture = env::var("CARGO_CFG_TARGET_ARCH").unwrap_or_default();
-    let folders = [
-        "lib64".into(),
-        format!("lib/{architecture}-linux-gnu"),
-        "lib".into(),
-    ];
-    let libraries = folders
-        .iter()
-        .map(|folder| prefix.join(folder))
-        .find(|folder| folder.join(format!("libembree{major}.so")).exists())?;
-    Some(Installation {
-        major,
-        headers,
-        libraries,
-    })
+fn make_bindings(embree: &Embree, include: &Path, file: &Path) -> Result<(), String> {
+    let generate = || {
+        Builder::default()
+            .header("shim.h")
+            .clang_arg(format!("-I{}", include.display()))
+            .clang_arg(format!("-DEMBREE_SYS_API={}", embree.api))
+            .allowlist_function(FUNCTIONS)
+            .allowlist_type(TYPES)
+            .allowlist_var(CONSTANTS)
+            .default_enum_style(EnumVariation::Consts)
+            .prepend_enum_name(false)
+            .layout_tests(true)
+            .generate_comments(false)
+            .rust_edition(RustEdition::Edition2024)
+            .generate()
+    };
+    // bindgen panics where libclang is missing. The reader needs one sentence, not where in bindgen that was noticed.
+    panic::set_hook(Box::new(|_| {}));
+    let bindings = panic::catch_unwind(generate);
+    drop(panic::take_hook());
+    bindings
+        .map_err(|_| "libclang was not found".to_owned())?
+        .map_err(|e| {
+            format!(
+                "libclang could not read Embree's headers ({})",
+                one_line(&e.to_string())
+            )
+        })?
+        .write_to_file(file)
+        .map_err(|e| format!("{} cannot be written ({e})", file.display()))
 }
 
-/// The version in words, such as `3.13.5`.
-fn header_version(config: &Path) -> Result<String, String> {
-    let text = fs::read_to_string(config)
-        .map_err(|error| format!("{} cannot be read ({error})", config.display()))?;
-    text.lines()
-        .find_map(|line| line.strip_prefix("#define RTC_VERSION_STRING"))
-        .and_then(|value| value.split('"').nth(1))
-        .map(String::from)
-        .ok_or_else(|| format!("{} states no version", config.display()))
-}
-
-/// A folder that shows Embree's headers and nothing else: a foreign prefix may hold another system's C library too.
-fn include_only(embree: &Installation, out: &Path) -> Result<PathBuf, String> {
-    let include = out.join("include");
-    let link = include.join(format!("embree{}", embree.major));
-    let made = fs::create_dir_all(&include).and_then(|()| {
-        if link.symlink_metadata().is_ok() {
-            fs::remove_file(&link)?;
-        }
-        std::os::unix::fs::symlink(fs::canonicalize(&embree.headers)?, &link)
-    });
-    made.map_err(|error| format!("{} cannot be made ({error})", link.display()))?;
-    Ok(include)
-}
-
-fn compile_shim(embree: &Installation, include: &Path) -> Result<(), String> {
-    let mut build = cc::Build::new();
-    build.file("shim.c").include(include).std("c11").warnings(true);
-    if embree.major == 4 {
-        build.define("WHIT_EMBREE_4", None);
-    }
-    build
-        .try_compile("whit_embree_shim")
-        .map_err(|error| format!("the shim over Embree did not compile ({error})"))
-}
-
-fn bind(embree: &Installation, include: &Path, out: &Path) -> Result<(), String> {
-    let mut builder = bindgen::Builder::default()
-        .header("shim.h")
-        .clang_arg(format!("-I{}", include.display()))
-        .clang_arg("-std=c11")
-        .default_enum_style(bindgen::EnumVariation::Consts)
-        .prepend_enum_name(false)
-        .layout_tests(true)
-        .derive_default(false)
-        .merge_extern_blocks(true)
-        .generate_comments(false);
-    if embree.major == 4 {
-        builder = builder.clang_arg("-DWHIT_EMBREE_4");
-    }
-    for pattern in ALLOWED {
-        builder = builder
-            .allowlist_function(pattern)
-            .allowlist_type(pattern)
-            .allowlist_var(pattern);
-    }
-    // bindgen panics where libclang is missing; its words are replaced by ours.
-    std::panic::set_hook(Box::new(|_| {}));
-    let generated = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| builder.generate()));
-    let _ = std::panic::take_hook();
-    generated
-        .map_err(|_| "libclang was not found, which reads Embree's headers".to_string())?
-        .map_err(|error| format!("Embree's headers could not be read ({error})"))?
-        .write_to_file(out.join("bindings.rs"))
-        .map_err(|error| format!("the bindings could not be written ({error})"))
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }

@@ -1,75 +1,85 @@
 #include "shim.h"
 
-#ifdef WHIT_EMBREE_4
-struct WhitQuery {
-  struct RTCRayQueryContext context;
-  struct RTCIntersectArguments intersect;
-  struct RTCOccludedArguments occluded;
-};
-#define TRACE1(name, arguments) name##1(scene, ray, &query->arguments)
-#define TRACE(name, arguments) name(valid, scene, ray, &query->arguments)
-#else
-struct WhitQuery {
-  struct RTCIntersectContext context;
-};
-#define TRACE1(name, arguments) name##1(scene, &query->context, ray)
-#define TRACE(name, arguments) name(valid, scene, &query->context, ray)
-#endif
+#include <string.h>
 
-_Static_assert(offsetof(struct RTCRayHit16, hit) == sizeof(struct RTCRay16), "a hit follows its ray");
-_Static_assert(sizeof(struct RTCRay16) == 12 * 64, "a ray packet is twelve rows of sixteen values");
+_Static_assert(offsetof(struct EmbreeQuery, context) == 0, "a context must turn back into its query");
+_Static_assert(RTC_MAX_INSTANCE_LEVEL_COUNT == 1, "whit's packets hold one instance level: use Embree as Debian builds it");
 
-unsigned int whitHeaderVersion(void) { return RTC_VERSION; }
+/* The rows of a packet that whit's own packet repeats; what is behind them differs between versions. */
+#define ROW(field) offsetof(struct RTCRayHit16, field) / sizeof(float[16])
+_Static_assert(ROW(ray.org_x) == 0 && ROW(ray.tnear) == 3 && ROW(ray.dir_x) == 4 && ROW(ray.time) == 7, "ray rows");
+_Static_assert(ROW(ray.tfar) == 8 && ROW(ray.mask) == 9 && ROW(ray.id) == 10 && ROW(ray.flags) == 11, "ray rows");
+_Static_assert(ROW(hit.Ng_x) == 12 && ROW(hit.u) == 15 && ROW(hit.v) == 16, "hit rows");
+_Static_assert(ROW(hit.primID) == 17 && ROW(hit.geomID) == 18 && ROW(hit.instID) == 19, "hit rows");
 
-size_t whitQuerySize(void) { return sizeof(struct WhitQuery); }
-
-void whitInitQuery(struct WhitQuery *query, int coherent) {
-#ifdef WHIT_EMBREE_4
-  enum RTCRayQueryFlags flags = coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
+void embree_query_init(struct EmbreeQuery *query, int coherent) {
+#if EMBREE_SYS_API == 4
   rtcInitRayQueryContext(&query->context);
   rtcInitIntersectArguments(&query->intersect);
-  query->intersect.context = &query->context;
-  query->intersect.flags = flags;
   rtcInitOccludedArguments(&query->occluded);
-  query->occluded.context = &query->context;
-  query->occluded.flags = flags;
+  query->intersect.flags = coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
+  query->occluded.flags = query->intersect.flags;
 #else
   rtcInitIntersectContext(&query->context);
-  query->context.flags =
-      coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  query->context.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
 #endif
 }
 
-void whitIntersect1(RTCScene scene, struct WhitQuery *query, struct RTCRayHit *ray) {
-  TRACE1(rtcIntersect, intersect);
-}
-void whitIntersect4(const int *valid, RTCScene scene, struct WhitQuery *query, struct RTCRayHit4 *ray) {
-  TRACE(rtcIntersect4, intersect);
-}
-void whitIntersect8(const int *valid, RTCScene scene, struct WhitQuery *query, struct RTCRayHit8 *ray) {
-  TRACE(rtcIntersect8, intersect);
-}
-void whitIntersect16(const int *valid, RTCScene scene, struct WhitQuery *query, struct RTCRayHit16 *ray) {
-  TRACE(rtcIntersect16, intersect);
+#if EMBREE_SYS_API == 4
+/* The arguments point at the context only for the length of a call, because the query may have moved since the last. */
+static struct RTCIntersectArguments *intersect_arguments(struct EmbreeQuery *query) {
+  query->intersect.context = &query->context;
+  return &query->intersect;
 }
 
-void whitOccluded1(RTCScene scene, struct WhitQuery *query, struct RTCRay *ray) {
-  TRACE1(rtcOccluded, occluded);
+static struct RTCOccludedArguments *occluded_arguments(struct EmbreeQuery *query) {
+  query->occluded.context = &query->context;
+  return &query->occluded;
 }
-void whitOccluded4(const int *valid, RTCScene scene, struct WhitQuery *query, struct RTCRay4 *ray) {
-  TRACE(rtcOccluded4, occluded);
-}
-void whitOccluded8(const int *valid, RTCScene scene, struct WhitQuery *query, struct RTCRay8 *ray) {
-  TRACE(rtcOccluded8, occluded);
-}
-void whitOccluded16(const int *valid, RTCScene scene, struct WhitQuery *query, struct RTCRay16 *ray) {
-  TRACE(rtcOccluded16, occluded);
-}
+#endif
 
-size_t whitInstPrimOffset16(void) {
-#if defined(RTC_GEOMETRY_INSTANCE_ARRAY)
-  return offsetof(struct RTCRayHit16, hit.instPrimID);
+void embree_intersect1(RTCScene scene, struct EmbreeQuery *query, struct RTCRayHit *rays) {
+#if EMBREE_SYS_API == 4
+  rtcIntersect1(scene, rays, intersect_arguments(query));
 #else
-  return 0;
+  rtcIntersect1(scene, &query->context, rays);
+#endif
+}
+
+void embree_occluded1(RTCScene scene, struct EmbreeQuery *query, struct RTCRay *rays) {
+#if EMBREE_SYS_API == 4
+  rtcOccluded1(scene, rays, occluded_arguments(query));
+#else
+  rtcOccluded1(scene, &query->context, rays);
+#endif
+}
+
+#if EMBREE_SYS_API == 4
+#define PACKET_CALLS(N)                                                                                                \
+  void embree_intersect##N(const int *valid, RTCScene scene, struct EmbreeQuery *query, struct RTCRayHit##N *rays) {   \
+    rtcIntersect##N(valid, scene, rays, intersect_arguments(query));                                                   \
+  }                                                                                                                    \
+  void embree_occluded##N(const int *valid, RTCScene scene, struct EmbreeQuery *query, struct RTCRay##N *rays) {       \
+    rtcOccluded##N(valid, scene, rays, occluded_arguments(query));                                                     \
+  }
+#else
+#define PACKET_CALLS(N)                                                                                                \
+  void embree_intersect##N(const int *valid, RTCScene scene, struct EmbreeQuery *query, struct RTCRayHit##N *rays) {   \
+    rtcIntersect##N(valid, scene, &query->context, rays);                                                              \
+  }                                                                                                                    \
+  void embree_occluded##N(const int *valid, RTCScene scene, struct EmbreeQuery *query, struct RTCRay##N *rays) {       \
+    rtcOccluded##N(valid, scene, &query->context, rays);                                                               \
+  }
+#endif
+
+PACKET_CALLS(4)
+PACKET_CALLS(8)
+PACKET_CALLS(16)
+
+void embree_report_lanes(int *valid, const int *hit, unsigned int count) {
+#if EMBREE_SYS_API == 4
+  memcpy(valid, hit, count * sizeof *valid);
+#else
+  (void)valid, (void)hit, (void)count;
 #endif
 }

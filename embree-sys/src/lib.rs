@@ -1,22 +1,21 @@
-//! Raw bindings to the installed Embree 3.13 or 4, made at build time from its own headers, and to the shim that hides
-//! their differences (`shim.h`).
+//! Raw bindings to the installed Embree, 3.13 or 4, made from its headers when this crate is built.
 //!
-//! Nothing here is safe and nothing is our own: functions and types are Embree's, C enums are plain integers. Trace
-//! calls go through the `whit...` functions of the shim, whose signatures are the same for both versions.
+//! Three kinds of items: Embree's own functions and types where both versions agree, under their own names; the functions
+//! of `shim.h` (`embree_*`), which read the same for both versions; and the version of the headers (`RTC_VERSION_*`). C
+//! enumerations are plain integers, because a newer library may answer with values that these headers do not name.
+//!
+//! | variable | meaning |
+//! | --- | --- |
+//! | `EMBREE_DIR` | folder with `include/embree4` (or `embree3`) and `lib`, instead of the system's |
+//! | `EMBREE_VERSION` | `3` or `4`, where both are installed; without it 4 is taken |
 
+// Generated items carry the names and the (missing) documentation of Embree's headers.
 #![allow(
     missing_docs,
-    unreachable_pub,
     non_camel_case_types,
     non_snake_case,
     non_upper_case_globals,
-    clippy::all
+    unreachable_pub
 )]
 
 include!(concat!(env!("OUT_DIR"), "/bindings.rs"));
-
-/// The version of the headers that these bindings were made from, as `RTC_VERSION` states it: 31305 for 3.13.5.
-pub const HEADER_VERSION: u32 = RTC_VERSION;
-
-/// Marks a lane without a hit.
-pub const INVALID_GEOMETRY_ID: u32 = u32::MAX;

@@ -214,7 +214,8 @@ impl Exact {
     fn explains(&self, hit: &Hit) -> bool {
         // Edge-on, the exact parameter is NaN or the bound infinite, and nothing can be held against the hit.
         let off = (f64::from(hit.t) - self.t).abs();
-        !(off > self.t_error) && !(self.margin < -self.edge_error)
+        let is_clear = off > self.t_error || self.margin < -self.edge_error;
+        !is_clear
     }
 
     fn decision(&self, ray: &Ray) -> Decision {

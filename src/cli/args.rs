@@ -261,20 +261,9 @@ fn exposure(text: &str) -> Result<f32, String> {
 }
 
 /// The Embree that whit was built for; the one that answers is in the statistics.
-#[cfg(feature = "embree")]
-fn embree_version() -> Option<String> {
-    let version = embree_sys::HEADER_VERSION;
-    Some(format!(
-        "{}.{}.{}",
-        version / 10_000,
-        version / 100 % 100,
-        version % 100
-    ))
-}
-
-#[cfg(not(feature = "embree"))]
-fn embree_version() -> Option<String> {
-    None
+fn embree_version() -> Option<&'static str> {
+    // Set by the build script; empty without the feature.
+    Some(env!("WHIT_EMBREE_HEADERS")).filter(|version| !version.is_empty())
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use super::error::EXPORT_AGAIN;
 use crate::mesh::Slab;
 
 /// Elements that an accessor without a buffer view may have at most: no byte of the file backs their number.
-const MOST_UNBACKED: usize = 1 << 24;
+const MOST_UNBACKED: usize = 1 << 22;
 /// Elements a task.
 const CHUNK: usize = 1 << 14;
 
@@ -122,10 +122,12 @@ impl<'a> Accessor<'a> {
             let fault = format!("is {} where VEC{N} is needed", type_name(self.type_));
             return Err(self.fault(fault));
         }
-        if self.component == ComponentType::F32 {
-            if let Some(slab) = self.packed(size_of::<[f32; N]>(), self.count) {
-                return Ok(slab);
-            }
+        let is_float = self.component == ComponentType::F32;
+        if let Some(slab) = self
+            .packed(size_of::<[f32; N]>(), self.count)
+            .filter(|_| is_float)
+        {
+            return Ok(slab);
         }
         let mut values = vec![[0f32; N]; self.count];
         if let Some(window) = &self.base {
@@ -317,5 +319,165 @@ fn component_size(component: ComponentType) -> usize {
         ComponentType::I8 | ComponentType::U8 => 1,
         ComponentType::I16 | ComponentType::U16 => 2,
         ComponentType::U32 | ComponentType::F32 => 4,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use base64::Engine;
+    use serde_json::{Value, json};
+
+    use super::*;
+    use crate::gltf::document::of_json;
+
+    /// A document with one buffer of these bytes, one view of all of it, and these accessors.
+    fn document(bytes: &[u8], stride: Option<usize>, accessors: Value) -> Document {
+        let data = base64::engine::general_purpose::STANDARD.encode(bytes);
+        let mut view = json!({"buffer": 0, "byteLength": bytes.len()});
+        if let Some(stride) = stride {
+            view["byteStride"] = json!(stride);
+        }
+        of_json(&json!({
+            "asset": {"version": "2.0"},
+            "buffers": [{"byteLength": bytes.len(), "uri": format!("data:;base64,{data}")}],
+            "bufferViews": [view],
+            "accessors": accessors
+        }))
+    }
+
+    fn vec2(component: u32, normalized: bool) -> Value {
+        json!([{"bufferView": 0, "componentType": component, "normalized": normalized, "count": 1, "type": "VEC2"}])
+    }
+
+    #[test]
+    fn every_component_type_decodes_to_the_value_of_the_specification() {
+        let bytes = [0x80, 0x7f, 0xff, 0xff, 0x00, 0x00, 0x80, 0x3f];
+        // i8: -128, 127; u8: 128, 127; i16: 0x7f80 = 32640, -1; u16: 32640, 65535;
+        // u32: 0xffff7f80 = 4294934400, 0x3f800000 = 1065353216; f32: NaN, 1.
+        for (component, plain, fractions) in [
+            (5120, [-128.0, 127.0], [-1.0, 1.0]),
+            (5121, [128.0, 127.0], [128.0 / 255.0, 127.0 / 255.0]),
+            (5122, [32640.0, -1.0], [32640.0 / 32767.0, -1.0 / 32767.0]),
+            (5123, [32640.0, 65535.0], [32640.0 / 65535.0, 1.0]),
+            (
+                5125,
+                [4294934400.0, 1065353216.0],
+                [4294934400.0 / 4294967295.0, 1065353216.0 / 4294967295.0],
+            ),
+        ] {
+            for (normalized, expected) in [(false, plain), (true, fractions)] {
+                let document = document(&bytes, None, vec2(component, normalized));
+                let values = document.accessor(0).unwrap().vectors::<2>().unwrap();
+                assert_eq!(
+                    values[0],
+                    expected.map(|x: f64| x as f32),
+                    "{component} {normalized}"
+                );
+            }
+        }
+        let values = document(&bytes, None, vec2(5126, false))
+            .accessor(0)
+            .unwrap()
+            .vectors::<2>()
+            .unwrap();
+        assert!(values[0][0].is_nan() && values[0][1] == 1.0);
+    }
+
+    #[test]
+    fn a_stride_skips_what_lies_between_and_the_last_element_needs_no_padding() {
+        // Elements of 2 bytes every 4, the second from offset 1 on.
+        let bytes = [9, 1, 2, 9, 9, 3, 4];
+        let accessor =
+            json!([{"bufferView": 0, "byteOffset": 1, "componentType": 5121, "count": 2, "type": "VEC2"}]);
+        let values = document(&bytes, Some(4), accessor)
+            .accessor(0)
+            .unwrap()
+            .vectors::<2>()
+            .unwrap();
+        assert_eq!(values[..], [[1.0, 2.0], [3.0, 4.0]]);
+    }
+
+    #[test]
+    fn indices_of_8_16_and_32_bits_read_alike() {
+        let bytes = [1, 0, 0, 0, 2, 0, 0, 0];
+        for (component, expected) in [
+            (5121, vec![1, 0, 0, 0, 2, 0, 0, 0]),
+            (5123, vec![1, 0, 2, 0]),
+            (5125, vec![1, 2]),
+        ] {
+            let accessor = json!([{"bufferView": 0, "componentType": component, "count": expected.len(), "type": "SCALAR"}]);
+            assert_eq!(
+                document(&bytes, None, accessor)
+                    .accessor(0)
+                    .unwrap()
+                    .indices()
+                    .unwrap(),
+                expected
+            );
+        }
+        let floats = json!([{"bufferView": 0, "componentType": 5126, "count": 2, "type": "SCALAR"}]);
+        assert!(
+            document(&bytes, None, floats)
+                .accessor(0)
+                .unwrap()
+                .indices()
+                .is_err()
+        );
+    }
+
+    #[test]
+    fn sparse_values_replace_those_of_the_base_or_zeros() {
+        // Base: four u8 pairs; then the sparse index 2; then its value (7, 8).
+        let bytes = [1, 1, 2, 2, 3, 3, 4, 4, 2, 7, 8];
+        let sparse = json!({"count": 1,
+            "indices": {"bufferView": 0, "byteOffset": 8, "componentType": 5121},
+            "values": {"bufferView": 0, "byteOffset": 9}});
+        let with_base =
+            json!([{"bufferView": 0, "componentType": 5121, "count": 4, "type": "VEC2", "sparse": sparse}]);
+        let values = document(&bytes, None, with_base)
+            .accessor(0)
+            .unwrap()
+            .vectors::<2>()
+            .unwrap();
+        assert_eq!(values[..], [[1.0, 1.0], [2.0, 2.0], [7.0, 8.0], [4.0, 4.0]]);
+        let without = json!([{"componentType": 5121, "count": 3, "type": "VEC2", "sparse": sparse}]);
+        let values = document(&bytes, None, without)
+            .accessor(0)
+            .unwrap()
+            .vectors::<2>()
+            .unwrap();
+        assert_eq!(values[..], [[0.0, 0.0], [0.0, 0.0], [7.0, 8.0]]);
+        let outside = json!([{"componentType": 5121, "count": 2, "type": "VEC2", "sparse": sparse}]);
+        assert!(document(&bytes, None, outside).accessor(0).is_err());
+    }
+
+    #[test]
+    fn counts_offsets_and_strides_that_the_bytes_cannot_hold_are_refused() {
+        let bytes = [0; 24];
+        let base = json!({"bufferView": 0, "componentType": 5126, "count": 2, "type": "VEC3"});
+        let with = |key: &str, value: Value| {
+            let mut accessor = base.clone();
+            accessor[key] = value;
+            document(&bytes, None, json!([accessor]))
+                .accessor(0)
+                .map(|a| a.count())
+        };
+        assert_eq!(with("count", json!(2)).ok(), Some(2));
+        for (key, value) in [
+            ("count", json!(3)),
+            ("count", json!(1u64 << 60)),
+            ("count", json!(u64::MAX)),
+            ("byteOffset", json!(1)),
+            ("byteOffset", json!(25)),
+            ("byteOffset", json!(u64::MAX)),
+            ("bufferView", json!(1)),
+            ("componentType", json!(5127)),
+            ("type", json!("VEC5")),
+        ] {
+            assert!(with(key, value.clone()).is_err(), "{key} {value}");
+        }
+        let unbacked = json!([{"componentType": 5126, "count": 1u64 << 40, "type": "VEC3"}]);
+        assert!(document(&bytes, None, unbacked).accessor(0).is_err());
+        assert!(document(&bytes, Some(8), json!([base])).accessor(0).is_err());
     }
 }

@@ -225,6 +225,18 @@ fn write_whole_numbers_plainly(value: &mut Value) {
     }
 }
 
+/// A document for tests from its JSON, as if read from `test.gltf`.
+#[cfg(test)]
+pub(super) fn of_json(root: &Value) -> Document {
+    let root = parse(root.to_string().as_bytes()).unwrap();
+    Document {
+        file: "test.gltf".into(),
+        buffers: root.buffers.iter().map(|_| OnceLock::new()).collect(),
+        root,
+        binary_chunk: None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

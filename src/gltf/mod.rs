@@ -249,10 +249,13 @@ impl Document {
             scene.lights.push(view::default_light(&scene.cameras[0]));
             scene.ambient = view::DEFAULT_AMBIENT;
         }
-        let file = || self.file.clone();
+        shorten(&mut scene.warnings);
         match scene.validate_structure(&bounds) {
             Ok(()) => Ok(scene),
-            Err(source) => Err(GltfError::Scene { file: file(), source }),
+            Err(source) => Err(GltfError::Scene {
+                file: self.file.clone(),
+                source,
+            }),
         }
     }
 
@@ -266,6 +269,16 @@ impl Document {
             file: self.file.clone(),
             fault,
         }
+    }
+}
+
+/// Keeps the warnings of a file with ten thousand odd nodes readable.
+fn shorten(warnings: &mut Vec<String>) {
+    const MOST: usize = 100;
+    let rest = warnings.len().saturating_sub(MOST);
+    warnings.truncate(MOST);
+    if rest > 0 {
+        warnings.push(format!("{rest} more warnings were left out"));
     }
 }
 

@@ -29,7 +29,7 @@ impl Document {
         // A stack of our own: files may nest deeper than the program's.
         while let Some((number, world_from_parent)) = open.pop() {
             if is_placed[number] {
-                return Err(self.second_parent(number, &parents));
+                return Err(self.second_parent(number));
             }
             is_placed[number] = true;
             let node = &nodes[number];
@@ -121,14 +121,14 @@ impl Document {
                 None => break,
             }
         }
-        self.second_parent(child, parents)
+        self.second_parent(child)
     }
 
     fn cycle(&self, node: usize) -> GltfError {
         self.fault(self.node_item(node), "is its own ancestor", EXPORT_AGAIN)
     }
 
-    fn second_parent(&self, node: usize, _parents: &[Option<usize>]) -> GltfError {
+    fn second_parent(&self, node: usize) -> GltfError {
         let fault = "stands in the hierarchy twice";
         self.fault(self.node_item(node), fault, "give every node one parent")
     }
@@ -159,4 +159,68 @@ fn from_parts(node: &json::Node) -> DAffine3 {
         rotation,
         node.translation.map_or(DVec3::ZERO, vector),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::*;
+    use crate::gltf::document::of_json;
+
+    fn place(nodes: Value, roots: Value) -> Result<Vec<PlacedNode>, GltfError> {
+        of_json(&json!({"asset": {"version": "2.0"}, "scenes": [{"nodes": roots}], "nodes": nodes}))
+            .placed_nodes()
+    }
+
+    #[test]
+    fn a_child_stands_in_its_parents_space() {
+        let nodes = json!([
+            {"translation": [1, 2, 3], "scale": [2, 2, 2], "children": [1]},
+            {"rotation": [0, 0, 3, 3], "translation": [1, 0, 0]}
+        ]);
+        let placed = place(nodes, json!([0])).unwrap();
+        // A quarter turn about z (the quaternion is not unit and must be made so): x to y, then doubled and moved.
+        let p = placed[1].world_from_node.transform_point3(DVec3::X);
+        assert!((p - DVec3::new(3.0, 4.0, 3.0)).length() < 1e-15, "{p}");
+    }
+
+    #[test]
+    fn cycles_and_second_parents_are_named() {
+        let fault = |nodes: Value, roots: Value| place(nodes, roots).unwrap_err().to_string();
+        let cycle = json!([{"children": [1]}, {"children": [2]}, {"children": [0]}]);
+        assert!(fault(cycle, json!([0])).contains("node 0 is its own ancestor"));
+        let itself = json!([{"children": [0]}]);
+        assert!(fault(itself, json!([0])).contains("its own ancestor"));
+        let twice = json!([{"children": [2]}, {"children": [2]}, {"name": "leaf"}]);
+        assert!(fault(twice, json!([0, 1])).contains("node 2 `leaf` stands in the hierarchy twice"));
+        assert!(fault(json!([{}]), json!([0, 0])).contains("node 0 stands in the hierarchy twice"));
+        assert!(fault(json!([{"children": [7]}]), json!([0])).contains("node 7"));
+    }
+
+    #[test]
+    fn a_chain_of_a_hundred_thousand_nodes_is_followed() {
+        const DEPTH: usize = 100_000;
+        let nodes: Vec<Value> = (0..DEPTH)
+            .map(|i| {
+                if i + 1 < DEPTH {
+                    json!({"children": [i + 1], "translation": [1, 0, 0]})
+                } else {
+                    json!({})
+                }
+            })
+            .collect();
+        let placed = place(json!(nodes), json!([0])).unwrap();
+        assert_eq!(
+            placed[DEPTH - 1].world_from_node.translation.x,
+            (DEPTH - 1) as f64
+        );
+    }
+
+    #[test]
+    fn without_scenes_every_node_without_a_parent_is_a_root() {
+        let json = json!({"asset": {"version": "2.0"}, "nodes": [{}, {"children": [0]}, {}]});
+        let placed = of_json(&json).placed_nodes().unwrap();
+        assert_eq!(placed.iter().map(|p| p.number).collect::<Vec<_>>(), [1, 0, 2]);
+    }
 }

@@ -118,10 +118,8 @@ impl Reader<'_> {
         if count_fault(accessor.count()) {
             self.warn("has indices left over that make no triangle");
         }
-        if mode == Mode::Triangles {
-            if let Some(triangles) = accessor.mapped_triangles() {
-                return Ok(triangles);
-            }
+        if let Some(triangles) = accessor.mapped_triangles().filter(|_| mode == Mode::Triangles) {
+            return Ok(triangles);
         }
         let indices = accessor.indices()?;
         Ok(assemble(mode, indices.len(), |i| indices[i]))

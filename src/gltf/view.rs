@@ -159,7 +159,7 @@ fn lens(source: &json::Camera) -> Option<(Projection, f64, f64)> {
         }
         Checked::Invalid => return None,
     };
-    let is_sound = z_near >= 0.0 && z_near < f64::INFINITY && z_far > z_near;
+    let is_sound = (0.0..f64::INFINITY).contains(&z_near) && z_far > z_near;
     is_sound.then_some((projection, z_near, z_far))
 }
 

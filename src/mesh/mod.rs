@@ -1,5 +1,6 @@
 //! Triangle meshes: vertex and index arrays, owned or borrowed from a mapped file.
 
+pub mod lanes;
 mod slab;
 pub mod triangle;
 

@@ -13,6 +13,7 @@
 
 use glam::Vec3;
 
+use super::lanes::Isa;
 use crate::numeric::Ray;
 
 /// Triangles in a [`TrianglePack`].
@@ -68,7 +69,13 @@ impl TrianglePack {
     /// The triangle of a lane.
     #[inline(always)]
     pub fn triangle(&self, lane: usize) -> [[f32; 3]; 3] {
-        self.corners.map(|rows| rows.map(|row| row[lane & (PACK - 1)]))
+        let mut corners = [[0.0; 3]; 3];
+        for corner in 0..3 {
+            for axis in 0..3 {
+                corners[corner][axis] = self.corners[corner][axis][lane & (PACK - 1)];
+            }
+        }
+        corners
     }
 }
 
@@ -84,7 +91,8 @@ pub struct Shear {
 /// The axis along which a direction is longest; the later one of equals.
 #[inline(always)]
 pub fn dominant_axis(direction: [f32; 3]) -> usize {
-    let [x, y, z] = direction.map(f32::abs);
+    let [x, y, z] = direction;
+    let (x, y, z) = (x.abs(), y.abs(), z.abs());
     if x > y && x > z {
         0
     } else if y > z {
@@ -106,11 +114,12 @@ impl Shear {
     pub fn new(ray: &Ray) -> Shear {
         let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
         let axes = axes_around(dominant_axis(direction));
-        let [x, y, z] = axes.map(|axis| direction[axis]);
+        let [kx, ky, kz] = axes;
+        let z = direction[kz];
         Shear {
             axes,
-            origin: axes.map(|axis| origin[axis]),
-            shear: [x / z, y / z, 1.0 / z],
+            origin: [origin[kx], origin[ky], origin[kz]],
+            shear: [direction[kx] / z, direction[ky] / z, 1.0 / z],
         }
     }
 
@@ -121,14 +130,15 @@ impl Shear {
     pub fn intersect(&self, corners: [[f32; 3]; 3], t_near: f32, t_far: f32) -> Option<TriangleHit> {
         let [kx, ky, kz] = self.axes;
         let [sx, sy, sz] = self.shear;
-        let projected = corners.map(|p| {
+        let mut projected = [[0.0f32; 3]; 3];
+        for (out, p) in projected.iter_mut().zip(&corners) {
             let z = p[kz] - self.origin[2];
-            [
+            *out = [
                 (p[kx] - self.origin[0]) - sx * z,
                 (p[ky] - self.origin[1]) - sy * z,
                 sz * z,
-            ]
-        });
+            ];
+        }
         let [a, b, c] = projected;
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
@@ -152,25 +162,23 @@ impl Shear {
 
     /// Tests eight triangles, each as [`Shear::intersect`] does.
     #[inline(always)]
-    pub fn intersect_pack(&self, pack: &TrianglePack, t_near: f32, t_far: f32) -> LaneHits<PACK> {
+    pub fn intersect_pack(
+        &self,
+        isa: impl Isa,
+        pack: &TrianglePack,
+        t_near: f32,
+        t_far: f32,
+    ) -> LaneHits<PACK> {
+        let [sx, sy, sz] = self.shear;
+        let [ox, oy, oz] = self.origin;
+        let origin = [[ox; PACK], [oy; PACK], [oz; PACK]];
+        let shear = [[sx; PACK], [sy; PACK]];
         let [kx, ky, kz] = self.axes;
-        let [sx, sy, sz] = self.shear.map(|s| [s; PACK]);
-        let [ox, oy, oz] = self.origin.map(|o| [o; PACK]);
-        let project = |corner: &[[f32; PACK]; 3]| {
-            let z = sub(corner[kz], oz);
-            [
-                sub(sub(corner[kx], ox), mul(sx, z)),
-                sub(sub(corner[ky], oy), mul(sy, z)),
-                z,
-            ]
-        };
         let [a, b, c] = &pack.corners;
-        let test = edge_test(
-            [project(a), project(b), project(c)],
-            sz,
-            [t_near; PACK],
-            [t_far; PACK],
-        );
+        let a = project([&a[kx], &a[ky], &a[kz]], &origin, &shear);
+        let b = project([&b[kx], &b[ky], &b[kz]], &origin, &shear);
+        let c = project([&c[kx], &c[ky], &c[kz]], &origin, &shear);
+        let test = edge_test(isa, [a, b, c], [sz; PACK], [&[t_near; PACK], &[t_far; PACK]]);
         if test.on_edge != 0 {
             return self.settle_edges(test, pack, t_near, t_far);
         }
@@ -207,11 +215,12 @@ impl<const N: usize> ShearLanes<N> {
     #[inline(always)]
     pub fn new(dominant: usize, origin: &[[f32; N]; 3], direction: &[[f32; N]; 3]) -> ShearLanes<N> {
         let axes = axes_around(dominant);
-        let [x, y, z] = axes.map(|axis| direction[axis]);
+        let [kx, ky, kz] = axes;
+        let z = &direction[kz];
         ShearLanes {
             axes,
-            origin: axes.map(|axis| origin[axis]),
-            shear: [div(x, z), div(y, z), div([1.0; N], z)],
+            origin: [origin[kx], origin[ky], origin[kz]],
+            shear: [div(&direction[kx], z), div(&direction[ky], z), div(&[1.0; N], z)],
         }
     }
 
@@ -220,26 +229,28 @@ impl<const N: usize> ShearLanes<N> {
     pub fn lane(&self, lane: usize) -> Shear {
         Shear {
             axes: self.axes,
-            origin: self.origin.map(|row| row[lane]),
-            shear: self.shear.map(|row| row[lane]),
+            origin: [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]],
+            shear: [self.shear[0][lane], self.shear[1][lane], self.shear[2][lane]],
         }
     }
 
     /// Tests one triangle against all rays, each as [`Shear::intersect`] does.
     #[inline(always)]
-    pub fn intersect(&self, corners: [[f32; 3]; 3], t_near: &[f32; N], t_far: &[f32; N]) -> LaneHits<N> {
-        let [kx, ky, kz] = self.axes;
+    pub fn intersect(
+        &self,
+        isa: impl Isa,
+        corners: [[f32; 3]; 3],
+        t_near: &[f32; N],
+        t_far: &[f32; N],
+    ) -> LaneHits<N> {
         let [sx, sy, sz] = self.shear;
-        let [ox, oy, oz] = self.origin;
-        let project = |p: [f32; 3]| {
-            let z = sub([p[kz]; N], oz);
-            [
-                sub(sub([p[kx]; N], ox), mul(sx, z)),
-                sub(sub([p[ky]; N], oy), mul(sy, z)),
-                z,
-            ]
-        };
-        let test = edge_test(corners.map(project), sz, *t_near, *t_far);
+        let shear = [sx, sy];
+        let [kx, ky, kz] = self.axes;
+        let [a, b, c] = corners;
+        let a = project([&[a[kx]; N], &[a[ky]; N], &[a[kz]; N]], &self.origin, &shear);
+        let b = project([&[b[kx]; N], &[b[ky]; N], &[b[kz]; N]], &self.origin, &shear);
+        let c = project([&[c[kx]; N], &[c[ky]; N], &[c[kz]; N]], &self.origin, &shear);
+        let test = edge_test(isa, [a, b, c], sz, [t_near, t_far]);
         if test.on_edge != 0 {
             return self.settle_edges(test, corners, [*t_near, *t_far]);
         }
@@ -264,10 +275,26 @@ impl<const N: usize> ShearLanes<N> {
 
 /// The numbers of the bits set in `mask`, ascending.
 #[inline(always)]
-pub fn lanes(mask: u32) -> impl Iterator<Item = usize> {
-    std::iter::successors(Some(mask), |m| Some(m & m.wrapping_sub(1)))
-        .take_while(|&m| m != 0)
-        .map(|m| m.trailing_zeros() as usize)
+pub fn lanes(mask: u32) -> Lanes {
+    Lanes(mask)
+}
+
+/// Iterator of [`lanes`].
+#[derive(Clone, Copy, Debug)]
+pub struct Lanes(u32);
+
+impl Iterator for Lanes {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        if self.0 == 0 {
+            return None;
+        }
+        let lane = self.0.trailing_zeros() as usize;
+        self.0 &= self.0 - 1;
+        Some(lane)
+    }
 }
 
 /// Decides in f64 what f32 cannot: the ray meets an edge or a corner, or the triangle edge-on.
@@ -313,83 +340,113 @@ impl<const N: usize> EdgeTest<N> {
 
 /// `projected` by corner, then x, y and the unscaled z; `sz` is the scale of z.
 #[inline(always)]
-fn edge_test<const N: usize>(
-    projected: [[[f32; N]; 3]; 3],
+fn edge_test<I: Isa, const N: usize>(
+    isa: I,
+    [a, b, c]: [[[f32; N]; 3]; 3],
     sz: [f32; N],
-    t_near: [f32; N],
-    t_far: [f32; N],
+    [t_near, t_far]: [&[f32; N]; 2],
 ) -> EdgeTest<N> {
-    let [a, b, c] = projected;
-    let u = sub(mul(c[0], b[1]), mul(c[1], b[0]));
-    let v = sub(mul(a[0], c[1]), mul(a[1], c[0]));
-    let w = sub(mul(b[0], a[1]), mul(b[1], a[0]));
-    let mut inside = 0u32;
-    let mut on_edge = 0u32;
+    let u = sub(&mul(&c[0], &b[1]), &mul(&c[1], &b[0]));
+    let v = sub(&mul(&a[0], &c[1]), &mul(&a[1], &c[0]));
+    let w = sub(&mul(&b[0], &a[1]), &mul(&b[1], &a[0]));
+    let zero = [0.0; N];
+    let [mut least, mut greatest, mut smallest] = [zero; 3];
     for i in 0..N {
-        let positive = (u[i] > 0.0) & (v[i] > 0.0) & (w[i] > 0.0);
-        let negative = (u[i] < 0.0) & (v[i] < 0.0) & (w[i] < 0.0);
-        inside |= u32::from(positive | negative) << i;
+        least[i] = min(min(u[i], v[i]), w[i]);
+        greatest[i] = max(max(u[i], v[i]), w[i]);
+        smallest[i] = min(min(u[i].abs(), v[i].abs()), w[i].abs());
     }
-    for i in 0..N {
-        on_edge |= u32::from((u[i] == 0.0) | (v[i] == 0.0) | (w[i] == 0.0)) << i;
-    }
+    let inside = isa.lt(&zero, &least) | isa.lt(&greatest, &zero);
+    let on_edge = isa.eq(&smallest, &zero);
     let mut hits = LaneHits {
         mask: 0,
-        t: [0.0; N],
-        u: [0.0; N],
-        v: [0.0; N],
+        t: zero,
+        u: zero,
+        v: zero,
     };
     if inside == 0 {
         return EdgeTest { hits, on_edge };
     }
-    let det = add(add(u, v), w);
-    let z = [mul(sz, a[2]), mul(sz, b[2]), mul(sz, c[2])];
-    hits.t = div(add(add(mul(u, z[0]), mul(v, z[1])), mul(w, z[2])), det);
-    let mut within = 0u32;
-    for i in 0..N {
-        let t = hits.t[i];
-        within |= u32::from((t_near[i] <= t) & (t <= t_far[i]) & (t < f32::INFINITY)) << i;
-    }
-    hits.mask = inside & within;
+    let det = add(&add(&u, &v), &w);
+    let [za, zb, zc] = [mul(&sz, &a[2]), mul(&sz, &b[2]), mul(&sz, &c[2])];
+    let scaled_t = add(&add(&mul(&u, &za), &mul(&v, &zb)), &mul(&w, &zc));
+    hits.t = div(&scaled_t, &det);
+    hits.mask =
+        inside & isa.le(t_near, &hits.t) & isa.le(&hits.t, t_far) & isa.lt(&hits.t, &[f32::INFINITY; N]);
     if hits.mask != 0 {
-        hits.u = div(v, det);
-        hits.v = div(w, det);
+        hits.u = div(&v, &det);
+        hits.v = div(&w, &det);
     }
     EdgeTest { hits, on_edge }
 }
 
+// No closures below: one that is not inlined would be compiled for the lowest instruction set.
+
+/// The smaller of two numbers in one instruction; `b` where either is NaN.
 #[inline(always)]
-fn lanewise<const N: usize>(a: [f32; N], b: [f32; N], f: impl Fn(f32, f32) -> f32) -> [f32; N] {
+fn min(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The greater of two numbers in one instruction; `b` where either is NaN.
+#[inline(always)]
+fn max(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// Corners to the sheared frame: x, y and the unscaled z.
+#[inline(always)]
+fn project<const N: usize>(
+    [x, y, z]: [&[f32; N]; 3],
+    origin: &[[f32; N]; 3],
+    shear: &[[f32; N]; 2],
+) -> [[f32; N]; 3] {
+    let z = sub(z, &origin[2]);
+    let x = sub(&sub(x, &origin[0]), &mul(&shear[0], &z));
+    let y = sub(&sub(y, &origin[1]), &mul(&shear[1], &z));
+    [x, y, z]
+}
+
+#[inline(always)]
+fn add<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     let mut out = [0.0; N];
     for i in 0..N {
-        out[i] = f(a[i], b[i]);
+        out[i] = a[i] + b[i];
     }
     out
 }
 
 #[inline(always)]
-fn add<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
-    lanewise(a, b, |a, b| a + b)
+fn sub<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = a[i] - b[i];
+    }
+    out
 }
 
 #[inline(always)]
-fn sub<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
-    lanewise(a, b, |a, b| a - b)
+fn mul<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = a[i] * b[i];
+    }
+    out
 }
 
 #[inline(always)]
-fn mul<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
-    lanewise(a, b, |a, b| a * b)
-}
-
-#[inline(always)]
-fn div<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
-    lanewise(a, b, |a, b| a / b)
+fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = a[i] / b[i];
+    }
+    out
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::lanes::{AnyIsa, Work, dispatch};
     use glam::DVec3;
 
     /// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's multiplier).
@@ -533,17 +590,31 @@ mod tests {
             let shears = ShearLanes::new(round % 3, &lane_rows(&|r| r.origin), &lane_rows(&|r| r.direction));
             let (near, far) = ([0.0; 16], [2.0; 16]);
             for triangle in 0..8 {
-                let lanes = shears.intersect(pack.triangle(triangle), &near, &far);
+                let lanes = shears.intersect(AnyIsa, pack.triangle(triangle), &near, &far);
                 for (i, r) in rays.iter().enumerate() {
                     let one = Shear::new(r).intersect(pack.triangle(triangle), 0.0, 2.0);
                     assert_eq!(lane_hit(&lanes, i), one);
-                    let eight = Shear::new(r).intersect_pack(&pack, 0.0, 2.0);
+                    let eight = Shear::new(r).intersect_pack(AnyIsa, &pack, 0.0, 2.0);
                     assert_eq!(lane_hit(&eight, triangle), one);
+                    let best = dispatch(Eight(Shear::new(r), pack));
+                    assert_eq!(lane_hit(&best, triangle), one);
                     hit_count += u32::from(one.is_some());
                 }
             }
         }
         assert!(hit_count > 10_000, "only {hit_count} hits");
+    }
+
+    /// Eight triangles by the best instruction set.
+    struct Eight(Shear, TrianglePack);
+
+    impl Work for Eight {
+        type Output = LaneHits<PACK>;
+
+        #[inline(always)]
+        fn run<I: Isa>(self, isa: I) -> LaneHits<PACK> {
+            self.0.intersect_pack(isa, &self.1, 0.0, 2.0)
+        }
     }
 
     fn lane_hit<const N: usize>(hits: &LaneHits<N>, lane: usize) -> Option<TriangleHit> {

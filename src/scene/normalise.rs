@@ -139,7 +139,7 @@ impl Scene {
             *mesh = moved_mesh(mesh, &normalisation);
             let back = normalisation.inverse_map();
             for instance in self.instances.iter_mut().filter(|i| i.geometry as usize == index) {
-                instance.world_from_object = instance.world_from_object * back;
+                instance.world_from_object *= back;
                 instance.object_from_world = numeric::inverse(&instance.world_from_object)
                     .unwrap_or(normalisation.map() * instance.object_from_world);
             }
@@ -218,4 +218,163 @@ fn moved_mesh(mesh: &Mesh, normalisation: &Normalisation) -> Mesh {
 fn power_of_two_below(x: f64) -> f64 {
     const FRACTION_BITS: u64 = (1 << 52) - 1;
     f64::from_bits(x.max(f64::MIN_POSITIVE).to_bits() & !FRACTION_BITS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Slab;
+    use crate::scene::{Camera, Instance, Light};
+
+    const POSITIONS: [[f32; 3]; 3] = [[0.25, -1.0, 0.1], [1.5, 0.3, -0.7], [-0.9, 2.1, 0.0]];
+
+    /// One baked triangle and a point light, a camera and an instanced sphere, moved and scaled.
+    fn scene(scale: f64, offset: DVec3) -> Scene {
+        let moved = |p: DVec3| p * scale + offset;
+        let triangle = Mesh {
+            positions: Slab::from(
+                POSITIONS
+                    .map(|p| moved(glam::Vec3::from(p).as_dvec3()).as_vec3().to_array())
+                    .to_vec(),
+            ),
+            triangles: Slab::from(vec![[0, 1, 2]]),
+            ..Mesh::default()
+        };
+        let map = DAffine3::from_scale_rotation_translation(
+            DVec3::splat(scale),
+            glam::DQuat::IDENTITY,
+            moved(DVec3::new(0.5, 0.5, 0.5)),
+        );
+        Scene {
+            geometries: vec![Geometry::Mesh(triangle), Geometry::Sphere(Sphere::UNIT)],
+            instances: vec![
+                Instance::new("triangle", 0, 0, DAffine3::IDENTITY).unwrap(),
+                Instance::new("sphere", 1, 0, map).unwrap(),
+            ],
+            lights: vec![Light {
+                name: "lamp".into(),
+                intensity: [(3.0 * scale * scale) as f32; 3],
+                kind: LightKind::Point {
+                    position: moved(DVec3::new(0.0, 4.0, 0.0)),
+                    range: Some(8.0 * scale),
+                },
+            }],
+            cameras: vec![Camera {
+                name: "camera".into(),
+                world_from_camera: DAffine3::from_translation(moved(DVec3::Z)),
+                projection: Projection::Orthographic {
+                    y_mag: 2.0 * scale,
+                    x_mag: None,
+                },
+                z_near: 0.5 * scale,
+                z_far: f64::INFINITY,
+            }],
+            materials: vec![Default::default()],
+            ..Scene::default()
+        }
+    }
+
+    fn positions(scene: &Scene) -> Vec<[f32; 3]> {
+        match &scene.geometries[0] {
+            Geometry::Mesh(mesh) => mesh.positions.to_vec(),
+            Geometry::Sphere(_) => Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_well_placed_scene_is_not_touched() {
+        let mut scene = scene(1.0, DVec3::ZERO);
+        scene.normalise();
+        assert!(scene.normalisation.is_identity());
+        assert_eq!(positions(&scene), POSITIONS);
+    }
+
+    #[test]
+    fn scenes_that_differ_by_a_power_of_two_become_bit_identical() {
+        let normalised = |exponent: i32| {
+            let mut scene = scene(2f64.powi(exponent), DVec3::ZERO);
+            scene.normalise();
+            scene.validate().unwrap();
+            scene
+        };
+        let reference = normalised(-20);
+        assert_eq!(positions(&reference), POSITIONS.map(|p| p.map(|x| x * 0.5)));
+        for exponent in [-60, -40, 20, 40, 60] {
+            let scene = normalised(exponent);
+            assert_eq!(positions(&scene), positions(&reference), "{exponent}");
+            assert_eq!(
+                scene.instances[1].world_from_object,
+                reference.instances[1].world_from_object
+            );
+            assert_eq!(scene.lights[0].intensity, reference.lights[0].intensity);
+            assert_eq!(scene.lights[0].kind, reference.lights[0].kind);
+            assert_eq!(scene.cameras[0].z_near, reference.cameras[0].z_near);
+            assert_eq!(scene.cameras[0].projection, reference.cameras[0].projection);
+        }
+    }
+
+    #[test]
+    fn a_far_scene_comes_to_the_origin_without_losing_a_bit() {
+        // 1e6 is a multiple of the centre's step, and the triangle's rounding at 1e6 happened before.
+        let offset = DVec3::new(1e6, 0.0, -3e6);
+        let mut scene = scene(1.0, offset);
+        let before = positions(&scene);
+        scene.normalise();
+        assert!(scene.bounds().magnitude() < 8.0);
+        let center = scene.normalisation.center;
+        assert_eq!((center.y, scene.normalisation.scale), (0.0, 1.0));
+        for (old, new) in before.iter().zip(positions(&scene)) {
+            let back = glam::Vec3::from(new).as_dvec3() + center;
+            assert_eq!(back, glam::Vec3::from(*old).as_dvec3());
+        }
+        let LightKind::Point { position, .. } = scene.lights[0].kind else {
+            unreachable!()
+        };
+        assert_eq!(position + center, DVec3::new(0.0, 4.0, 0.0) + offset);
+        scene.validate().unwrap();
+    }
+
+    #[test]
+    fn a_tiny_and_far_scene_keeps_its_geometry_and_its_irradiance() {
+        let offset = DVec3::new(0.0, 1.0, 0.0);
+        let mut scene = scene(2f64.powi(-12), offset);
+        let before = scene.lights[0].intensity[0];
+        scene.normalise();
+        let scale = scene.normalisation.scale;
+        assert_eq!(
+            scene.normalisation.point(offset + DVec3::X),
+            scene.normalisation.map().transform_point3(offset + DVec3::X)
+        );
+        assert!(scene.bounds().magnitude() < 8.0);
+        assert_eq!(
+            scene.lights[0].intensity[0],
+            (f64::from(before) * scale * scale) as f32
+        );
+    }
+
+    #[test]
+    fn an_instanced_mesh_in_a_far_object_space_is_brought_back() {
+        let mut scene = scene(1.0, DVec3::ZERO);
+        let far = scene_far_triangle();
+        let back = DAffine3::from_translation(DVec3::new(-1e6, 0.0, 0.0));
+        scene.geometries.push(Geometry::Mesh(far));
+        for x in [0.0, 3.0] {
+            let map = DAffine3::from_translation(DVec3::new(x, 0.0, 0.0)) * back;
+            scene.instances.push(Instance::new("far", 2, 0, map).unwrap());
+        }
+        let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
+        let world = scene.bounds();
+        scene.normalise_object_spaces(&bounds);
+        assert!(scene.geometries[2].bounds().magnitude() < 8.0);
+        assert_eq!(scene.bounds(), world);
+        scene.validate().unwrap();
+    }
+
+    fn scene_far_triangle() -> Mesh {
+        Mesh {
+            positions: Slab::from(vec![[1e6, 0.0, 0.0], [1e6 + 1.0, 0.0, 0.0], [1e6, 1.0, 0.0]]),
+            triangles: Slab::from(vec![[0, 1, 2]]),
+            ..Mesh::default()
+        }
+    }
 }

@@ -317,3 +317,158 @@ fn named(kind: &str, index: usize, name: &str) -> String {
 fn out_of_range(kind: &str, index: u32, count: usize) -> String {
     format!("refers to {kind} {index} of {count}: correct the index")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Slab;
+    use crate::scene::{Filter, Image, Sampler, Texture, TextureUse, Wrap};
+    use crate::shape::Sphere;
+
+    /// A textured triangle, a sphere, a light and a camera, all in order.
+    fn scene() -> Scene {
+        let mesh = Mesh {
+            positions: Slab::from(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            triangles: Slab::from(vec![[0, 1, 2]]),
+            normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; 3])),
+            tex_coords: vec![Slab::from(vec![[0.0; 2]; 3])],
+            colors: None,
+        };
+        let turned = DAffine3::from_rotation_x(0.4) * DAffine3::from_scale(DVec3::new(-1e3, 1.0, 1e-3));
+        Scene {
+            geometries: vec![Geometry::Mesh(mesh), Geometry::Sphere(Sphere::UNIT)],
+            instances: vec![
+                Instance::new("triangle", 0, 0, turned).unwrap(),
+                Instance::new("ball", 1, 0, DAffine3::IDENTITY).unwrap(),
+            ],
+            materials: vec![Material {
+                base_color_texture: Some(TextureUse {
+                    texture: 0,
+                    tex_coord: 0,
+                }),
+                ..Material::default()
+            }],
+            textures: vec![Texture {
+                image: 0,
+                sampler: Sampler {
+                    wrap_u: Wrap::Repeat,
+                    wrap_v: Wrap::Repeat,
+                    filter: Filter::Linear,
+                },
+            }],
+            images: vec![Image {
+                name: "dot".into(),
+                width: 1,
+                height: 1,
+                texels: vec![[255; 4]],
+            }],
+            lights: vec![Light {
+                name: "sun".into(),
+                intensity: [1.0; 3],
+                kind: LightKind::Directional { to_light: DVec3::Y },
+            }],
+            cameras: vec![Camera {
+                name: "eye".into(),
+                world_from_camera: DAffine3::IDENTITY,
+                projection: Projection::Perspective {
+                    y_fov: 1.0,
+                    aspect: None,
+                },
+                z_near: 0.0,
+                z_far: f64::INFINITY,
+            }],
+            ..Scene::default()
+        }
+    }
+
+    fn mesh(scene: &mut Scene) -> &mut Mesh {
+        match &mut scene.geometries[0] {
+            Geometry::Mesh(mesh) => mesh,
+            Geometry::Sphere(_) => unreachable!(),
+        }
+    }
+
+    #[test]
+    fn a_scene_in_order_passes() {
+        // The triangle only becomes a sphere-less scene's worst case: mirrored and stretched by 1e6.
+        assert_eq!(scene().validate(), Ok(()));
+    }
+
+    #[test]
+    fn every_fault_is_found_and_its_item_named() {
+        type Break = fn(&mut Scene);
+        let breaks: [(&str, Break); 24] = [
+            ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 3]])),
+            ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 1]])),
+            ("geometry 0", |s| {
+                mesh(s).positions = Slab::from(vec![[f32::NAN; 3]; 3])
+            }),
+            ("geometry 0", |s| {
+                mesh(s).normals = Some(Slab::from(vec![[1.0; 3]; 2]))
+            }),
+            ("geometry 0", |s| {
+                mesh(s).normals = Some(Slab::from(vec![[f32::NAN; 3]; 3]))
+            }),
+            ("geometry 0", |s| {
+                mesh(s).colors = Some(Slab::from(vec![[f32::INFINITY; 4]; 3]))
+            }),
+            ("instance 0", |s| mesh(s).tex_coords.clear()),
+            ("geometry 1", |s| {
+                s.geometries[1] = Geometry::Sphere(Sphere {
+                    radius: -1.0,
+                    ..Sphere::UNIT
+                })
+            }),
+            ("geometry 1", |s| {
+                s.geometries[1] = Geometry::Sphere(Sphere {
+                    radius: 1e30,
+                    ..Sphere::UNIT
+                })
+            }),
+            ("instance 1", |s| s.instances[1].geometry = 2),
+            ("instance 1", |s| s.instances[1].material = 1),
+            ("instance 1", |s| {
+                s.instances[1].object_from_world = DAffine3::from_rotation_x(1e-3)
+            }),
+            ("instance 1", |s| {
+                s.instances[1].world_from_object.matrix3.x_axis = DVec3::ZERO
+            }),
+            ("instance 1", |s| {
+                s.instances[1].object_from_world.translation.y = f64::NAN
+            }),
+            ("material 0", |s| s.materials[0].emission[1] = f32::INFINITY),
+            ("material 0", |s| s.materials[0].roughness = 1.5),
+            ("material 0", |s| {
+                s.materials[0].base_color_texture = Some(TextureUse {
+                    texture: 1,
+                    tex_coord: 0,
+                })
+            }),
+            ("texture 0", |s| s.textures[0].image = 1),
+            ("image 0", |s| s.images[0].width = 2),
+            ("light 0", |s| s.lights[0].intensity[0] = -1.0),
+            ("light 0", |s| {
+                s.lights[0].kind = LightKind::Directional { to_light: DVec3::ONE }
+            }),
+            ("camera 0", |s| {
+                s.cameras[0].projection = Projection::Perspective {
+                    y_fov: PI,
+                    aspect: None,
+                }
+            }),
+            ("camera 0", |s| {
+                s.cameras[0].world_from_camera.matrix3.x_axis *= 2.0
+            }),
+            ("the ambient light", |s| s.ambient[2] = f32::NAN),
+        ];
+        for (number, (item, spoil)) in breaks.into_iter().enumerate() {
+            let mut scene = scene();
+            spoil(&mut scene);
+            let error = scene
+                .validate()
+                .expect_err(&format!("fault {number} went unseen"));
+            assert!(error.item.starts_with(item), "fault {number}: {error}");
+            assert!(error.fault.contains(": "), "no remedy: {error}");
+        }
+    }
+}

@@ -92,6 +92,15 @@ impl Approx {
         }
     }
 
+    /// A number of which everybody knows that it lies within [`low`, `high`].
+    pub fn known_within(self, low: f64, high: f64) -> Approx {
+        let value = self.value.clamp(low, high);
+        Approx {
+            value,
+            error: self.error.min((value - low).max(high - value)),
+        }
+    }
+
     /// The number where it is positive, else zero.
     pub fn positive_part(self) -> Approx {
         self.clamp(0.0, f64::INFINITY)

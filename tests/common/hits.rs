@@ -29,6 +29,8 @@ pub enum Decision {
     Mirror,
     /// Whether a path weighs enough to be followed.
     Cutoff,
+    /// No flip, but a value so badly conditioned that nothing can be promised.
+    Value,
 }
 
 /// The least certain decision so far.

@@ -4,6 +4,7 @@
 
 pub mod approx;
 pub mod hits;
+pub mod meshes;
 #[cfg(test)]
 mod referee;
 pub mod surface;

@@ -7,11 +7,11 @@ use whit::shape::Sphere;
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, Ray, World};
+use super::meshes::{Shading, ball, rectangle};
 use super::surface::srgb;
 use super::textbook::{Pixel, Request, picture};
 use super::wave_scenes::{
-    Shading, add_geometry, add_material, ball, camera, light, matte, metal, moved, perspective, place,
-    rectangle,
+    add_geometry, add_material, camera, light, matte, metal, moved, perspective, place,
 };
 
 /// One pixel.

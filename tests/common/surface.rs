@@ -338,8 +338,12 @@ impl Surface {
         }
         let a2 = self.alpha.squared();
         let [n_h, n_l, n_v] = [h, wi, self.wo].map(|w| self.ns.dot(w));
-        let width = n_h.squared() * (a2 - Approx::ONE) + Approx::ONE;
-        let d = a2 / (pi * width.squared());
+        // (N·H)²(α² - 1) + 1, with 1 - (N·H)² as |N×H|²: the bound of the difference would swallow sharp highlights.
+        let across = self.ns.cross(h);
+        let width = across.dot(across) + a2 * n_h.squared();
+        // The peak, where the width is α², is as high as it gets; of that even f32 is sure, to a few roundings.
+        let peak = Approx::ONE / (pi * a2);
+        let d = (a2 / (pi * width.squared())).known_within(0.0, peak.value + 8.0 * peak.error);
         let smith = |cos: Approx| cos.abs() + (a2 + (1.0 - a2) * cos.squared()).sqrt();
         let v = Approx::ONE / (smith(n_l) * smith(n_v));
         diffuse + f * (d * v)

@@ -83,6 +83,9 @@ impl Textbook<'_> {
         // Samples are summed in f64; the mean is rounded once.
         let mean = sum / f64::from(spp);
         let radiance = Approx3::exact(mean).widened(error / f64::from(spp) + ROUNDING * mean.abs());
+        if !radiance.error().is_finite() {
+            doubt.note(Decision::Value, 0.0);
+        }
         Pixel { radiance, doubt }
     }
 

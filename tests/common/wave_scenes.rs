@@ -2,7 +2,7 @@
 //!
 //! Cameras and objects stand askew on purpose: a ray through the exact middle of a pixel shall not run along an edge.
 
-use std::f64::consts::{FRAC_PI_3, PI};
+use std::f64::consts::PI;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use whit::mesh::Mesh;
@@ -11,6 +11,8 @@ use whit::scene::{
     Texture, TextureUse, Wrap,
 };
 use whit::shape::Sphere;
+
+use super::meshes::{Shading, ball, rectangle, textured_panel, wedge, with_normals};
 
 /// A scene and how deep its mirrors are to be followed.
 pub struct WaveScene {
@@ -26,23 +28,23 @@ pub fn lamps() -> WaveScene {
     let gold = add_material(&mut scene, metal([1.0, 0.77, 0.34], 0.35));
     let plastic = add_material(&mut scene, matte([0.1, 0.35, 0.8], 0.3));
     let chalk = add_material(&mut scene, matte([0.8, 0.8, 0.75], 1.0));
-    let smooth = add_geometry(&mut scene, Geometry::Mesh(ball(2, Shading::Smooth)));
-    let flat = add_geometry(&mut scene, Geometry::Mesh(ball(2, Shading::Flat)));
-    let ground = add_geometry(&mut scene, Geometry::Mesh(rectangle(9.0, 7.0)));
-    place(
+    let smooth = ball(2, Shading::Smooth);
+    let flat = ball(2, Shading::Flat);
+    let ground = rectangle(9.0, 7.0);
+    bake(
         &mut scene,
         flat,
         clay,
         moved(-1.3, 0.9, 0.2) * DAffine3::from_scale(DVec3::splat(0.9)),
     );
-    place(&mut scene, smooth, gold, moved(0.85, 1.0, -0.35));
-    place(
+    bake(&mut scene, smooth.clone(), gold, moved(0.85, 1.0, -0.35));
+    bake(
         &mut scene,
         smooth,
         plastic,
         moved(0.1, 0.45, 1.35) * DAffine3::from_scale(DVec3::splat(0.45)),
     );
-    place(
+    bake(
         &mut scene,
         ground,
         chalk,
@@ -78,7 +80,8 @@ pub fn facing_mirrors() -> WaveScene {
     let mut scene = Scene::default();
     let silver = add_material(&mut scene, metal([0.95, 0.93, 0.88], 0.0));
     let glazed = add_material(&mut scene, matte([0.2, 0.5, 0.3], 0.1));
-    let red = add_material(&mut scene, matte([0.75, 0.12, 0.1], 0.6));
+    // Only just too rough to be a mirror.
+    let red = add_material(&mut scene, matte([0.75, 0.12, 0.1], 0.101));
     let lamp = add_material(
         &mut scene,
         Material {
@@ -86,19 +89,19 @@ pub fn facing_mirrors() -> WaveScene {
             ..matte([0.0; 3], 1.0)
         },
     );
-    let glass = add_geometry(&mut scene, Geometry::Mesh(rectangle(3.0, 2.2)));
+    let glass = rectangle(3.0, 2.2);
     let flat = add_geometry(&mut scene, Geometry::Mesh(ball(1, Shading::Flat)));
     let sphere = add_geometry(&mut scene, Geometry::Sphere(Sphere::UNIT));
-    let floor = add_geometry(&mut scene, Geometry::Mesh(rectangle(7.0, 7.0)));
-    place(
+    let floor = rectangle(7.0, 7.0);
+    bake(
         &mut scene,
-        glass,
+        glass.clone(),
         silver,
         moved(0.0, 1.0, -1.7) * DAffine3::from_rotation_y(0.06),
     );
-    place(
+    bake(
         &mut scene,
-        glass,
+        glass.clone(),
         silver,
         moved(0.0, 1.0, 1.6) * DAffine3::from_rotation_y(PI - 0.05),
     );
@@ -120,7 +123,7 @@ pub fn facing_mirrors() -> WaveScene {
         lamp,
         moved(0.12, 1.37, 0.4) * DAffine3::from_scale(DVec3::splat(0.17)),
     );
-    place(&mut scene, floor, red, DAffine3::from_rotation_y(0.4) * lying());
+    bake(&mut scene, floor, red, DAffine3::from_rotation_y(0.4) * lying());
     let position = DVec3::new(0.3, 2.6, 0.5);
     scene.lights = vec![light(
         [8.0; 3],
@@ -215,7 +218,6 @@ pub fn placements() -> WaveScene {
             },
         ),
     ];
-    scene.ambient = [0.05; 3];
     let projection = Projection::Orthographic {
         y_mag: 1.9,
         x_mag: None,
@@ -230,10 +232,11 @@ pub fn placements() -> WaveScene {
 
 /// Every wrap mode with both filters on every textured parameter, vertex colours, emission, absent coordinates.
 pub fn textures() -> WaveScene {
-    let mut scene = Scene::default();
-    scene.images = vec![noise(7, 5, 1), noise(8, 8, 2), noise(3, 4, 3)];
+    let mut scene = Scene {
+        images: vec![noise(7, 5, 1), noise(8, 8, 2), noise(3, 4, 3)],
+        ..Scene::default()
+    };
     let panel = add_geometry(&mut scene, Geometry::Mesh(textured_panel()));
-    let bare = add_geometry(&mut scene, Geometry::Mesh(rectangle(0.9, 0.9)));
     let wraps = [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge];
     let filters = [Filter::Nearest, Filter::Linear];
     for (row, filter) in filters.into_iter().enumerate() {
@@ -266,18 +269,14 @@ pub fn textures() -> WaveScene {
                 0.55 + 1.03 * row as f64,
                 0.11 * column as f64,
             );
-            place(
-                &mut scene,
-                panel,
-                material,
-                at * DAffine3::from_rotation_y(0.12 * (1.0 - column as f64)),
-            );
+            let at = at * DAffine3::from_rotation_y(0.12 * (1.0 - column as f64));
+            match filter {
+                Filter::Nearest => bake(&mut scene, textured_panel(), material, at),
+                Filter::Linear => place(&mut scene, panel, material, at),
+            }
         }
     }
-    // A mesh without the coordinates that its material asks for reads the texel at (0, 0).
-    let at = moved(-0.9, 0.42, 0.7) * DAffine3::from_rotation_y(0.3);
-    place(&mut scene, bare, 0, at * DAffine3::from_scale(DVec3::splat(0.5)));
-    // So does a sphere.
+    // A sphere has no coordinates and reads the texel at (0, 0).
     let sphere = add_geometry(&mut scene, Geometry::Sphere(Sphere::UNIT));
     place(
         &mut scene,
@@ -309,7 +308,8 @@ pub fn textures() -> WaveScene {
     }
 }
 
-/// From inside a sphere, through a near plane that cuts a ball open and up to a far plane; normals of length zero.
+/// From inside a sphere, through a near plane that cuts a ball open, up to a far plane; normals that point inward, and
+/// normals of length zero.
 pub fn inside() -> WaveScene {
     let mut scene = Scene::default();
     let shell = add_material(&mut scene, matte([0.6, 0.6, 0.65], 0.7));
@@ -322,29 +322,30 @@ pub fn inside() -> WaveScene {
             radius: 4.0,
         }),
     );
-    let smooth = add_geometry(&mut scene, Geometry::Mesh(ball(2, Shading::Smooth)));
-    let mut unshaded = ball(1, Shading::Smooth);
-    unshaded.normals = Some(vec![[0.0; 3]; unshaded.positions.len()].into());
-    let unshaded = add_geometry(&mut scene, Geometry::Mesh(unshaded));
+    let reversed = with_normals(ball(2, Shading::Smooth), |p| p.map(|axis| -axis));
+    let placed_reversed = add_geometry(&mut scene, Geometry::Mesh(reversed.clone()));
+    let unshaded = with_normals(ball(1, Shading::Smooth), |_| [0.0; 3]);
+    let placed_unshaded = add_geometry(&mut scene, Geometry::Mesh(unshaded.clone()));
     place(&mut scene, sphere, shell, DAffine3::IDENTITY);
-    place(
+    bake(
         &mut scene,
-        smooth,
+        reversed,
         green,
         moved(-0.35, 0.12, 1.6) * DAffine3::from_scale(DVec3::splat(0.5)),
     );
     place(
         &mut scene,
-        smooth,
+        placed_reversed,
         polished,
         moved(1.1, -0.4, -1.5) * DAffine3::from_scale(DVec3::splat(0.8)),
     );
     place(
         &mut scene,
-        unshaded,
+        placed_unshaded,
         green,
         moved(-1.3, 0.5, -1.7) * DAffine3::from_scale(DVec3::splat(0.6)),
     );
+    bake(&mut scene, unshaded, green, moved(-0.1, -1.5, -1.2));
     scene.lights = vec![
         light(
             [9.0, 8.0, 6.0],
@@ -355,9 +356,10 @@ pub fn inside() -> WaveScene {
         ),
         light([7.0, 7.0, 9.0], spot([0.5, 0.9, 1.9], [0.2, -0.4, -0.9])),
     ];
+    scene.ambient = [0.03, 0.04, 0.05];
     scene.cameras = vec![Camera {
         z_near: 0.85,
-        z_far: 5.6,
+        z_far: 6.1,
         ..camera([0.2, 0.35, 2.6], [0.05, 0.0, -1.0], perspective(0.95))
     }];
     WaveScene {
@@ -381,6 +383,27 @@ pub fn place(scene: &mut Scene, geometry: u32, material: u32, world_from_object:
     let name = format!("instance {}", scene.instances.len());
     let instance = Instance::new(name, geometry, material, world_from_object).unwrap();
     scene.instances.push(instance);
+}
+
+/// Places a mesh by moving its vertices, as it is done with every mesh that is used once.
+fn bake(scene: &mut Scene, mesh: Mesh, material: u32, world_from_object: DAffine3) {
+    let moved = |p: &[f32; 3]| world_from_object.transform_point3(Vec3::from(*p).as_dvec3());
+    let normal_map = world_from_object.matrix3.inverse().transpose();
+    let turned = |n: &[f32; 3]| (normal_map * Vec3::from(*n).as_dvec3()).normalize_or_zero();
+    let rounded = |v: DVec3| v.as_vec3().to_array();
+    let positions: Vec<[f32; 3]> = mesh.positions.iter().map(|p| rounded(moved(p))).collect();
+    let normals = mesh.normals.as_ref().map(|normals| {
+        let normals: Vec<[f32; 3]> = normals.iter().map(|n| rounded(turned(n))).collect();
+        normals.into()
+    });
+    let positions = positions.into();
+    let mesh = Mesh {
+        positions,
+        normals,
+        ..mesh
+    };
+    let geometry = add_geometry(scene, Geometry::Mesh(mesh));
+    place(scene, geometry, material, DAffine3::IDENTITY);
 }
 
 /// A dielectric.
@@ -447,118 +470,6 @@ pub fn moved(x: f64, y: f64, z: f64) -> DAffine3 {
 /// From a rectangle that stands, facing +z, to one that lies, facing up.
 fn lying() -> DAffine3 {
     DAffine3::from_rotation_x(-0.5 * PI)
-}
-
-/// A rectangle in the plane z = 0 around the origin, facing +z.
-pub fn rectangle(width: f32, height: f32) -> Mesh {
-    let (x, y) = (0.5 * width, 0.5 * height);
-    Mesh {
-        positions: vec![[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]].into(),
-        triangles: vec![[0, 1, 2], [0, 2, 3]].into(),
-        ..Mesh::default()
-    }
-}
-
-/// A rectangle with two sets of coordinates that leave [0, 1] on all sides, and vertex colours.
-fn textured_panel() -> Mesh {
-    Mesh {
-        tex_coords: vec![
-            vec![[-0.71, 1.83], [2.13, 1.62], [1.94, -0.57], [-0.86, -0.43]].into(),
-            vec![[-0.22, -0.35], [1.31, -0.27], [1.24, 1.19], [-0.31, 1.28]].into(),
-        ],
-        colors: Some(
-            vec![
-                [1.0, 0.9, 0.8, 1.0],
-                [0.6, 1.0, 0.7, 1.0],
-                [0.9, 0.7, 1.0, 0.2],
-                [1.0; 4],
-            ]
-            .into(),
-        ),
-        ..rectangle(1.0, 0.96)
-    }
-}
-
-/// A flat-shaded wedge without any symmetry, so that a mirrored one cannot be mistaken for it.
-fn wedge() -> Mesh {
-    Mesh {
-        positions: vec![
-            [0.0, 0.0, 0.0],
-            [1.0, 0.05, 0.0],
-            [0.1, 0.0, 0.7],
-            [0.2, 1.3, 0.15],
-        ]
-        .into(),
-        triangles: vec![[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]].into(),
-        ..Mesh::default()
-    }
-}
-
-/// Whether a mesh has normals of its own.
-#[derive(Clone, Copy, PartialEq)]
-pub enum Shading {
-    Flat,
-    Smooth,
-}
-
-/// The unit sphere as 20 · 4^`level` triangles: an icosahedron, each triangle cut in four again and again.
-pub fn ball(level: u32, shading: Shading) -> Mesh {
-    let mut triangles = icosahedron();
-    for _ in 0..level {
-        let cut = |[a, b, c]: [DVec3; 3]| {
-            let [ab, bc, ca] = [a + b, b + c, c + a].map(DVec3::normalize);
-            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-        };
-        triangles = triangles.into_iter().flat_map(cut).collect();
-    }
-    // Corners are shared, so that neighbours have the very same edge.
-    let mut positions: Vec<[f32; 3]> = Vec::new();
-    let mut index_of = |p: DVec3| {
-        let near = |q: &[f32; 3]| Vec3::from(*q).as_dvec3().distance(p) < 1e-3;
-        let index = positions.iter().position(near).unwrap_or_else(|| {
-            positions.push(p.as_vec3().to_array());
-            positions.len() - 1
-        });
-        index as u32
-    };
-    let triangles: Vec<[u32; 3]> = triangles.into_iter().map(|t| t.map(&mut index_of)).collect();
-    let normals = (shading == Shading::Smooth).then(|| positions.clone().into());
-    Mesh {
-        positions: positions.into(),
-        triangles: triangles.into(),
-        normals,
-        ..Mesh::default()
-    }
-}
-
-fn icosahedron() -> Vec<[DVec3; 3]> {
-    let golden = 2.0 * (0.6 * FRAC_PI_3).cos();
-    let turn = DAffine3::from_rotation_x(0.37) * DAffine3::from_rotation_y(0.21);
-    let mut corners = Vec::new();
-    for (a, b) in [(1.0, golden), (1.0, -golden), (-1.0, golden), (-1.0, -golden)] {
-        for p in [
-            DVec3::new(0.0, a, b),
-            DVec3::new(a, b, 0.0),
-            DVec3::new(b, 0.0, a),
-        ] {
-            corners.push(turn.transform_vector3(p.normalize()));
-        }
-    }
-    // The edge of an icosahedron in the unit sphere is 1.05 long; the next distance is 1.70.
-    let adjacent = |a: DVec3, b: DVec3| a.distance(b) < 1.3;
-    let mut triangles = Vec::new();
-    for i in 0..12 {
-        for j in i + 1..12 {
-            for k in j + 1..12 {
-                let [a, b, c] = [i, j, k].map(|corner: usize| corners[corner]);
-                if adjacent(a, b) && adjacent(b, c) && adjacent(c, a) {
-                    let outward = (b - a).cross(c - a).dot(a) > 0.0;
-                    triangles.push(if outward { [a, b, c] } else { [a, c, b] });
-                }
-            }
-        }
-    }
-    triangles
 }
 
 /// An image of pseudo-random bytes (the multiplier is Knuth's).

@@ -89,7 +89,7 @@ fn parse_arguments(mut words: impl Iterator<Item = String>) -> Result<Arguments,
 /// The whole `.glb`.
 fn container(arguments: &Arguments) -> Vec<u8> {
     let edge = ((arguments.triangles as f64 / 12.0).sqrt().round() as u32).max(1);
-    let sphere = Sphere::new(edge);
+    let sphere = Sphere::tessellated(edge);
     let ground = ground();
     let mut binary = Vec::new();
     let mut views = Vec::new();
@@ -157,8 +157,8 @@ struct Sphere {
 }
 
 impl Sphere {
-    #[allow(clippy::new_ret_no_self)]
-    fn new(edge: u32) -> Bytes {
+    /// All vertices and triangles.
+    fn tessellated(edge: u32) -> Bytes {
         let sphere = Sphere { edge };
         let mut bytes = Bytes::default();
         sphere.for_each_point(|point| {

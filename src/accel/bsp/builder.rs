@@ -55,6 +55,8 @@ pub(super) struct Built {
     pub(super) root: Branch,
     /// Most bytes in use at a time.
     pub(super) peak_bytes: u64,
+    /// Bytes in use at the end.
+    pub(super) branch_bytes: u64,
 }
 
 /// Builds the tree of `primitives`; `progress` is told the finished fraction.
@@ -84,6 +86,7 @@ pub(super) fn build(primitives: &Primitives, progress: &(dyn Fn(f64) + Sync)) ->
     Built {
         root,
         peak_bytes: builder.bytes.peak.into_inner(),
+        branch_bytes: builder.bytes.current.into_inner(),
     }
 }
 
@@ -267,7 +270,7 @@ mod tests {
             Vec3::new(
                 fraction(n * 0.754_877_67),
                 fraction(n * 0.569_840_29),
-                fraction(n * 0.318_309_89),
+                fraction(n * 0.438_579_02),
             )
         };
         mesh((0..count).map(|i| {

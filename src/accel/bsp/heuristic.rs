@@ -4,10 +4,10 @@
 //! large scenes: visiting a node and testing a pack cost the same, which makes leaves of 15-25 triangles (measured; the
 //! textbook ratios make far deeper trees that are slower and twice as large).
 
-use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::clip::{Cell, Piece};
+use crate::mesh::lanes::{Isa, Work, dispatch};
 use crate::mesh::triangle::PACK;
 
 /// The cost of visiting a node, in tests of a pack of triangles.
@@ -52,19 +52,19 @@ fn leaf_cost(count: f32) -> f32 {
 /// The best plane to cut a cell, `None` if a leaf is cheaper. At most `spare` pieces may be cut in two.
 pub(super) fn best_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
     let area = cell.half_area();
-    if pieces.len() <= PACK || !(area > 0.0) || !area.is_finite() {
+    if pieces.len() <= PACK || !(area.is_finite() && area > 0.0) {
         return None;
     }
     let plane = if pieces.len() <= EXACT_COUNT {
-        exact_plane(pieces, cell, spare)
+        dispatch(ExactPlane(pieces, cell, spare))
     } else {
         let bins = if pieces.len() > PARALLEL_COUNT {
             pieces
                 .par_chunks(CHUNK)
-                .map(|chunk| count_bins(chunk, cell))
+                .map(|chunk| dispatch(CountBins(chunk, cell)))
                 .reduce(Bins::default, Bins::sum)
         } else {
-            count_bins(pieces, cell)
+            dispatch(CountBins(pieces, cell))
         };
         bins.best_plane(pieces.len(), cell, spare)
     };
@@ -152,7 +152,7 @@ impl Bins {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw+avx2", "x86_64+avx2"))]
+#[inline(always)]
 fn count_bins(pieces: &[Piece], cell: &Cell) -> Bins {
     let mut bins = Bins::default();
     let extent = cell.extent();
@@ -174,8 +174,32 @@ fn count_bins(pieces: &[Piece], cell: &Cell) -> Bins {
     bins
 }
 
+/// [`count_bins`] as work for an instruction set.
+struct CountBins<'a>(&'a [Piece], &'a Cell);
+
+impl Work for CountBins<'_> {
+    type Output = Bins;
+
+    #[inline(always)]
+    fn run<I: Isa>(self, _: I) -> Bins {
+        count_bins(self.0, self.1)
+    }
+}
+
+/// [`exact_plane`] as work for an instruction set.
+struct ExactPlane<'a>(&'a [Piece], &'a Cell, usize);
+
+impl Work for ExactPlane<'_> {
+    type Output = Option<Plane>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self, _: I) -> Option<Plane> {
+        exact_plane(self.0, self.1, self.2)
+    }
+}
+
 /// Tries every bound of every piece. Counting all of them for sixteen planes at a time is faster than sorting.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw+avx2", "x86_64+avx2"))]
+#[inline(always)]
 fn exact_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
     let count = pieces.len();
     let mut best: Option<Plane> = None;

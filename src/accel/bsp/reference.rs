@@ -12,7 +12,15 @@
 use glam::Vec3;
 
 use super::builder::{Branch, Content};
+use super::levels::{Layout, Levels};
+use super::primitives::{Primitives, RunKind};
 use super::slack::{Line, Slack};
+use crate::accel::Hit;
+use crate::accel::brute::{ray_in, shape_hit, sphere_hit};
+use crate::mesh::Mesh;
+use crate::mesh::triangle::Shear;
+use crate::numeric::Ray;
+use crate::scene::Geometry;
 
 /// A tree of planes.
 pub(super) struct PlaneTree {
@@ -83,11 +91,6 @@ impl PlaneTree {
         }
     }
 
-    /// Bytes in use.
-    pub(super) fn byte_count(&self) -> u64 {
-        (size_of_val(&*self.nodes) + size_of_val(&*self.numbers)) as u64
-    }
-
     /// Shows `visit` every primitive that the line may meet between `t_near` and `t_far`, nearest cells first; `visit`
     /// says how far the walk still has to go.
     pub(super) fn walk(
@@ -133,4 +136,140 @@ impl PlaneTree {
             }
         }
     }
+}
+
+impl Layout for PlaneTree {
+    fn lay_out(root: &Branch, _primitives: &Primitives) -> Option<PlaneTree> {
+        Some(PlaneTree::new(root))
+    }
+
+    fn byte_count(&self) -> u64 {
+        (size_of_val(&*self.nodes) + size_of_val(&*self.numbers)) as u64
+    }
+}
+
+impl Levels<'_, PlaneTree> {
+    /// The nearest hit of one ray.
+    pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
+        let mut best = Best::new(ray.t_far);
+        let shear = Shear::new(ray);
+        let span = [ray.t_near, ray.t_far.min(f32::MAX)];
+        self.world.tree.walk(ray.origin, ray.direction, span, |number| {
+            let run = self.world.primitives.run(number);
+            match &run.kind {
+                RunKind::Triangles(mesh) => {
+                    best.offer_triangle(&shear, mesh, ray, run.instance, number - run.first);
+                }
+                RunKind::Whole(_) => self.nearest_within(run.instance, ray, &mut best),
+            }
+            Walk::Until(best.t)
+        });
+        best.hit
+    }
+
+    fn nearest_within(&self, index: u32, ray: &Ray, best: &mut Best) {
+        let instance = &self.scene.instances[index as usize];
+        match &self.scene.geometries[instance.geometry as usize] {
+            Geometry::Sphere(sphere) => {
+                if let Some(t) = sphere_hit(instance, sphere, ray) {
+                    best.offer(shape_hit(index, t));
+                }
+            }
+            Geometry::Mesh(mesh) => {
+                let Some(object) = &self.objects[instance.geometry as usize] else {
+                    return;
+                };
+                let ray = ray_in(instance, ray);
+                let shear = Shear::new(&ray);
+                object
+                    .tree
+                    .walk(ray.origin, ray.direction, [ray.t_near, best.t], |number| {
+                        best.offer_triangle(&shear, mesh, &ray, index, number);
+                        Walk::Until(best.t)
+                    });
+            }
+        }
+    }
+
+    /// Whether one ray meets anything.
+    pub(super) fn is_blocked(&self, ray: &Ray) -> bool {
+        let mut blocked = false;
+        let shear = Shear::new(ray);
+        let span = [ray.t_near, ray.t_far.min(f32::MAX)];
+        self.world.tree.walk(ray.origin, ray.direction, span, |number| {
+            let run = self.world.primitives.run(number);
+            blocked = match &run.kind {
+                RunKind::Triangles(mesh) => is_blocked_by(&shear, mesh, ray, number - run.first),
+                RunKind::Whole(_) => self.is_blocked_within(run.instance, ray),
+            };
+            if blocked { Walk::Done } else { Walk::Until(span[1]) }
+        });
+        blocked
+    }
+
+    fn is_blocked_within(&self, index: u32, ray: &Ray) -> bool {
+        let instance = &self.scene.instances[index as usize];
+        match &self.scene.geometries[instance.geometry as usize] {
+            Geometry::Sphere(sphere) => sphere_hit(instance, sphere, ray).is_some(),
+            Geometry::Mesh(mesh) => {
+                let Some(object) = &self.objects[instance.geometry as usize] else {
+                    return false;
+                };
+                let mut blocked = false;
+                let ray = ray_in(instance, ray);
+                let shear = Shear::new(&ray);
+                let span = [ray.t_near, ray.t_far.min(f32::MAX)];
+                object.tree.walk(ray.origin, ray.direction, span, |number| {
+                    blocked = is_blocked_by(&shear, mesh, &ray, number);
+                    if blocked { Walk::Done } else { Walk::Until(span[1]) }
+                });
+                blocked
+            }
+        }
+    }
+}
+
+/// The best hit so far.
+struct Best {
+    t: f32,
+    hit: Option<Hit>,
+}
+
+impl Best {
+    fn new(t_far: f32) -> Best {
+        Best {
+            t: t_far.min(f32::MAX),
+            hit: None,
+        }
+    }
+
+    /// Keeps the better hit: smallest `t`, then instance, then primitive. `hit.t` is within the ray's interval.
+    fn offer(&mut self, hit: Hit) {
+        let rank = |h: &Hit| (h.instance, h.primitive);
+        if self
+            .hit
+            .is_none_or(|b| hit.t < b.t || (hit.t == b.t && rank(&hit) < rank(&b)))
+        {
+            self.t = hit.t;
+            self.hit = Some(hit);
+        }
+    }
+
+    fn offer_triangle(&mut self, shear: &Shear, mesh: &Mesh, ray: &Ray, instance: u32, primitive: u32) {
+        let corners = mesh.corners(primitive).map(|p| p.to_array());
+        if let Some(hit) = shear.intersect(corners, ray.t_near, self.t) {
+            self.offer(Hit {
+                instance,
+                primitive,
+                t: hit.t,
+                u: hit.u,
+                v: hit.v,
+            });
+        }
+    }
+}
+
+fn is_blocked_by(shear: &Shear, mesh: &Mesh, ray: &Ray, primitive: u32) -> bool {
+    let corners = mesh.corners(primitive).map(|p| p.to_array());
+    shear.intersect(corners, ray.t_near, ray.t_far).is_some()
 }

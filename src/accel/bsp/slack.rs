@@ -58,20 +58,39 @@ impl Line {
     /// The line of a ray with a finite, non-zero direction.
     #[inline(always)]
     pub(super) fn new(origin: [f32; 3], direction: [f32; 3]) -> Line {
-        let [x, y, z] = direction.map(f32::abs);
-        let least = x.max(y).max(z) * ZERO_COMPONENT;
-        let reciprocal = direction.map(|d| {
-            if d.abs() <= least {
-                f32::INFINITY.copysign(d)
-            } else {
-                1.0 / d
-            }
-        });
+        let [x, y, z] = direction;
+        let [enter, leave] = Line::reciprocals(&[[x], [y], [z]]);
         Line {
             origin,
-            enter: reciprocal.map(|r| r * (1.0 - PARAMETER_SLACK)),
-            leave: reciprocal.map(|r| r * (1.0 + PARAMETER_SLACK)),
+            enter: [enter[0][0], enter[1][0], enter[2][0]],
+            leave: [leave[0][0], leave[1][0], leave[2][0]],
         }
+    }
+
+    /// [`Line::enter`] and [`Line::leave`] of `N` rays, by axis.
+    #[inline(always)]
+    pub(super) fn reciprocals<const N: usize>(direction: &[[f32; N]; 3]) -> [[[f32; N]; 3]; 2] {
+        let [mut enter, mut leave] = [[[0.0; N]; 3]; 2];
+        let mut least = [0.0f32; N];
+        for row in direction {
+            for i in 0..N {
+                let part = row[i].abs() * ZERO_COMPONENT;
+                least[i] = if part > least[i] { part } else { least[i] };
+            }
+        }
+        for axis in 0..3 {
+            for i in 0..N {
+                let d = direction[axis][i];
+                let reciprocal = if d.abs() <= least[i] {
+                    f32::INFINITY.copysign(d)
+                } else {
+                    1.0 / d
+                };
+                enter[axis][i] = reciprocal * (1.0 - PARAMETER_SLACK);
+                leave[axis][i] = reciprocal * (1.0 + PARAMETER_SLACK);
+            }
+        }
+        [enter, leave]
     }
 
     /// Whether the coordinate grows along the line, zero by its sign.
@@ -95,5 +114,48 @@ impl Line {
         } else {
             [f32::NEG_INFINITY, or(distance * self.leave[axis], f32::INFINITY)]
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UNIT_CELL: Cell = Cell {
+        low: [0.0; 3],
+        high: [1.0; 3],
+    };
+
+    #[test]
+    fn a_ray_within_a_plane_is_on_both_sides_of_it_all_along() {
+        let slack = Slack::of(&UNIT_CELL);
+        for zero in [0.0, -0.0, 1e-40, -1e-40] {
+            let line = Line::new([0.5, 0.0, 0.0], [zero, 1.0, 0.0]);
+            for side in [-1.0, 1.0] {
+                let [from, to] = line.half_space(0, 0.5, side, slack);
+                assert!(from <= 0.0 && to >= f32::MAX, "{zero} {side}: {from} {to}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_ray_beside_a_plane_it_runs_along_is_on_one_side_only() {
+        let line = Line::new([0.25, 0.0, 0.0], [-0.0, 1.0, 0.0]);
+        let slack = Slack::of(&UNIT_CELL);
+        let [from, to] = line.half_space(0, 0.5, -1.0, slack);
+        assert!(from <= 0.0 && to >= f32::MAX);
+        let [from, to] = line.half_space(0, 0.5, 1.0, slack);
+        assert!(from > f32::MAX || to < 0.0);
+    }
+
+    #[test]
+    fn the_sides_of_a_crossed_plane_overlap_by_a_little() {
+        let line = Line::new([0.0; 3], [1.0, 0.0, 0.0]);
+        let slack = Slack::of(&UNIT_CELL);
+        let [_, leave] = line.half_space(0, 0.5, -1.0, slack);
+        let [enter, _] = line.half_space(0, 0.5, 1.0, slack);
+        // Each border may be off by the slack of the plane and, relative to 0.5, that of the parameter, and an ulp.
+        let most = PLANE_SLACK + 0.5 * PARAMETER_SLACK + f32::EPSILON;
+        assert!(enter < 0.5 && 0.5 < leave && leave - enter < 2.0 * most);
     }
 }

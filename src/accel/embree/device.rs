@@ -1,4 +1,4 @@
-//! The device: Embree's configuration, its error messages and its memory.
+//! One Embree device: its settings, what it says went wrong, and how much memory it took.
 
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::sync::Mutex;
@@ -6,216 +6,281 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 use embree_sys as sys;
 
-use super::query::Width;
 use crate::accel::{AccelError, AccelOptions, EmbreeIdentity};
 
-/// An Embree device, released when dropped.
+/// Instruction sets that Embree can be held to, least first.
+const INSTRUCTION_SETS: [&str; 5] = ["sse2", "sse4.2", "avx", "avx2", "avx512"];
+
+/// An Embree device. Scenes made from it keep it alive inside Embree, but must be released before it, because they
+/// report to its monitors when they are.
 pub(super) struct Device {
-    raw: sys::RTCDevice,
-    /// What Embree's monitors write to; boxed, because Embree holds its address.
-    watch: Box<Watch>,
-    version: u32,
+    handle: sys::RTCDevice,
+    // Boxed by hand: Embree holds its address, which moving a `Box` would claim for itself.
+    monitors: *mut Monitors,
+    identity: EmbreeIdentity,
 }
 
-// SAFETY: Embree's device functions may be called from any thread, and `Watch` is made of atomics and a lock.
-unsafe impl Send for Device {}
-// SAFETY: as above; shared use only reads properties and errors.
-unsafe impl Sync for Device {}
-
-/// What Embree told its monitors.
+/// What Embree's callbacks write to, from any thread.
 #[derive(Default)]
-struct Watch {
-    bytes: AtomicI64,
-    peak_bytes: AtomicI64,
-    /// The first error since the last [`Device::check`]: Embree's code and words.
+struct Monitors {
+    memory: Memory,
     error: Mutex<Option<(sys::RTCError, String)>>,
 }
 
-/// The instruction sets that Debian's Embree is compiled for, narrowest first, with what the processor must have.
-const INSTRUCTION_SETS: [&str; 5] = ["sse2", "sse4.2", "avx", "avx2", "avx512"];
+/// Bytes that Embree has taken.
+#[derive(Default)]
+pub(super) struct Memory {
+    bytes: AtomicI64,
+    peak: AtomicI64,
+}
+
+// SAFETY: Embree's device functions may be called from any thread, and the monitors are atomics and a mutex.
+unsafe impl Send for Device {}
+// SAFETY: as for `Send`; nothing is changed through a shared `Device` but the monitors.
+unsafe impl Sync for Device {}
 
 impl Device {
+    /// Opens a device and checks that the running library is the one that the bindings describe.
     pub(super) fn new(options: &AccelOptions) -> Result<Device, AccelError> {
-        let mut config = format!("threads={}", options.threads);
-        if let Some(isa) = &options.isa {
-            check_instruction_set(isa)?;
-            config.push_str(&format!(",isa={isa}"));
-        }
-        let config = CString::new(config).unwrap_or_default();
-        // SAFETY: `config` is a C string that lives through the call, which copies what it needs.
-        let raw = unsafe { sys::rtcNewDevice(config.as_ptr()) };
-        if raw.is_null() {
-            // SAFETY: a null device asks for the calling thread's error, which needs no device.
+        let config = config(options)?;
+        // SAFETY: `config` is a C string that outlives the call; Embree copies it.
+        let handle = unsafe { sys::rtcNewDevice(config.as_ptr()) };
+        if handle.is_null() {
+            // SAFETY: without a device this reads the calling thread's own error.
             let code = unsafe { sys::rtcGetDeviceError(std::ptr::null_mut()) };
-            return Err(refusal("start", code, "it gave no reason".into()));
+            return Err(refusal("start", code, String::new()));
         }
-        let watch = Box::<Watch>::default();
-        let address = std::ptr::from_ref::<Watch>(&watch).cast_mut().cast::<c_void>();
-        // SAFETY: `raw` is a live device; `address` is boxed in the `Device` that releases `raw` before it.
-        unsafe { sys::rtcSetDeviceErrorFunction(raw, Some(note_error), address) };
-        // SAFETY: as above.
-        unsafe { sys::rtcSetDeviceMemoryMonitorFunction(raw, Some(note_memory), address) };
-        // SAFETY: `raw` is a live device.
-        let version = unsafe { sys::rtcGetDeviceProperty(raw, sys::RTC_DEVICE_PROPERTY_VERSION) };
-        let device = Device {
-            raw,
-            watch,
-            version: u32::try_from(version).unwrap_or_default(),
+        let monitors = Box::into_raw(Box::<Monitors>::default());
+        let mut device = Device {
+            handle,
+            monitors,
+            identity: EmbreeIdentity {
+                version: String::new(),
+                isa: String::new(),
+            },
         };
-        device.check_version()?;
+        // SAFETY: the device is live, and the monitors are freed only after it is released.
+        unsafe { sys::rtcSetDeviceErrorFunction(handle, Some(on_error), monitors.cast()) };
+        // SAFETY: as above.
+        unsafe { sys::rtcSetDeviceMemoryMonitorFunction(handle, Some(on_memory), monitors.cast()) };
+        device.identity = EmbreeIdentity {
+            version: device.checked_version()?,
+            isa: device.instruction_set(options.isa.as_deref()).to_owned(),
+        };
         Ok(device)
     }
 
-    pub(super) fn raw(&self) -> sys::RTCDevice {
-        self.raw
+    /// For Embree's functions; live as long as `self`.
+    pub(super) fn handle(&self) -> sys::RTCDevice {
+        self.handle
     }
 
-    /// Fails if Embree has reported an error since the last check; `action` says during what.
+    /// Version and instruction set.
+    pub(super) fn identity(&self) -> &EmbreeIdentity {
+        &self.identity
+    }
+
+    /// What Embree has taken so far.
+    pub(super) fn memory(&self) -> &Memory {
+        &self.monitors().memory
+    }
+
+    /// Whether packets of that property's width run without being split.
+    pub(super) fn has(&self, property: sys::RTCDeviceProperty) -> bool {
+        self.property(property) != 0
+    }
+
+    /// The first error since the last check, if any.
     pub(super) fn check(&self, action: &'static str) -> Result<(), AccelError> {
-        let mut error = self
-            .watch
+        let error = self
+            .monitors()
             .error
             .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
-        match error.take() {
-            Some((code, message)) => Err(refusal(action, code, message)),
-            None => Ok(()),
+            .unwrap_or_else(|e| e.into_inner())
+            .take();
+        error.map_or(Ok(()), |(code, message)| Err(refusal(action, code, message)))
+    }
+
+    fn monitors(&self) -> &Monitors {
+        // SAFETY: made in `new`, freed in `drop`, and only ever shared in between.
+        unsafe { &*self.monitors }
+    }
+
+    fn property(&self, property: sys::RTCDeviceProperty) -> isize {
+        // SAFETY: the device is live; an unknown property is an error that Embree reports.
+        unsafe { sys::rtcGetDeviceProperty(self.handle, property) }
+    }
+
+    /// The running library's version. Structures may differ between minor versions under one library name.
+    fn checked_version(&self) -> Result<String, AccelError> {
+        // Embree writes 4.3.3 as 40303.
+        let number = self.property(sys::RTC_DEVICE_PROPERTY_VERSION);
+        let (major, minor, patch) = (number / 10_000, number / 100 % 100, number % 100);
+        let running = format!("{major}.{minor}.{patch}");
+        if (major, minor) == (sys::RTC_VERSION_MAJOR as isize, sys::RTC_VERSION_MINOR as isize) {
+            return Ok(running);
         }
+        let built = format!(
+            "{}.{}.{}",
+            sys::RTC_VERSION_MAJOR,
+            sys::RTC_VERSION_MINOR,
+            sys::RTC_VERSION_PATCH
+        );
+        Err(AccelError::VersionMismatch { built, running })
     }
 
-    /// Bytes that Embree holds now.
-    pub(super) fn bytes(&self) -> u64 {
-        self.watch
-            .bytes
-            .load(Ordering::Relaxed)
-            .try_into()
-            .unwrap_or_default()
-    }
-
-    /// Most bytes that Embree held at once.
-    pub(super) fn peak_bytes(&self) -> u64 {
-        self.watch
-            .peak_bytes
-            .load(Ordering::Relaxed)
-            .try_into()
-            .unwrap_or_default()
-    }
-
-    /// The widest packets that the device traces natively.
-    pub(super) fn packet_width(&self) -> Width {
-        let has = |property| {
-            // SAFETY: the device is live, and the property is one of Embree's.
-            unsafe { sys::rtcGetDeviceProperty(self.raw, property) != 0 }
+    /// The instruction set in use. Embree does not tell; its native packet widths do, up to pairs that share a width, and
+    /// there the request or else the processor decides, which is right for builds that hold every set, as Debian's do.
+    fn instruction_set(&self, requested: Option<&str>) -> &'static str {
+        if !cfg!(any(target_arch = "x86", target_arch = "x86_64")) {
+            return "neon";
+        }
+        let either = |better: &'static str, lesser: &'static str| {
+            let takes_better = requested.map_or_else(|| processor_has(better), |isa| isa == better);
+            if takes_better { better } else { lesser }
         };
-        if has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) {
-            Width::Sixteen
-        } else if has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) {
-            Width::Eight
-        } else if has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY4_SUPPORTED) {
-            Width::Four
+        if self.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) {
+            "avx512"
+        } else if self.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) {
+            either("avx2", "avx")
         } else {
-            Width::One
+            either("sse4.2", "sse2")
         }
-    }
-
-    /// The version and the instruction set in use: the one asked for, else the widest that the packets show.
-    pub(super) fn identity(&self, options: &AccelOptions) -> EmbreeIdentity {
-        let widest = match self.packet_width() {
-            Width::Sixteen => "avx512",
-            Width::Eight if is_supported("avx2") => "avx2",
-            Width::Eight => "avx",
-            Width::Four if is_supported("sse4.2") => "sse4.2",
-            Width::Four | Width::One => "sse2",
-        };
-        EmbreeIdentity {
-            version: in_words(self.version),
-            isa: options.isa.clone().unwrap_or_else(|| widest.to_string()),
-        }
-    }
-
-    /// Layouts differ between minor versions, patches only mend.
-    fn check_version(&self) -> Result<(), AccelError> {
-        if self.version / 100 == sys::HEADER_VERSION / 100 {
-            return Ok(());
-        }
-        Err(AccelError::VersionMismatch {
-            built: in_words(sys::HEADER_VERSION),
-            running: in_words(self.version),
-        })
     }
 }
 
 impl Drop for Device {
     fn drop(&mut self) {
-        // SAFETY: the device is live and this is its only owner; scenes hold references of their own.
-        unsafe { sys::rtcReleaseDevice(self.raw) };
+        // SAFETY: `self` owns this reference and gives it up once; all scenes are gone (see `EmbreeAccel`).
+        unsafe { sys::rtcReleaseDevice(self.handle) };
+        // SAFETY: from `Box::into_raw` in `new`, and the only one who could still call back is gone.
+        drop(unsafe { Box::from_raw(self.monitors) });
     }
 }
 
-/// `31305` as `3.13.5`.
-fn in_words(version: u32) -> String {
-    format!("{}.{}.{}", version / 10_000, version / 100 % 100, version % 100)
+impl Memory {
+    /// Bytes in use now.
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes.load(Ordering::Relaxed).max(0) as u64
+    }
+
+    /// Most bytes in use at any time.
+    pub(super) fn peak_bytes(&self) -> u64 {
+        self.peak.load(Ordering::Relaxed).max(0) as u64
+    }
+
+    fn add(&self, bytes: i64) {
+        let now = self.bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        self.peak.fetch_max(now, Ordering::Relaxed);
+    }
+}
+
+/// The device's settings in Embree's own words.
+fn config(options: &AccelOptions) -> Result<CString, AccelError> {
+    let mut config = format!("threads={}", options.threads);
+    if let Some(isa) = &options.isa {
+        config += &format!(",isa={}", checked_instruction_set(isa)?);
+    }
+    // Digits and names from the list above hold no zero byte.
+    Ok(CString::new(config).unwrap_or_default())
+}
+
+/// A set that is known and that this processor has: Embree itself would accept anything, and then die on it.
+fn checked_instruction_set(isa: &str) -> Result<&'static str, AccelError> {
+    let refused = |message: String| AccelError::Embree {
+        action: "be held to an instruction set",
+        message,
+    };
+    let known = INSTRUCTION_SETS
+        .iter()
+        .find(|&&known| known == isa)
+        .ok_or_else(|| {
+            refused(format!(
+                "`{isa}` is none of {}: name one of these or none",
+                INSTRUCTION_SETS.join(", ")
+            ))
+        })?;
+    if processor_has(known) {
+        Ok(known)
+    } else {
+        Err(refused(format!(
+            "this processor has no {isa}: name a lesser one of {} or none",
+            INSTRUCTION_SETS.join(", ")
+        )))
+    }
+}
+
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+fn processor_has(isa: &str) -> bool {
+    match isa {
+        "sse2" => is_x86_feature_detected!("sse2"),
+        "sse4.2" => is_x86_feature_detected!("sse4.2") && is_x86_feature_detected!("popcnt"),
+        "avx" => is_x86_feature_detected!("avx"),
+        "avx2" => {
+            is_x86_feature_detected!("avx2")
+                && is_x86_feature_detected!("fma")
+                && is_x86_feature_detected!("f16c")
+                && is_x86_feature_detected!("bmi1")
+                && is_x86_feature_detected!("bmi2")
+                && is_x86_feature_detected!("lzcnt")
+        }
+        "avx512" => {
+            is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512cd")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512vl")
+        }
+        _ => false,
+    }
+}
+
+#[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
+fn processor_has(_isa: &str) -> bool {
+    false
 }
 
 fn refusal(action: &'static str, code: sys::RTCError, message: String) -> AccelError {
     if code == sys::RTC_ERROR_OUT_OF_MEMORY {
         return AccelError::OutOfMemory;
     }
+    let kind = match code {
+        sys::RTC_ERROR_INVALID_ARGUMENT => "invalid argument",
+        sys::RTC_ERROR_INVALID_OPERATION => "invalid operation",
+        sys::RTC_ERROR_UNSUPPORTED_CPU => "this processor is not supported",
+        sys::RTC_ERROR_CANCELLED => "cancelled",
+        _ => "unknown error",
+    };
+    let message = if message.is_empty() {
+        kind.to_owned()
+    } else {
+        format!("{kind}: {message}")
+    };
     AccelError::Embree { action, message }
 }
 
-fn check_instruction_set(isa: &str) -> Result<(), AccelError> {
-    let message = if !INSTRUCTION_SETS.contains(&isa) {
-        format!("`{isa}` is none of {}", INSTRUCTION_SETS.join(", "))
-    } else if !is_supported(isa) {
-        format!("this processor has no {isa}; leave `--isa` out to take the widest it has")
-    } else {
-        return Ok(());
-    };
-    Err(AccelError::Embree {
-        action: "use that instruction set",
-        message,
-    })
-}
-
-#[cfg(target_arch = "x86_64")]
-fn is_supported(isa: &str) -> bool {
-    match isa {
-        "sse4.2" => is_x86_feature_detected!("sse4.2"),
-        "avx" => is_x86_feature_detected!("avx"),
-        "avx2" => is_x86_feature_detected!("avx2"),
-        "avx512" => is_x86_feature_detected!("avx512vl"),
-        _ => true,
-    }
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-fn is_supported(_isa: &str) -> bool {
-    true
-}
-
-unsafe extern "C" fn note_error(watch: *mut c_void, code: sys::RTCError, message: *const c_char) {
-    // SAFETY: Embree hands back the address that was registered, whose `Watch` outlives the device.
-    let watch = unsafe { &*watch.cast::<Watch>() };
-    let words = if message.is_null() {
+/// Keeps the first error until someone asks.
+unsafe extern "C" fn on_error(monitors: *mut c_void, code: sys::RTCError, message: *const c_char) {
+    // SAFETY: the pointer given together with this function, alive as long as the device.
+    let monitors = unsafe { &*monitors.cast::<Monitors>() };
+    let text = if message.is_null() {
         String::new()
     } else {
-        // SAFETY: Embree passes a C string that lives through the call.
+        // SAFETY: not null, and Embree passes a C string that lives for this call.
         unsafe { CStr::from_ptr(message) }.to_string_lossy().into_owned()
     };
-    let mut error = watch
+    monitors
         .error
         .lock()
-        .unwrap_or_else(|poisoned| poisoned.into_inner());
-    error.get_or_insert((code, words));
+        .unwrap_or_else(|e| e.into_inner())
+        .get_or_insert((code, text));
 }
 
-unsafe extern "C" fn note_memory(watch: *mut c_void, change: isize, _after: bool) -> bool {
-    // SAFETY: Embree hands back the address that was registered, whose `Watch` outlives the device.
-    let watch = unsafe { &*watch.cast::<Watch>() };
-    let change = change as i64;
-    let now = watch.bytes.fetch_add(change, Ordering::Relaxed) + change;
-    watch.peak_bytes.fetch_max(now, Ordering::Relaxed);
+/// Counts what is taken (positive) and given back (negative). Returning false would refuse it.
+unsafe extern "C" fn on_memory(monitors: *mut c_void, bytes: isize, _is_done: bool) -> bool {
+    // SAFETY: as in `on_error`.
+    let monitors = unsafe { &*monitors.cast::<Monitors>() };
+    monitors.memory.add(bytes as i64);
     true
 }
 
@@ -223,35 +288,43 @@ unsafe extern "C" fn note_memory(watch: *mut c_void, change: isize, _after: bool
 mod tests {
     use super::*;
 
-    #[test]
-    fn the_library_that_runs_is_the_one_that_was_bound() {
-        let device = Device::new(&AccelOptions::default()).unwrap();
-        assert_eq!(device.version / 100, sys::HEADER_VERSION / 100);
-        assert!(in_words(sys::HEADER_VERSION).starts_with(&format!("{}.", sys::RTC_VERSION_MAJOR)));
-        assert_eq!(in_words(31305), "3.13.5");
-    }
-
-    #[test]
-    fn an_unknown_instruction_set_is_refused_with_the_known_ones() {
-        let options = AccelOptions {
-            isa: Some("mmx".into()),
+    fn with_isa(isa: &str) -> AccelOptions<'static> {
+        AccelOptions {
+            isa: Some(isa.to_owned()),
             ..AccelOptions::default()
-        };
-        let error = Device::new(&options).err().unwrap().to_string();
-        assert!(error.contains("mmx") && error.contains("avx2"), "{error}");
+        }
     }
 
     #[test]
-    fn a_pinned_instruction_set_decides_the_packet_width() {
-        for (isa, width) in [("sse2", Width::Four), ("avx2", Width::Eight)] {
-            if !is_supported(isa) {
-                continue;
-            }
-            let options = AccelOptions {
-                isa: Some(isa.into()),
-                ..AccelOptions::default()
-            };
-            assert_eq!(Device::new(&options).unwrap().packet_width(), width);
+    fn an_unknown_instruction_set_is_refused_with_the_list_of_known_ones() {
+        let error = Device::new(&with_isa("avx3,threads=9"))
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(error.contains("avx3") && error.contains("sse4.2"), "{error}");
+    }
+
+    #[test]
+    fn the_instruction_set_asked_for_is_the_one_reported() {
+        for isa in INSTRUCTION_SETS.into_iter().filter(|isa| processor_has(isa)) {
+            assert_eq!(Device::new(&with_isa(isa)).unwrap().identity().isa, isa);
         }
+    }
+
+    #[test]
+    fn the_peak_remembers_what_was_given_back() {
+        let memory = Memory::default();
+        memory.add(30);
+        memory.add(-20);
+        memory.add(5);
+        assert_eq!((memory.bytes(), memory.peak_bytes()), (15, 30));
+    }
+
+    #[test]
+    fn lack_of_memory_has_its_own_remedy() {
+        assert_eq!(
+            refusal("build", sys::RTC_ERROR_OUT_OF_MEMORY, "x".into()),
+            AccelError::OutOfMemory
+        );
     }
 }

@@ -1,95 +1,93 @@
-//! The system's Embree, asked through `embree-sys`.
+//! Finding hits with the system's Embree, 3.13 or 4.
 //!
-//! Meshes that stand in world space are Embree's own triangles, over vertex and index arrays that stay where they are,
-//! in the mapped file if that is where they came from. Everything else, spheres and placed meshes, is one user
-//! geometry whose callbacks are Rust: a placed mesh has a scene of its own and gets the ray carried into its object
-//! space, with `t` kept. (Embree's own instances transform in f32, and `rtcOccluded16` over them never returns on the
-//! AVX-512 path of 3.13.5.)
+//! One Embree scene holds the world. A mesh whose object space is world space becomes native triangles under the
+//! instance's own number, over the scene's own arrays. Everything else is one user geometry: each sphere and each placed
+//! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every further
+//! one. A placed mesh has an Embree scene of its own, built once for all its instances; the callback carries the rays into
+//! it in f64. Embree's own instances would round the inverse to f32, and on 3.13.5 a coherent `rtcOccluded16` over them
+//! never returns.
 //!
-//! Among Embree's own triangles equal `t` is decided by Embree; the callbacks follow the common rule.
+//! Ties go to the smallest `t`, then instance, then primitive, wherever a callback decides. Between two native triangles at
+//! the same `t` Embree decides, by the order in which it meets them.
 
-mod build;
 mod device;
-mod query;
+mod lanes;
 mod raw;
+mod scene;
+mod trace;
 mod user;
 
-use super::{
-    Accel, AccelError, AccelOptions, AccelReport, EmbreeIdentity, Kernel, Precision, RayOrder, RayPacket,
-};
-use crate::scene::Scene;
-use build::EmbreeScene;
-use device::Device;
-use query::{Query, Width};
-use user::UserGeometry;
+use std::sync::Arc;
 
-/// Embree over a borrowed scene.
+use self::device::Device;
+use self::scene::EmbreeScene;
+use self::trace::Width;
+use self::user::UserGeometry;
+use super::{Accel, AccelError, AccelOptions, AccelReport, RayOrder, RayPacket};
+use crate::scene::Scene;
+
+/// Embree's structure over a scene that it borrows: Embree reads the vertices where they are.
 pub struct EmbreeAccel<'s> {
-    /// Released before what it refers to.
-    top: EmbreeScene,
-    /// What the callbacks read; boxed, because Embree holds its address.
-    user: Box<UserGeometry<'s>>,
-    width: Width,
-    identity: EmbreeIdentity,
-    summary: String,
+    // In the order of release: whoever is called back goes last.
+    world: EmbreeScene<'s>,
+    user: Arc<UserGeometry<'s>>,
     device: Device,
+    width: Width,
+    summary: String,
 }
 
 impl<'s> EmbreeAccel<'s> {
-    /// Builds the acceleration structure of a validated scene.
+    /// Builds over a validated scene.
+    ///
+    /// # Errors
+    ///
+    /// Where the precision is `watertight`, the instruction set is unknown here, the running library is not the one whose
+    /// headers were compiled in, or memory runs out.
+    ///
+    /// # Panics
+    ///
+    /// Where `options.progress` panics: the build is cancelled and the panic goes on.
     pub fn build(scene: &'s Scene, options: &AccelOptions) -> Result<EmbreeAccel<'s>, AccelError> {
-        if options.precision == Precision::Watertight {
-            return Err(AccelError::NotWatertight);
-        }
         let device = Device::new(options)?;
-        let identity = device.identity(options);
-        let width = match options.kernel {
-            Kernel::Packet => device.packet_width(),
-            Kernel::Single => Width::One,
-        };
-        let user = build::user_geometry(scene, &device, width, options)?;
-        let top = build::top_scene(scene, &device, &user, options)?;
+        let width = Width::of(&device, options.kernel);
+        let (world, user) = scene::build(scene, &device, options)?;
+        let summary = format!(
+            "Embree {}, {}, {width}, {} triangles native, {} shapes and placed meshes as user geometry",
+            device.identity().version,
+            options.precision,
+            scene::native_triangle_count(scene),
+            user.primitive_count(),
+        );
         Ok(EmbreeAccel {
-            summary: format!(
-                "Embree {} ({}, {}), {} own triangle meshes, {} user primitives",
-                identity.version,
-                identity.isa,
-                options.precision,
-                top.mesh_count(),
-                user.primitive_count()
-            ),
-            top,
+            world,
             user,
-            width,
-            identity,
             device,
+            width,
+            summary,
         })
+    }
+
+    /// How many callbacks have panicked since the build. Their lanes missed; the message is on standard error.
+    pub fn panicked_callback_count(&self) -> u64 {
+        self.user.panic_count()
     }
 }
 
 impl Accel for EmbreeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let mut query = Query::new(order);
-        for packet in packets {
-            packet.drop_untraceable();
-            query.intersect(&self.top, packet, self.width);
-        }
+        trace::intersect(&self.world, self.width, packets, order);
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let mut query = Query::new(order);
-        for packet in packets {
-            packet.drop_untraceable();
-            query.occluded(&self.top, packet, self.width);
-        }
+        trace::occluded(&self.world, self.width, packets, order);
     }
 
     fn report(&self) -> AccelReport {
-        debug_assert!(!self.user.has_panicked());
+        let memory = self.device.memory();
         AccelReport {
-            bytes: self.device.bytes(),
-            peak_bytes: self.device.peak_bytes(),
-            embree: Some(self.identity.clone()),
+            bytes: memory.bytes(),
+            peak_bytes: memory.peak_bytes(),
+            embree: Some(self.device.identity().clone()),
             summary: self.summary.clone(),
         }
     }

@@ -1,25 +1,30 @@
-//! The bare loop that [`EmbreeAccel`]'s own is measured against: one call a packet and nothing else.
+//! The bare loop over Embree's own calls: what the rest of the program is measured against.
 
-use super::{EmbreeAccel, Query};
+use super::EmbreeAccel;
+use super::trace::{intersect_packet, new_query, occluded_packet};
 use crate::accel::{RayOrder, RayPacket};
 
 impl EmbreeAccel<'_> {
-    /// As [`crate::accel::Accel::intersect`], unchecked and always 16 wide, for benchmarks.
+    /// `rtcIntersect16` on every packet and nothing else.
     ///
-    /// Every active ray must be traceable ([`RayPacket::drop_untraceable`]): Debian's Embree ends the process at one
-    /// that is not.
+    /// Only for packets that went through [`RayPacket::drop_untraceable`]: Embree 3.13 as Debian builds it ends the
+    /// process on an active lane with a NaN or an infinite coordinate.
     pub fn raw_intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let mut query = Query::new(order);
+        let scene = self.world.as_ref();
+        let mut query = new_query(order);
+        let query = &raw mut query;
         for packet in packets {
-            query.intersect_whole(&self.top, packet);
+            intersect_packet(scene, query, packet);
         }
     }
 
-    /// As [`crate::accel::Accel::occluded`], unchecked and always 16 wide, for benchmarks.
+    /// `rtcOccluded16` on every packet and nothing else; as [`EmbreeAccel::raw_intersect`].
     pub fn raw_occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let mut query = Query::new(order);
+        let scene = self.world.as_ref();
+        let mut query = new_query(order);
+        let query = &raw mut query;
         for packet in packets {
-            query.occluded_whole(&self.top, packet);
+            occluded_packet(scene, query, packet);
         }
     }
 }

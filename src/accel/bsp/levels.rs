@@ -1,0 +1,140 @@
+//! The two levels of a scene: the world tree, and one tree for each mesh that is placed.
+
+use std::collections::BTreeSet;
+
+use super::builder::{Branch, Built, build};
+use super::primitives::{Primitives, RunKind};
+use crate::accel::brute::shape_hit;
+use crate::accel::{AccelError, AccelOptions, Hit};
+use crate::scene::{Geometry, Scene};
+
+/// All trees of a scene, in the layout `T`.
+pub(super) struct Levels<'s, T> {
+    /// What the trees stand for.
+    pub(super) scene: &'s Scene,
+    /// The world.
+    pub(super) world: Level<'s, T>,
+    /// By geometry; absent where no instance but a baked one uses it.
+    pub(super) objects: Vec<Option<Level<'s, T>>>,
+    /// Most bytes in use at any time of the build.
+    pub(super) peak_bytes: u64,
+}
+
+/// One tree and what its numbers stand for.
+pub(super) struct Level<'s, T> {
+    /// What the numbers in the tree stand for.
+    pub(super) primitives: Primitives<'s>,
+    /// The tree.
+    pub(super) tree: T,
+}
+
+/// A tree in some layout.
+pub(super) trait Layout: Sized {
+    /// Lays out a built tree; `None` if it is too large.
+    fn lay_out(root: &Branch, primitives: &Primitives) -> Option<Self>;
+
+    /// Bytes in use.
+    fn byte_count(&self) -> u64;
+}
+
+impl<'s, T: Layout> Levels<'s, T> {
+    /// Builds all trees on the current thread pool.
+    pub(super) fn build(scene: &'s Scene, options: &AccelOptions) -> Result<Levels<'s, T>, AccelError> {
+        let silent = |_: f64| ();
+        let progress: &(dyn Fn(f64) + Sync) = options.progress.unwrap_or(&silent);
+        let placed = placed_meshes(scene);
+        let triangle_count = |index: usize| scene.geometries[index].primitive_count();
+        let world = Primitives::of_world(scene).ok_or(AccelError::OutOfMemory)?;
+        let total = world.count() + placed.iter().map(|&index| triangle_count(index)).sum::<usize>();
+        let mut meter = BuildMeter {
+            progress,
+            total: total.max(1) as f64,
+            done: 0,
+            bytes: 0,
+            peak_bytes: 0,
+        };
+        let mut objects = Vec::new();
+        for (index, geometry) in scene.geometries.iter().enumerate() {
+            objects.push(match geometry {
+                Geometry::Mesh(mesh) if placed.contains(&index) => {
+                    Some(meter.level(Primitives::of_mesh(mesh).ok_or(AccelError::OutOfMemory)?)?)
+                }
+                _ => None,
+            });
+        }
+        let world = meter.level(world)?;
+        progress(1.0);
+        Ok(Levels {
+            scene,
+            world,
+            objects,
+            peak_bytes: meter.peak_bytes,
+        })
+    }
+
+    /// Bytes of all trees.
+    pub(super) fn byte_count(&self) -> u64 {
+        let objects = self.objects.iter().flatten().map(|level| level.tree.byte_count());
+        self.world.tree.byte_count() + objects.sum::<u64>()
+    }
+
+    /// One line about what was built.
+    pub(super) fn summary(&self) -> String {
+        let objects = self.objects.iter().flatten().count();
+        let count = self.world.primitives.count();
+        format!("BSP of {count} primitives in the world, {objects} trees of placed meshes")
+    }
+
+    /// The hit on world number `number`; `primitive` is that of a placed mesh.
+    #[inline(always)]
+    pub(super) fn hit(&self, number: u32, primitive: u32, [t, u, v]: [f32; 3]) -> Hit {
+        let run = self.world.primitives.run(number);
+        let primitive = match run.kind {
+            RunKind::Triangles(_) => number - run.first,
+            RunKind::Whole(_) => primitive,
+        };
+        Hit {
+            primitive,
+            u,
+            v,
+            ..shape_hit(run.instance, t)
+        }
+    }
+}
+
+/// Adds up what building one tree after the other takes.
+struct BuildMeter<'a> {
+    progress: &'a (dyn Fn(f64) + Sync),
+    total: f64,
+    done: usize,
+    bytes: u64,
+    peak_bytes: u64,
+}
+
+impl BuildMeter<'_> {
+    fn level<'s, T: Layout>(&mut self, primitives: Primitives<'s>) -> Result<Level<'s, T>, AccelError> {
+        let (before, count, total) = (self.done as f64, primitives.count() as f64, self.total);
+        let progress = self.progress;
+        let Built {
+            root,
+            peak_bytes,
+            branch_bytes,
+        } = build(&primitives, &|part| progress((before + part * count) / total));
+        let tree = T::lay_out(&root, &primitives).ok_or(AccelError::OutOfMemory)?;
+        self.peak_bytes = self.peak_bytes.max(self.bytes + peak_bytes);
+        self.peak_bytes = self.peak_bytes.max(self.bytes + branch_bytes + tree.byte_count());
+        self.bytes += tree.byte_count();
+        self.done += primitives.count();
+        Ok(Level { primitives, tree })
+    }
+}
+
+/// The meshes that need a tree in their own space.
+fn placed_meshes(scene: &Scene) -> BTreeSet<usize> {
+    let placed = scene.instances.iter().filter(|instance| !instance.is_identity());
+    let is_mesh = |index: &usize| matches!(scene.geometries[*index], Geometry::Mesh(_));
+    placed
+        .map(|instance| instance.geometry as usize)
+        .filter(is_mesh)
+        .collect()
+}

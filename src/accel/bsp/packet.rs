@@ -1,0 +1,454 @@
+//! The kernel for sixteen rays that run side by side.
+//!
+//! Rays are grouped by octant and by the axis along which they are longest, so that within a group the near and far side
+//! of every box, the order of cells and the axes of the triangle test are the same for all. A node is first tested
+//! against the interval that bounds the whole group, eight children at once; the children that are left, against each
+//! ray, sixteen at once. Small groups go ray by ray.
+
+use super::counters;
+use super::levels::Levels;
+use super::single::{Found, Question, STACK, Stack, ask_whole, hit_of, trace_lane, trace_singles};
+use super::slack::Line;
+use super::wide::{Child, Leaf, LeafPack, NO_NUMBER, Node, WIDTH, WideTree};
+use crate::accel::{LANES, RayOrder, RayPacket};
+use crate::mesh::lanes::Isa;
+use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis, lanes};
+
+/// A value for each ray.
+type Lanes = [f32; LANES];
+
+/// All lanes.
+const FULL: u32 = (1 << LANES) - 1;
+/// Groups of fewer rays go ray by ray.
+const SMALL_GROUP: u32 = 4;
+/// Up to this many rays, a leaf is tested eight triangles at a time; above, sixteen rays at a time.
+const FEW_RAYS: u32 = 8;
+
+/// Asks packets.
+#[inline(always)]
+pub(super) fn trace_packets(
+    isa: impl Isa,
+    levels: &Levels<WideTree>,
+    packets: &mut [RayPacket],
+    question: Question,
+    order: RayOrder,
+) {
+    if order == RayOrder::Incoherent {
+        return trace_singles(isa, levels, packets, question);
+    }
+    let root = levels.world.tree.root();
+    let mut stacks = Stack::pair(root);
+    let mut cells = Box::new([(root, 0, 0.0); STACK]);
+    for packet in packets {
+        packet.drop_untraceable();
+        let mut left = 0u32;
+        let mut kinds = [0u32; LANES];
+        for lane in 0..LANES {
+            left |= u32::from(packet.active[lane] != 0) << lane;
+            kinds[lane] = kind(packet, lane);
+        }
+        while left != 0 {
+            let leader = left.trailing_zeros() as usize % LANES;
+            let mut group = 0u32;
+            for i in 0..LANES {
+                group |= u32::from(kinds[i] == kinds[leader]) << i;
+            }
+            group &= left;
+            left &= !group;
+            if group.count_ones() < SMALL_GROUP {
+                for lane in lanes(group) {
+                    trace_lane(isa, levels, (packet, lane % LANES), question, &mut stacks);
+                }
+            } else {
+                let members = [group, kinds[leader]];
+                trace_group(
+                    isa,
+                    levels,
+                    (packet, members),
+                    question,
+                    (&mut cells, &mut stacks[1]),
+                );
+            }
+        }
+    }
+}
+
+/// What the rays of a group have in common: the octant in the low three bits, then the longest axis.
+#[inline(always)]
+fn kind(packet: &RayPacket, lane: usize) -> u32 {
+    let direction = [
+        packet.direction[0][lane],
+        packet.direction[1][lane],
+        packet.direction[2][lane],
+    ];
+    let falls = |axis: usize| u32::from(direction[axis].is_sign_negative()) << axis;
+    falls(0) | falls(1) | falls(2) | (dominant_axis(direction) as u32) << 3
+}
+
+/// A cell that waits: what is in it, the rays that meet it, and where the first of them enters.
+type Waiting = (Child, u32, f32);
+
+/// A group of rays as the kernel sees it. Lanes outside the group have an interval that ends before it begins.
+struct Group {
+    octant: usize,
+    origin: [Lanes; 3],
+    enter: [Lanes; 3],
+    leave: [Lanes; 3],
+    t_near: Lanes,
+    shears: ShearLanes<LANES>,
+    hull: Hull,
+    best: Best,
+}
+
+/// The best hits so far, as [`Found`] is for one ray.
+struct Best {
+    t: Lanes,
+    u: Lanes,
+    v: Lanes,
+    number: [u32; LANES],
+    primitive: [u32; LANES],
+    /// The largest `t` of all.
+    t_last: f32,
+    /// Lanes that are still asked about; with [`Question::Any`] the blocked ones leave.
+    active: u32,
+    hit: u32,
+}
+
+/// Bounds on the lines of a group: least and greatest, by axis.
+struct Hull {
+    origin: [[f32; 2]; 3],
+    enter: [[f32; 2]; 3],
+    leave: [[f32; 2]; 3],
+    t_near: f32,
+}
+
+/// The least and greatest value, by halves: a chain of sixteen comparisons would wait for itself.
+#[inline(always)]
+fn range(values: &Lanes) -> [f32; 2] {
+    let (mut low, mut high) = (*values, *values);
+    let mut half = LANES / 2;
+    while half > 0 {
+        for i in 0..half {
+            low[i] = if low[i + half] < low[i] {
+                low[i + half]
+            } else {
+                low[i]
+            };
+            high[i] = if high[i + half] > high[i] {
+                high[i + half]
+            } else {
+                high[i]
+            };
+        }
+        half /= 2;
+    }
+    [low[0], high[0]]
+}
+
+#[inline(always)]
+fn ranges([x, y, z]: &[Lanes; 3]) -> [[f32; 2]; 3] {
+    [range(x), range(y), range(z)]
+}
+
+/// The values of the lanes in `mask`, and that of its first lane elsewhere.
+#[inline(always)]
+fn fill(row: &Lanes, mask: u32) -> Lanes {
+    if mask == FULL {
+        return *row;
+    }
+    let first = row[mask.trailing_zeros() as usize % LANES];
+    let mut out = [first; LANES];
+    for i in 0..LANES {
+        out[i] = if mask >> i & 1 != 0 { row[i] } else { first };
+    }
+    out
+}
+
+impl Group {
+    #[inline(always)]
+    fn new(packet: &RayPacket, [mask, kind]: [u32; 2]) -> Group {
+        // Lanes outside the group stand in as copies of its first ray, so that they widen nothing.
+        let [ox, oy, oz] = &packet.origin;
+        let origin = [fill(ox, mask), fill(oy, mask), fill(oz, mask)];
+        let [dx, dy, dz] = &packet.direction;
+        let direction = [fill(dx, mask), fill(dy, mask), fill(dz, mask)];
+        let [enter, leave] = Line::reciprocals(&direction);
+        let t_near = fill(&packet.t_near, mask);
+        let mut t = [f32::NEG_INFINITY; LANES];
+        for i in 0..LANES {
+            let t_far = packet.t_far[i];
+            let t_far = if t_far < f32::MAX { t_far } else { f32::MAX };
+            t[i] = if mask >> i & 1 != 0 { t_far } else { t[i] };
+        }
+        Group {
+            octant: kind as usize & 7,
+            hull: Hull {
+                origin: ranges(&origin),
+                enter: ranges(&enter),
+                leave: ranges(&leave),
+                t_near: range(&t_near)[0],
+            },
+            shears: ShearLanes::new((kind >> 3) as usize, &origin, &direction),
+            origin,
+            enter,
+            leave,
+            t_near,
+            best: Best {
+                t_last: range(&t)[1],
+                t,
+                u: [0.0; LANES],
+                v: [0.0; LANES],
+                number: [u32::MAX; LANES],
+                primitive: [u32::MAX; LANES],
+                active: mask,
+                hit: 0,
+            },
+        }
+    }
+}
+
+/// Asks the rays of one group.
+#[inline(always)]
+fn trace_group(
+    isa: impl Isa,
+    levels: &Levels<WideTree>,
+    (packet, members): (&mut RayPacket, [u32; 2]),
+    question: Question,
+    (cells, object_stack): (&mut [Waiting; STACK], &mut Stack),
+) {
+    let mut group = Group::new(packet, members);
+    walk(
+        isa,
+        &levels.world.tree,
+        &mut group,
+        (question, cells),
+        |number, lane, best| {
+            let mut found = best.found(lane);
+            let ray = packet.ray(lane);
+            if ask_whole(isa, levels, (&ray, number), &mut found, (question, object_stack)) {
+                best.set(lane, &found, question);
+            }
+        },
+    );
+    for lane in lanes(group.best.hit) {
+        let lane = lane % LANES;
+        match question {
+            Question::Any => packet.set_blocked(lane),
+            Question::Nearest => packet.set_hit(lane, &hit_of(levels, &group.best.found(lane))),
+        }
+    }
+}
+
+/// Walks one tree. `ask` is shown the numbers that are no triangles, lane by lane.
+#[inline(always)]
+fn walk(
+    isa: impl Isa,
+    tree: &WideTree,
+    group: &mut Group,
+    (question, cells): (Question, &mut [Waiting; STACK]),
+    mut ask: impl FnMut(u32, usize, &mut Best),
+) {
+    cells[0] = (tree.root(), group.best.active, group.hull.t_near);
+    let mut waiting = 1;
+    while waiting > 0 {
+        waiting -= 1;
+        let (child, mask, enters) = cells[waiting];
+        let mask = mask & group.best.active;
+        if mask == 0 || enters > group.best.t_last {
+            continue;
+        }
+        if let Some(index) = child.node() {
+            waiting = enter(isa, tree.node(index), group, cells, waiting);
+            continue;
+        }
+        let Leaf { packs, wholes } = tree.leaf(child);
+        for pack in packs {
+            if mask.count_ones() <= FEW_RAYS {
+                group.ray_by_ray(isa, pack, mask, question);
+            } else {
+                group.triangle_by_triangle(isa, pack, question);
+            }
+        }
+        for &number in wholes {
+            for lane in lanes(mask & group.best.active) {
+                ask(number, lane % LANES, &mut group.best);
+            }
+        }
+        if group.best.active == 0 {
+            return;
+        }
+    }
+}
+
+/// Puts the children that any ray meets on the stack, the nearest on top; returns how many wait now.
+#[inline(always)]
+fn enter(isa: impl Isa, node: &Node, group: &Group, cells: &mut [Waiting; STACK], waiting: usize) -> usize {
+    counters::node();
+    let (candidates, near) = group.hull.children(isa, node, group.octant, group.best.t_last);
+    let order = node.far_to_near[group.octant & 7];
+    let Some(slots) = cells[waiting..].first_chunk_mut::<WIDTH>() else {
+        return waiting;
+    };
+    let mut count = 0;
+    for i in 0..WIDTH {
+        let slot = (order >> (4 * i)) as usize & (WIDTH - 1);
+        if candidates >> slot & 1 == 0 {
+            continue;
+        }
+        let mask = group.meets(isa, node, slot);
+        slots[count & (WIDTH - 1)] = (node.children[slot], mask, near[slot]);
+        count += usize::from(mask != 0);
+    }
+    waiting + count
+}
+
+impl Hull {
+    /// The children that a line of the group may meet up to `t_last`, and bounds on where the first of them enters.
+    #[inline(always)]
+    fn children(&self, isa: impl Isa, node: &Node, octant: usize, t_last: f32) -> (u32, [f32; WIDTH]) {
+        let mut near = [self.t_near; WIDTH];
+        let mut far = [t_last; WIDTH];
+        for axis in 0..3 {
+            let falls = octant >> axis & 1;
+            let near_bounds = &node.bounds[falls][axis];
+            let far_bounds = &node.bounds[1 - falls][axis];
+            // The origins that are entered first and left last, by the direction along the axis.
+            let [least, greatest] = self.origin[axis];
+            let (first, last) = if falls == 0 {
+                (greatest, least)
+            } else {
+                (least, greatest)
+            };
+            let ([enter_a, enter_b], [leave_a, leave_b]) = (self.enter[axis], self.leave[axis]);
+            for i in 0..WIDTH {
+                let from = near_bounds[i] - first;
+                let to = far_bounds[i] - last;
+                let (a, b) = (from * enter_a, from * enter_b);
+                let t0 = if a < b { a } else { b };
+                let (c, d) = (to * leave_a, to * leave_b);
+                let t1 = if c > d { c } else { d };
+                near[i] = if t0 > near[i] { t0 } else { near[i] };
+                far[i] = if t1 < far[i] { t1 } else { far[i] };
+            }
+        }
+        (isa.le(&near, &far), near)
+    }
+}
+
+impl Group {
+    /// The rays that meet a child.
+    #[inline(always)]
+    fn meets(&self, isa: impl Isa, node: &Node, slot: usize) -> u32 {
+        let mut near = self.t_near;
+        let mut far = self.best.t;
+        for axis in 0..3 {
+            let falls = self.octant >> axis & 1;
+            let near_bound = node.bounds[falls][axis][slot];
+            let far_bound = node.bounds[1 - falls][axis][slot];
+            for i in 0..LANES {
+                let t0 = (near_bound - self.origin[axis][i]) * self.enter[axis][i];
+                let t1 = (far_bound - self.origin[axis][i]) * self.leave[axis][i];
+                near[i] = if t0 > near[i] { t0 } else { near[i] };
+                far[i] = if t1 < far[i] { t1 } else { far[i] };
+            }
+        }
+        isa.le(&near, &far)
+    }
+
+    #[inline(always)]
+    fn ray_by_ray(&mut self, isa: impl Isa, pack: &LeafPack, mask: u32, question: Question) {
+        for lane in lanes(mask & self.best.active) {
+            let lane = lane % LANES;
+            counters::pack();
+            let shear = self.shears.lane(lane);
+            let mut found = self.best.found(lane);
+            let hits = shear.intersect_pack(isa, &pack.triangles, self.t_near[lane], found.t);
+            let before = found.number;
+            for slot in lanes(hits.mask) {
+                let slot = slot % PACK;
+                if found.is_beaten_by(hits.t[slot], pack.numbers[slot]) {
+                    found = Found {
+                        t: hits.t[slot],
+                        u: hits.u[slot],
+                        v: hits.v[slot],
+                        number: pack.numbers[slot],
+                        primitive: 0,
+                    };
+                }
+            }
+            if found.number != before {
+                self.best.set(lane, &found, question);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn triangle_by_triangle(&mut self, isa: impl Isa, pack: &LeafPack, question: Question) {
+        for slot in 0..PACK {
+            let number = pack.numbers[slot];
+            if number == NO_NUMBER {
+                break;
+            }
+            counters::triangle();
+            let hits = self
+                .shears
+                .intersect(isa, pack.triangles.triangle(slot), &self.t_near, &self.best.t);
+            if hits.mask != 0 {
+                self.best.merge(&hits, number, question);
+            }
+        }
+    }
+}
+
+impl Best {
+    #[inline(always)]
+    fn found(&self, lane: usize) -> Found {
+        Found {
+            t: self.t[lane],
+            u: self.u[lane],
+            v: self.v[lane],
+            number: self.number[lane],
+            primitive: self.primitive[lane],
+        }
+    }
+
+    #[inline(always)]
+    fn set(&mut self, lane: usize, found: &Found, question: Question) {
+        self.hit |= 1 << lane;
+        self.t[lane] = found.t;
+        self.u[lane] = found.u;
+        self.v[lane] = found.v;
+        self.number[lane] = found.number;
+        self.primitive[lane] = found.primitive;
+        self.settle(1 << lane, question);
+    }
+
+    /// Takes over the hits on one triangle.
+    #[inline(always)]
+    fn merge(&mut self, hits: &LaneHits<LANES>, number: u32, question: Question) {
+        self.hit |= hits.mask;
+        for lane in lanes(hits.mask) {
+            let lane = lane % LANES;
+            if self.found(lane).is_beaten_by(hits.t[lane], number) {
+                self.t[lane] = hits.t[lane];
+                self.u[lane] = hits.u[lane];
+                self.v[lane] = hits.v[lane];
+                self.number[lane] = number;
+                self.primitive[lane] = 0;
+            }
+        }
+        self.settle(hits.mask, question);
+    }
+
+    /// With [`Question::Any`], lanes that are hit are done with.
+    #[inline(always)]
+    fn settle(&mut self, hit: u32, question: Question) {
+        if question == Question::Any {
+            self.active &= !hit;
+            for lane in lanes(hit) {
+                self.t[lane % LANES] = f32::NEG_INFINITY;
+            }
+        }
+        self.t_last = range(&self.t)[1];
+    }
+}

@@ -1,0 +1,223 @@
+//! Embree's ray packets of any width: rows of lanes, and Embree's calls on them.
+
+use std::mem::{align_of, offset_of, size_of};
+
+use embree_sys as sys;
+use glam::Vec3;
+
+use super::scene::SceneRef;
+use crate::accel::{ACTIVE, LANES, NO_HIT, RayPacket};
+use crate::numeric::Ray;
+
+/// Rows of `RTCRayHitN` in the widest version, in 4-byte words a lane. Embree 3 ends one row earlier.
+const ROW_COUNT: usize = 21;
+
+/// Where each field of `RTCRayHitN` is. `Y` and `Z` follow `X`.
+pub(super) mod row {
+    pub(crate) const ORIGIN: usize = 0;
+    pub(crate) const T_NEAR: usize = 3;
+    pub(crate) const DIRECTION: usize = 4;
+    pub(crate) const T_FAR: usize = 8;
+    pub(crate) const MASK: usize = 9;
+    pub(crate) const U: usize = 15;
+    pub(crate) const V: usize = 16;
+    pub(crate) const PRIMITIVE: usize = 17;
+    pub(crate) const INSTANCE: usize = 18;
+    pub(crate) const LEVEL: usize = 19;
+}
+
+// `RayPacket` begins as `RTCRayHit16` does, and its valid mask is behind all of it. Its private rows lie between public
+// ones of the same size, so they are where they must be if these are.
+const _: () = {
+    assert!(offset_of!(RayPacket, origin) == offset_of!(sys::RTCRayHit16, ray.org_x));
+    assert!(offset_of!(RayPacket, t_near) == offset_of!(sys::RTCRayHit16, ray.tnear));
+    assert!(offset_of!(RayPacket, direction) == offset_of!(sys::RTCRayHit16, ray.dir_x));
+    assert!(offset_of!(RayPacket, t_far) == offset_of!(sys::RTCRayHit16, ray.tfar));
+    assert!(offset_of!(RayPacket, u) == offset_of!(sys::RTCRayHit16, hit.u));
+    assert!(offset_of!(RayPacket, v) == offset_of!(sys::RTCRayHit16, hit.v));
+    assert!(offset_of!(RayPacket, primitive) == offset_of!(sys::RTCRayHit16, hit.primID));
+    assert!(offset_of!(RayPacket, instance) == offset_of!(sys::RTCRayHit16, hit.geomID));
+    assert!(offset_of!(RayPacket, active) >= size_of::<sys::RTCRayHit16>());
+    assert!(offset_of!(RayPacket, active) == ROW_COUNT * LANES * size_of::<u32>());
+    assert!(offset_of!(RayPacket, active).is_multiple_of(64));
+    assert!(align_of::<RayPacket>() >= align_of::<sys::RTCRayHit16>());
+};
+
+// `Lanes<W>` holds every `RTCRayHitW` of both versions. Embree pads the single one to a multiple of 16 bytes.
+const _: () = {
+    assert!(size_of::<Lanes<1>>() >= size_of::<sys::RTCRayHit>());
+    assert!(offset_of!(Lanes<4>, active) >= size_of::<sys::RTCRayHit4>());
+    assert!(offset_of!(Lanes<8>, active) >= size_of::<sys::RTCRayHit8>());
+    assert!(offset_of!(Lanes<16>, active) >= size_of::<sys::RTCRayHit16>());
+    assert!(
+        offset_of!(Lanes<4>, active).is_multiple_of(16) && offset_of!(Lanes<8>, active).is_multiple_of(32)
+    );
+    assert!(
+        offset_of!(sys::RTCRayHit, ray.tfar) == row::T_FAR * 4
+            && offset_of!(sys::RTCRayHit, hit.u) == row::U * 4
+    );
+    assert!(offset_of!(sys::RTCRayHit, hit.geomID) == row::INSTANCE * 4);
+    assert!(offset_of!(sys::RTCRayHit4, hit.geomID) == row::INSTANCE * 16);
+    assert!(offset_of!(sys::RTCRayHit8, hit.geomID) == row::INSTANCE * 32);
+};
+
+/// A packet of `W` = 1, 4, 8 or 16 rays as Embree lays it out.
+#[repr(C, align(64))]
+pub(super) struct Lanes<const W: usize> {
+    rows: [[u32; W]; ROW_COUNT],
+    active: [i32; W],
+}
+
+impl<const W: usize> Lanes<W> {
+    /// No lane active, no lane hit.
+    pub(super) fn new() -> Lanes<W> {
+        let mut rows = [[0; W]; ROW_COUNT];
+        rows[row::MASK] = [u32::MAX; W];
+        rows[row::PRIMITIVE] = [NO_HIT; W];
+        rows[row::INSTANCE] = [NO_HIT; W];
+        rows[row::LEVEL] = [NO_HIT; W];
+        Lanes { rows, active: [0; W] }
+    }
+
+    /// Sets a lane to a ray without a hit; a ray that Embree may not be asked about stays inactive.
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, ray: &Ray) {
+        for axis in 0..3 {
+            self.rows[row::ORIGIN + axis][lane] = ray.origin[axis].to_bits();
+            self.rows[row::DIRECTION + axis][lane] = ray.direction[axis].to_bits();
+        }
+        self.rows[row::T_NEAR][lane] = ray.t_near.to_bits();
+        self.rows[row::T_FAR][lane] = ray.t_far.to_bits();
+        self.active[lane] = if ray.is_traceable() { ACTIVE } else { 0 };
+    }
+
+    /// Whether any lane is to be traced.
+    #[inline(always)]
+    pub(super) fn any_active(&self) -> bool {
+        self.active.iter().fold(0, |a, &b| a | b) != 0
+    }
+
+    /// Whether a lane is to be traced.
+    #[inline(always)]
+    pub(super) fn is_active(&self, lane: usize) -> bool {
+        self.active[lane] != 0
+    }
+
+    /// One value of one lane.
+    #[inline(always)]
+    pub(super) fn get(&self, row: usize, lane: usize) -> u32 {
+        self.rows[row][lane]
+    }
+
+    /// Finds the nearest hit of the active lanes.
+    #[inline(always)]
+    pub(super) fn intersect(&mut self, scene: SceneRef, query: *mut sys::EmbreeQuery) {
+        let rays: *mut Lanes<W> = self;
+        let valid = rays.wrapping_byte_add(offset_of!(Lanes<W>, active)).cast::<i32>();
+        let scene = scene.handle();
+        match W {
+            // SAFETY: the lane is active (its caller asks first) and traceable; `query` is this thread's own.
+            1 => unsafe { sys::embree_intersect1(scene, query, rays.cast()) },
+            // SAFETY: `Lanes` holds an `RTCRayHit4` and, behind it, its aligned mask; active lanes are traceable.
+            4 => unsafe { sys::embree_intersect4(valid, scene, query, rays.cast()) },
+            // SAFETY: as for 4.
+            8 => unsafe { sys::embree_intersect8(valid, scene, query, rays.cast()) },
+            // SAFETY: as for 4.
+            16 => unsafe { sys::embree_intersect16(valid, scene, query, rays.cast()) },
+            _ => unreachable!("Embree has packets of 1, 4, 8 and 16"),
+        }
+    }
+
+    /// Sets `T_FAR` of every active lane that meets anything to negative infinity.
+    #[inline(always)]
+    pub(super) fn occluded(&mut self, scene: SceneRef, query: *mut sys::EmbreeQuery) {
+        let rays: *mut Lanes<W> = self;
+        let valid = rays.wrapping_byte_add(offset_of!(Lanes<W>, active)).cast::<i32>();
+        let scene = scene.handle();
+        match W {
+            // SAFETY: as in `intersect`; an `RTCRayN` is the beginning of an `RTCRayHitN`.
+            1 => unsafe { sys::embree_occluded1(scene, query, rays.cast()) },
+            // SAFETY: as above.
+            4 => unsafe { sys::embree_occluded4(valid, scene, query, rays.cast()) },
+            // SAFETY: as above.
+            8 => unsafe { sys::embree_occluded8(valid, scene, query, rays.cast()) },
+            // SAFETY: as above.
+            16 => unsafe { sys::embree_occluded16(valid, scene, query, rays.cast()) },
+            _ => unreachable!("Embree has packets of 1, 4, 8 and 16"),
+        }
+    }
+}
+
+/// Lanes `first .. first + W` of a packet that Embree hands to a callback.
+#[derive(Clone, Copy)]
+pub(super) struct Foreign {
+    base: *mut u32,
+    count: usize,
+    first: usize,
+}
+
+impl Foreign {
+    /// # Safety
+    ///
+    /// `base` points to an `RTCRayN` or `RTCRayHitN` of `count` lanes that this thread alone uses while the value lives,
+    /// and `first` plus the width asked for never exceeds `count`.
+    pub(super) unsafe fn new(base: *mut u32, count: usize, first: usize) -> Foreign {
+        Foreign { base, count, first }
+    }
+
+    /// One row, as bits. Rows from `U` on exist only in an `RTCRayHitN`.
+    #[inline(always)]
+    pub(super) fn load<const W: usize>(&self, row: usize) -> [u32; W] {
+        let at = self
+            .base
+            .wrapping_add(row * self.count + self.first)
+            .cast::<[u32; W]>();
+        // SAFETY: within the packet by the promise of `new`; plain words of alignment 4.
+        unsafe { at.read_unaligned() }
+    }
+
+    /// One row as floats.
+    #[inline(always)]
+    pub(super) fn floats<const W: usize>(&self, row: usize) -> [f32; W] {
+        self.load(row).map(f32::from_bits)
+    }
+
+    /// Three rows as vectors' coordinates.
+    #[inline(always)]
+    pub(super) fn vectors<const W: usize>(&self, row: usize) -> [[f32; W]; 3] {
+        [self.floats(row), self.floats(row + 1), self.floats(row + 2)]
+    }
+
+    /// One value of one lane.
+    #[inline(always)]
+    pub(super) fn load_one(&self, row: usize, lane: usize) -> u32 {
+        let at = self.base.wrapping_add(row * self.count + self.first + lane);
+        // SAFETY: within the packet by the promise of `new`.
+        unsafe { at.read() }
+    }
+
+    /// Writes one value of one lane.
+    #[inline(always)]
+    pub(super) fn set(&self, row: usize, lane: usize, bits: u32) {
+        let at = self.base.wrapping_add(row * self.count + self.first + lane);
+        // SAFETY: within the packet by the promise of `new`, which no one else uses meanwhile.
+        unsafe { at.write(bits) };
+    }
+}
+
+/// The ray of one lane out of loaded rows.
+#[inline(always)]
+pub(super) fn ray_of<const W: usize>(
+    origin: &[[f32; W]; 3],
+    direction: &[[f32; W]; 3],
+    interval: (f32, f32),
+    lane: usize,
+) -> Ray {
+    let vector = |v: &[[f32; W]; 3]| Vec3::new(v[0][lane], v[1][lane], v[2][lane]);
+    Ray {
+        origin: vector(origin),
+        direction: vector(direction),
+        t_near: interval.0,
+        t_far: interval.1,
+    }
+}

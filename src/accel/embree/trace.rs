@@ -1,0 +1,178 @@
+//! Packets in, answers out: as wide as the processor takes them, or one ray at a time.
+
+use std::fmt;
+use std::mem::{MaybeUninit, offset_of};
+
+use embree_sys as sys;
+use multiversion::multiversion;
+
+use super::device::Device;
+use super::lanes::{Lanes, row};
+use super::scene::{EmbreeScene, SceneRef};
+use crate::accel::{Hit, Kernel, LANES, NO_HIT, RayOrder, RayPacket};
+
+/// How many rays go into one call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Width {
+    /// The whole packet, without a copy.
+    Sixteen,
+    /// Halves of it.
+    Eight,
+    /// Quarters of it.
+    Four,
+    /// Each lane by itself.
+    One,
+}
+
+impl Width {
+    /// The widest that runs natively; wider packets Embree would take apart itself, Embree 4 into single rays.
+    pub(super) fn of(device: &Device, kernel: Kernel) -> Width {
+        if kernel == Kernel::Single {
+            Width::One
+        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) {
+            Width::Sixteen
+        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) {
+            Width::Eight
+        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY4_SUPPORTED) {
+            Width::Four
+        } else {
+            Width::One
+        }
+    }
+}
+
+impl fmt::Display for Width {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Width::Sixteen => "packets of 16",
+            Width::Eight => "packets of 8",
+            Width::Four => "packets of 4",
+            Width::One => "single rays",
+        })
+    }
+}
+
+/// Nearest hits of every packet.
+pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
+    let scene = scene.as_ref();
+    let mut query = new_query(order);
+    let query = &raw mut query;
+    for packet in packets {
+        if !keep_traceable(packet) {
+            continue;
+        }
+        match width {
+            Width::Sixteen => intersect_packet(scene, query, packet),
+            Width::Eight => intersect_split::<8>(scene, query, packet),
+            Width::Four => intersect_split::<4>(scene, query, packet),
+            Width::One => intersect_split::<1>(scene, query, packet),
+        }
+    }
+}
+
+/// Blocked lanes of every packet.
+pub(super) fn occluded(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
+    let scene = scene.as_ref();
+    let mut query = new_query(order);
+    let query = &raw mut query;
+    for packet in packets {
+        if !keep_traceable(packet) {
+            continue;
+        }
+        match width {
+            Width::Sixteen => occluded_packet(scene, query, packet),
+            Width::Eight => occluded_split::<8>(scene, query, packet),
+            Width::Four => occluded_split::<4>(scene, query, packet),
+            Width::One => occluded_split::<1>(scene, query, packet),
+        }
+    }
+}
+
+/// A query without a filter, for any number of calls.
+pub(super) fn new_query(order: RayOrder) -> sys::EmbreeQuery {
+    let mut query = MaybeUninit::uninit();
+    // SAFETY: room for a query, which the call fills.
+    unsafe { sys::embree_query_init(query.as_mut_ptr(), i32::from(order == RayOrder::Coherent)) };
+    // SAFETY: filled just now, in every field that Embree reads.
+    unsafe { query.assume_init() }
+}
+
+/// `rtcIntersect16` on the packet itself. Embree may abort the process, but no more, if an active lane is not traceable.
+#[inline(always)]
+pub(super) fn intersect_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
+    let rays: *mut RayPacket = packet;
+    let valid = rays
+        .wrapping_byte_add(offset_of!(RayPacket, active))
+        .cast::<i32>();
+    // SAFETY: a `RayPacket` begins as an `RTCRayHit16` and holds its aligned mask (asserted in `lanes`); both are this
+    // thread's own, as is the query.
+    unsafe { sys::embree_intersect16(valid, scene.handle(), query, rays.cast()) };
+}
+
+/// `rtcOccluded16` on the packet itself, as [`intersect_packet`].
+#[inline(always)]
+pub(super) fn occluded_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
+    let rays: *mut RayPacket = packet;
+    let valid = rays
+        .wrapping_byte_add(offset_of!(RayPacket, active))
+        .cast::<i32>();
+    // SAFETY: as in `intersect_packet`; an `RTCRay16` is the beginning of an `RTCRayHit16`.
+    unsafe { sys::embree_occluded16(valid, scene.handle(), query, rays.cast()) };
+}
+
+fn intersect_split<const W: usize>(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
+    for first in (0..LANES).step_by(W) {
+        let mut part = part_of::<W>(packet, first);
+        if !part.any_active() {
+            continue;
+        }
+        part.intersect(scene, query);
+        for lane in (0..W).filter(|&lane| part.is_active(lane)) {
+            if part.get(row::INSTANCE, lane) != NO_HIT {
+                packet.set_hit(first + lane, &hit_of(&part, lane));
+            }
+        }
+    }
+}
+
+fn occluded_split<const W: usize>(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
+    for first in (0..LANES).step_by(W) {
+        let mut part = part_of::<W>(packet, first);
+        if !part.any_active() {
+            continue;
+        }
+        part.occluded(scene, query);
+        for lane in (0..W).filter(|&lane| part.is_active(lane)) {
+            if f32::from_bits(part.get(row::T_FAR, lane)) == f32::NEG_INFINITY {
+                packet.set_blocked(first + lane);
+            }
+        }
+    }
+}
+
+fn part_of<const W: usize>(packet: &RayPacket, first: usize) -> Lanes<W> {
+    let mut part = Lanes::new();
+    for lane in (0..W).filter(|&lane| packet.is_active(first + lane)) {
+        part.set(lane, &packet.ray(first + lane));
+    }
+    part
+}
+
+/// The hit of a lane that has one.
+#[inline(always)]
+pub(super) fn hit_of<const W: usize>(lanes: &Lanes<W>, lane: usize) -> Hit {
+    Hit {
+        instance: lanes.get(row::INSTANCE, lane),
+        primitive: lanes.get(row::PRIMITIVE, lane),
+        t: f32::from_bits(lanes.get(row::T_FAR, lane)),
+        u: f32::from_bits(lanes.get(row::U, lane)),
+        v: f32::from_bits(lanes.get(row::V, lane)),
+    }
+}
+
+/// Switches off what Embree may not be asked about, 3.13.5 aborts on it, and says whether anything is left.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+fn keep_traceable(packet: &mut RayPacket) -> bool {
+    packet.drop_untraceable();
+    packet.any_active()
+}

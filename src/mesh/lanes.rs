@@ -1,0 +1,141 @@
+//! Numbers side by side: comparisons that give one bit a lane, for the instruction set at hand.
+//!
+//! Kernels are written as loops over arrays, which the compiler turns into vector instructions; what it does not see is
+//! how to gather the outcomes of comparisons into a mask. An [`Isa`] does that one thing. All give the same answers.
+
+/// An instruction set that can be relied on.
+pub trait Isa: Copy {
+    /// Bit `i` says whether `a[i] <= b[i]`; false for NaN.
+    fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
+
+    /// Bit `i` says whether `a[i] < b[i]`; false for NaN.
+    fn lt<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
+
+    /// Bit `i` says whether `a[i] == b[i]`; false for NaN.
+    fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
+}
+
+/// What every machine can do.
+#[derive(Clone, Copy, Debug)]
+pub struct AnyIsa;
+
+impl Isa for AnyIsa {
+    #[inline(always)]
+    fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+        (0..N).fold(0, |mask, i| mask | u32::from(a[i] <= b[i]) << i)
+    }
+
+    #[inline(always)]
+    fn lt<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+        (0..N).fold(0, |mask, i| mask | u32::from(a[i] < b[i]) << i)
+    }
+
+    #[inline(always)]
+    fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+        (0..N).fold(0, |mask, i| mask | u32::from(a[i] == b[i]) << i)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use std::arch::x86_64::{_CMP_EQ_OQ, _CMP_LE_OQ, _CMP_LT_OQ};
+
+    use bytemuck::cast;
+    use pulp::x86::V3;
+
+    use super::Isa;
+
+    /// Eight lanes at a time; `N` is a multiple of eight.
+    #[inline(always)]
+    fn compare<const OP: i32, const N: usize>(isa: V3, a: &[f32; N], b: &[f32; N]) -> u32 {
+        let (a, _) = a.as_chunks::<8>();
+        let (b, _) = b.as_chunks::<8>();
+        let mut mask = 0;
+        for i in 0..N / 8 {
+            let outcome = isa.avx._mm256_cmp_ps::<OP>(cast(a[i]), cast(b[i]));
+            mask |= (isa.avx._mm256_movemask_ps(outcome) as u32) << (8 * i);
+        }
+        mask
+    }
+
+    impl Isa for V3 {
+        #[inline(always)]
+        fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+            compare::<_CMP_LE_OQ, N>(self, a, b)
+        }
+
+        #[inline(always)]
+        fn lt<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+            compare::<_CMP_LT_OQ, N>(self, a, b)
+        }
+
+        #[inline(always)]
+        fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+            compare::<_CMP_EQ_OQ, N>(self, a, b)
+        }
+    }
+}
+
+/// Work that is compiled once for every instruction set.
+pub trait Work {
+    /// What comes out.
+    type Output;
+
+    /// Does it; must be `#[inline(always)]`, as must be all that it calls and that is to be compiled along with it.
+    fn run<I: Isa>(self, isa: I) -> Self::Output;
+}
+
+/// Does `work` with the best instruction set of this machine.
+#[inline]
+pub fn dispatch<W: Work>(work: W) -> W::Output {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(isa) = pulp::x86::V3::try_new() {
+        struct Compiled<W>(pulp::x86::V3, W);
+
+        impl<W: Work> pulp::NullaryFnOnce for Compiled<W> {
+            type Output = W::Output;
+
+            #[inline(always)]
+            fn call(self) -> W::Output {
+                self.1.run(self.0)
+            }
+        }
+        return isa.vectorize(Compiled(isa, work));
+    }
+    work.run(AnyIsa)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Masks([f32; 16], [f32; 16]);
+
+    impl Work for Masks {
+        type Output = [u32; 3];
+
+        #[inline(always)]
+        fn run<I: Isa>(self, isa: I) -> [u32; 3] {
+            [
+                isa.le(&self.0, &self.1),
+                isa.lt(&self.0, &self.1),
+                isa.eq(&self.0, &self.1),
+            ]
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_compares_alike() {
+        let mut a = [0.0; 16];
+        let mut b = [-0.0; 16];
+        a[3] = f32::NAN;
+        b[5] = f32::NAN;
+        a[9] = 1.0;
+        b[14] = f32::INFINITY;
+        // Equal everywhere but in lanes 3, 5 (NaN), 9 (greater) and 14 (less).
+        let equal = !(1u32 << 3 | 1 << 5 | 1 << 9 | 1 << 14) & 0xffff;
+        let expected = [equal | 1 << 14, 1 << 14, equal];
+        assert_eq!(Masks(a, b).run(AnyIsa), expected);
+        assert_eq!(dispatch(Masks(a, b)), expected);
+    }
+}

@@ -1,0 +1,188 @@
+//! Other people's plain glTF files load, with the triangles they are known to have.
+//!
+//! The files are not part of the project: `WHIT_TEST_ASSETS` says where they lie, `../shared/assets/gltf` else. A file
+//! that is absent is skipped, and the test says so.
+
+use std::path::{Path, PathBuf};
+
+use whit::gltf::{self, GltfError, LoadOptions};
+use whit::scene::{Geometry, LightKind, Scene};
+
+fn assets() -> PathBuf {
+    std::env::var_os("WHIT_TEST_ASSETS").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets/gltf"),
+        PathBuf::from,
+    )
+}
+
+/// Loads an asset; `None`, said aloud, where it is absent.
+fn load(name: &str) -> Option<Result<Scene, GltfError>> {
+    let path = assets().join(name);
+    if !path.exists() {
+        println!("skipped: {} is not there", path.display());
+        return None;
+    }
+    Some(gltf::load(&path, &LoadOptions::default()))
+}
+
+#[test]
+fn plain_files_load_with_the_triangles_they_have() {
+    // Triangles as the files' index counts give them, times their uses, less those without an area.
+    let expected = [
+        ("BoxVertexColors.glb", 12),
+        ("DamagedHelmet.glb", 46356 / 3),
+        ("ShapeCollection.glb", 3542),
+        ("chinesedragon.gltf", 100_960),
+        ("deer.gltf", 3588),
+        ("many-cubes.gltf", 501 * 12),
+        ("reflection_scene.gltf", 78_658),
+        ("samplebuilding.gltf", 19_220),
+        ("teapot.gltf", 9128 - 8),
+        ("torusknot.gltf", 2880),
+        ("venus.gltf", 31_398),
+        ("BoxBadNormals-glTF-Binary/BoxBadNormals.glb", 12),
+        ("BoxTextured_glTF/BoxTextured.gltf", 12),
+        ("BoxTextured_glTF-pbrSpecularGlossiness/BoxTextured.gltf", 12),
+        ("CornellBox/CornellBox.glb", 36),
+        ("FlightHelmet/FlightHelmet.gltf", 94_722),
+        ("GltfPrimitives/gltf_primitives.glb", 12),
+        ("GolfBall/GolfBall.glb", 356),
+        ("Mesh_PrimitiveMode/Mesh_PrimitiveMode_04.gltf", 2),
+        ("Mesh_PrimitiveMode/Mesh_PrimitiveMode_05.gltf", 2),
+        ("Mesh_PrimitiveMode/Mesh_PrimitiveMode_06.gltf", 2),
+        ("Mesh_PrimitiveMode/Mesh_PrimitiveMode_11.gltf", 2),
+        ("Mesh_PrimitiveMode/Mesh_PrimitiveMode_12.gltf", 2),
+        ("Mesh_PrimitiveMode/Mesh_PrimitiveMode_13.gltf", 2),
+        ("Mesh_PrimitiveMode/Mesh_PrimitiveMode_14.gltf", 2),
+        ("Mesh_PrimitiveMode/Mesh_PrimitiveMode_15.gltf", 2),
+        ("SimpleMorph/glTF/SimpleMorph.gltf", 1),
+        ("cameras/Cameras.gltf", 2),
+        ("simple_skin/quad_skin.glb", 2),
+        ("simple_skin/simple_skin.gltf", 8),
+        ("terrain/Mountains.gltf", 2 * 12_800),
+        ("terrain/terrain.glb", 31_422),
+        ("textureTransform/TextureTransformTest.gltf", 24),
+    ];
+    for (name, triangle_count) in expected {
+        let Some(loaded) = load(name) else { continue };
+        let scene = loaded.unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(scene.triangle_count(), triangle_count, "{name}");
+        assert_eq!(scene.validate(), Ok(()), "{name}");
+        assert!(!scene.cameras.is_empty() && !scene.lights.is_empty(), "{name}");
+    }
+}
+
+#[test]
+fn files_that_need_an_extension_say_which() {
+    for (name, extension) in [
+        ("BoxMeshopt.glb", "EXT_meshopt_compression"),
+        ("BoxMeshopt.gltf", "EXT_meshopt_compression"),
+        ("BoxDraco.gltf", "KHR_draco_mesh_compression"),
+    ] {
+        let Some(loaded) = load(name) else { continue };
+        let sentence = loaded.expect_err(name).to_string();
+        assert!(
+            sentence.contains(name) && sentence.contains(extension),
+            "{sentence}"
+        );
+    }
+}
+
+#[test]
+fn points_and_lines_alone_are_nothing_to_render() {
+    for number in ["00", "01", "02", "03", "07", "08", "09", "10"] {
+        let Some(loaded) = load(&format!("Mesh_PrimitiveMode/Mesh_PrimitiveMode_{number}.gltf")) else {
+            continue;
+        };
+        let sentence = loaded.expect_err(number).to_string();
+        assert!(sentence.contains("points or lines"), "{sentence}");
+    }
+}
+
+#[test]
+fn a_box_whose_every_vertex_is_infinite_is_nothing_to_render() {
+    let Some(loaded) = load("BoxWithInfinites-glTF-Binary/BoxWithInfinites.glb") else {
+        return;
+    };
+    let sentence = loaded.unwrap_err().to_string();
+    assert!(
+        sentence.contains("12 triangles with vertices that are not finite"),
+        "{sentence}"
+    );
+}
+
+#[test]
+fn large_packed_arrays_stay_in_the_mapped_file() {
+    let Some(loaded) = load("DamagedHelmet.glb") else {
+        return;
+    };
+    let scene = loaded.unwrap();
+    let Geometry::Mesh(mesh) = &scene.geometries[0] else {
+        panic!("the helmet is a mesh");
+    };
+    // The node turns the helmet, so its vertices are baked; what a turn leaves alone is not copied.
+    assert!(!mesh.positions.is_mapped());
+    assert!(mesh.tex_coords[0].is_mapped());
+    assert_eq!(scene.images.len(), 3);
+    assert_eq!((scene.images[0].width, scene.images[0].height), (2048, 2048));
+}
+
+#[test]
+fn packed_vertices_and_indices_of_a_glb_are_not_copied() {
+    let json = r#"{"asset":{"version":"2.0"},"nodes":[{"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+        {"bufferView":0,"byteOffset":36,"componentType":5125,"count":3,"type":"SCALAR"}],
+        "bufferViews":[{"buffer":0,"byteLength":48}],"buffers":[{"byteLength":48}]}"#;
+    let json = format!("{json:<width$}", width = json.len().next_multiple_of(4));
+    let mut glb = b"glTF\x02\0\0\0".to_vec();
+    glb.extend((12 + 8 + json.len() as u32 + 8 + 48).to_le_bytes());
+    glb.extend((json.len() as u32).to_le_bytes());
+    glb.extend(b"JSON");
+    glb.extend(json.as_bytes());
+    glb.extend(48u32.to_le_bytes());
+    glb.extend(b"BIN\0");
+    for x in [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
+        glb.extend(x.to_le_bytes());
+    }
+    for i in [2u32, 0, 1] {
+        glb.extend(i.to_le_bytes());
+    }
+    let folder = tempfile::tempdir().unwrap();
+    // The content tells what the file is, not its name.
+    let file = folder.path().join("triangle.gltf");
+    std::fs::write(&file, glb).unwrap();
+    let scene = gltf::load(&file, &LoadOptions::default()).unwrap();
+    let Geometry::Mesh(mesh) = &scene.geometries[0] else {
+        panic!("a mesh");
+    };
+    assert!(mesh.positions.is_mapped() && mesh.triangles.is_mapped());
+    assert_eq!(mesh.positions[1], [1.0, 0.0, 0.0]);
+    assert_eq!(mesh.triangles[..], [[2, 0, 1]]);
+    assert!(mesh.normals.is_none());
+}
+
+#[test]
+fn cameras_stand_where_their_nodes_stand() {
+    let Some(loaded) = load("cameras/Cameras.gltf") else {
+        return;
+    };
+    let scene = loaded.unwrap();
+    let place = scene.cameras[0].world_from_camera.translation;
+    assert_eq!(place.to_array(), [0.5, 0.5, 3.0]);
+    assert_eq!(scene.cameras.len(), 2);
+    assert_eq!(scene.ambient, [0.25; 3], "the file has no light of its own");
+}
+
+#[test]
+fn the_projects_own_scene_loads_with_its_lights_and_instances() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/first_light.gltf");
+    let scene = gltf::load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.validate(), Ok(()));
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    assert_eq!(scene.lights.len(), 3);
+    assert!(matches!(scene.lights[1].kind, LightKind::Spot { .. }));
+    assert_eq!(scene.ambient, [0.0; 3]);
+    assert!(scene.instances.iter().filter(|i| i.is_mirrored()).count() == 1);
+    assert!(scene.instances.len() > 40);
+}

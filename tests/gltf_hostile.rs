@@ -1,0 +1,425 @@
+//! Bad glTF files: every one gets a sentence, none a panic or an endless wait.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::time::Duration;
+
+use base64::Engine;
+use serde_json::{Value, json};
+use whit::gltf::{self, GltfError, LoadOptions};
+use whit::scene::Scene;
+
+/// No file here may take longer.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Loads in a thread of its own; fails the test on a panic or a hang.
+fn load(path: &Path) -> Result<Scene, GltfError> {
+    let (sender, receiver) = mpsc::channel();
+    let owned = path.to_owned();
+    std::thread::spawn(move || {
+        // Where nobody listens any more, the test has failed already.
+        let _ = sender.send(gltf::load(&owned, &LoadOptions::default()));
+    });
+    receiver
+        .recv_timeout(PATIENCE)
+        .unwrap_or_else(|e| panic!("{}: panicked or hung ({e})", path.display()))
+}
+
+fn find(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let extension = path.extension().and_then(|e| e.to_str());
+        match extension {
+            _ if path.is_dir() => find(&path, found),
+            Some("gltf" | "glb") => found.push(path),
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn the_validators_files_neither_panic_nor_hang_and_the_sound_ones_load() {
+    let assets = std::env::var_os("WHIT_TEST_ASSETS").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets/gltf"),
+        PathBuf::from,
+    );
+    let folder = assets.join("khronos-validator");
+    if !folder.exists() {
+        println!("skipped: {} is not there", folder.display());
+        return;
+    }
+    let mut files = Vec::new();
+    find(&folder, &mut files);
+    assert_eq!(files.len(), 263);
+    for file in files {
+        let result = load(&file);
+        let mut report = file.clone().into_os_string();
+        report.push(".report.json");
+        let report: Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+        let is_sound = report["issues"]["numErrors"] == 0;
+        match result {
+            Ok(scene) => assert_eq!(scene.validate(), Ok(()), "{}", file.display()),
+            Err(error) => {
+                let sentence = error.to_string();
+                assert!(
+                    sentence.contains(file.file_name().unwrap().to_str().unwrap()),
+                    "{sentence}"
+                );
+                // A buffer without data is sound by the specification, but cannot be shown.
+                let has_data = !sentence.contains("has neither a URI nor a binary chunk");
+                // Sound files may have no triangle or ask for more than glTF 2.0; nothing else may be wrong.
+                let is_excused = matches!(
+                    error,
+                    GltfError::Empty { .. }
+                        | GltfError::RequiredExtensions { .. }
+                        | GltfError::Version { .. }
+                );
+                assert!(!is_sound || !has_data || is_excused, "{sentence}");
+            }
+        }
+    }
+}
+
+/// A sound triangle as JSON, to be spoilt.
+fn triangle() -> Value {
+    let positions = [[0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let mut bytes: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    bytes.extend([0u8, 1, 2]);
+    let uri = data_uri(&bytes);
+    json!({
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": "thing"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
+            {"bufferView": 0, "byteOffset": 36, "componentType": 5121, "count": 3, "type": "SCALAR"}
+        ],
+        "bufferViews": [{"buffer": 0, "byteLength": 39}],
+        "buffers": [{"byteLength": 39, "uri": uri}]
+    })
+}
+
+fn data_uri(bytes: &[u8]) -> String {
+    let text = base64::engine::general_purpose::STANDARD.encode(bytes);
+    format!("data:application/octet-stream;base64,{text}")
+}
+
+/// Writes `bytes` as `bad.gltf` into a temporary folder, loads it, and returns the sentence.
+fn sentence(bytes: &[u8]) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bad.gltf");
+    std::fs::write(&file, bytes).unwrap();
+    match load(&file) {
+        Ok(_) => panic!("loaded"),
+        Err(error) => error.to_string(),
+    }
+}
+
+/// The sentence about a triangle after `spoil`.
+fn spoilt(spoil: impl FnOnce(&mut Value)) -> String {
+    let mut root = triangle();
+    spoil(&mut root);
+    sentence(root.to_string().as_bytes())
+}
+
+/// One sentence with the file, the item and a remedy after a colon.
+#[track_caller]
+fn assert_advice(sentence: &str, item: &str, remedy: &str) {
+    assert!(sentence.contains("bad.gltf: "), "no file: {sentence}");
+    assert!(sentence.contains(item), "no `{item}`: {sentence}");
+    assert!(
+        sentence.rsplit(": ").next().unwrap().contains(remedy),
+        "no `{remedy}`: {sentence}"
+    );
+    assert!(!sentence.contains('\n'), "more than a line: {sentence}");
+}
+
+#[test]
+fn the_sound_triangle_loads() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("good.gltf");
+    std::fs::write(&file, triangle().to_string()).unwrap();
+    let scene = load(&file).unwrap();
+    assert_eq!(scene.triangle_count(), 1);
+    assert_eq!(scene.instances[0].name, "thing");
+}
+
+#[test]
+fn what_is_not_a_whole_gltf_file_is_said_to_be_none() {
+    let glb = |length: u32, json: &str| {
+        let mut bytes = b"glTF\x02\0\0\0".to_vec();
+        bytes.extend(length.to_le_bytes());
+        bytes.extend((json.len() as u32).to_le_bytes());
+        bytes.extend(b"JSON");
+        bytes.extend(json.as_bytes());
+        bytes
+    };
+    assert_advice(&sentence(b""), "empty", "give a .gltf or .glb");
+    assert_advice(
+        &sentence(b"solid cube\nfacet normal"),
+        "neither",
+        "give a .gltf or .glb",
+    );
+    assert_advice(&sentence(b"{\"asset\": {"), "EOF", "give a .gltf or .glb");
+    assert_advice(&sentence(b"{\xff}"), "", "give a .gltf or .glb");
+    assert_advice(&sentence(b"glTF\x02\0"), "header", "give a .gltf or .glb");
+    assert_advice(&sentence(&glb(1000, "{}")), "cut off", "give a .gltf or .glb");
+    assert_advice(&sentence(&glb(20, "{}")), "chunk 0", "give a .gltf or .glb");
+    assert_advice(
+        &sentence(b"glTF\x01\0\0\0\x14\0\0\0\0\0\0\0\0\0\0\0"),
+        "version 1",
+        "give a .gltf or .glb",
+    );
+    assert_advice(
+        &sentence("[".repeat(100_000).as_bytes()),
+        "neither",
+        "give a .gltf or .glb",
+    );
+}
+
+#[test]
+fn a_file_that_is_not_there_or_no_file_is_said_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let absent = folder.path().join("bad.gltf");
+    assert_advice(
+        &load(&absent).unwrap_err().to_string(),
+        "no such file",
+        "check the path",
+    );
+    std::fs::create_dir(&absent).unwrap();
+    assert_advice(
+        &load(&absent).unwrap_err().to_string(),
+        "is not a file",
+        "check the path",
+    );
+}
+
+#[test]
+fn another_version_or_an_unknown_required_extension_is_named() {
+    assert_advice(
+        &spoilt(|r| r["asset"]["version"] = json!("1.0")),
+        "glTF 1.0",
+        "convert",
+    );
+    assert_advice(
+        &spoilt(|r| r["asset"]["minVersion"] = json!("2.1")),
+        "glTF 2.1",
+        "convert",
+    );
+    let sentence = spoilt(|r| r["extensionsRequired"] = json!(["KHR_mesh_quantization", "X_b", "X_a"]));
+    assert_advice(&sentence, "X_a, X_b", "export the file without");
+    assert!(!sentence.contains("quantization"));
+}
+
+#[test]
+fn accessors_and_indices_out_of_range_are_named() {
+    for (key, value, item) in [
+        ("count", json!(4), "accessor 0"),
+        ("count", json!(1u64 << 60), "accessor 0"),
+        ("byteOffset", json!(u64::MAX), "accessor 0"),
+        ("bufferView", json!(9), "buffer view 9"),
+        ("componentType", json!(1), "accessor 0"),
+        ("type", json!("SCALAR"), "accessor 0"),
+    ] {
+        assert_advice(
+            &spoilt(|r| r["accessors"][0][key] = value),
+            item,
+            "export the file again",
+        );
+    }
+    let view = |key: &str, value: Value| spoilt(|r| r["bufferViews"][0][key] = value);
+    assert_advice(
+        &view("byteLength", json!(1u64 << 62)),
+        "buffer view 0",
+        "export the file again",
+    );
+    assert_advice(&view("buffer", json!(3)), "buffer 3", "export the file again");
+    let bytes = |index: u8| {
+        let mut bytes = vec![0u8; 36];
+        bytes.extend([0, 1, index]);
+        data_uri(&bytes)
+    };
+    assert_advice(
+        &spoilt(|r| r["buffers"][0]["uri"] = json!(bytes(7))),
+        "index 7",
+        "export the file again",
+    );
+    let primitive = |key: &str, value: Value| spoilt(|r| r["meshes"][0]["primitives"][0][key] = value);
+    assert_advice(
+        &primitive("indices", json!(5)),
+        "accessor 5",
+        "export the file again",
+    );
+    assert_advice(
+        &primitive("material", json!(2)),
+        "material 2",
+        "export the file again",
+    );
+    assert_advice(&primitive("mode", json!(9)), "mesh 0", "export the file again");
+    let short = json!({"POSITION": 0, "NORMAL": 2});
+    let sentence = spoilt(|r| {
+        r["meshes"][0]["primitives"][0]["attributes"] = short;
+        let two = json!({"bufferView": 0, "componentType": 5126, "count": 2, "type": "VEC3"});
+        r["accessors"].as_array_mut().unwrap().push(two);
+    });
+    assert_advice(&sentence, "2 normals for 3 vertices", "export the file again");
+    assert_advice(
+        &spoilt(|r| r["nodes"][0]["mesh"] = json!(1)),
+        "mesh 1",
+        "export the file again",
+    );
+    assert_advice(
+        &spoilt(|r| r["scene"] = json!(4)),
+        "scene 4",
+        "export the file again",
+    );
+}
+
+#[test]
+fn nothing_to_render_is_said_with_its_reason() {
+    let nan = data_uri(&[0xff; 39]);
+    let sentence = spoilt(|r| {
+        r["buffers"][0]["uri"] = json!(nan);
+        r["meshes"][0]["primitives"][0]
+            .as_object_mut()
+            .unwrap()
+            .remove("indices");
+    });
+    assert_advice(
+        &sentence,
+        "1 triangle with vertices that are not finite",
+        "give a file with triangles",
+    );
+    assert_advice(
+        &spoilt(|r| r["scenes"][0]["nodes"] = json!([])),
+        "no node",
+        "give a file with triangles",
+    );
+    let flat = spoilt(|r| r["accessors"][1]["byteOffset"] = json!(0));
+    assert_advice(&flat, "1 triangle without an area", "give a file with triangles");
+}
+
+#[test]
+fn singular_matrices_and_cyclic_nodes_are_named() {
+    assert_advice(
+        &spoilt(|r| r["nodes"][0]["scale"] = json!([1, 1, 0])),
+        "node 0 `thing`",
+        "scale other than zero",
+    );
+    let infinite = spoilt(|r| r["nodes"][0]["translation"] = json!([1e39, 0, 0]));
+    assert_advice(&infinite, "node 0 `thing`", "correct its transform");
+    let mut matrix = [0; 16];
+    matrix[3] = 1;
+    assert_advice(
+        &spoilt(|r| r["nodes"][0]["matrix"] = json!(matrix)),
+        "not affine",
+        "correct its transform",
+    );
+    assert_advice(
+        &spoilt(|r| r["nodes"][0]["children"] = json!([0])),
+        "own ancestor",
+        "export the file again",
+    );
+}
+
+#[test]
+fn missing_or_short_buffers_are_named() {
+    let buffer = |key: &str, value: Value| spoilt(|r| r["buffers"][0][key] = value);
+    let missing = buffer("uri", json!("not%20there.bin"));
+    assert_advice(&missing, "buffer 0 is in", "put the file there");
+    assert!(missing.contains("not there.bin"), "{missing}");
+    assert_advice(
+        &buffer("uri", json!("%ff%fe.bin")),
+        "buffer 0",
+        "export the file again",
+    );
+    assert_advice(
+        &buffer("uri", json!("data:nonsense")),
+        "buffer 0",
+        "export the file again",
+    );
+    assert_advice(
+        &buffer("uri", json!("https://example.org/a.bin")),
+        "buffer 0",
+        "download",
+    );
+    assert_advice(&buffer("byteLength", json!(40)), "39 bytes of the 40", "cut off");
+    let without = spoilt(|r| drop(r["buffers"][0].as_object_mut().unwrap().remove("uri")));
+    assert_advice(&without, "buffer 0", "export the file again");
+}
+
+/// The triangle with an image of these bytes as its base colour.
+fn textured(image: &[u8]) -> String {
+    spoilt(|r| {
+        r["images"] = json!([{"uri": data_uri(image), "name": "paint"}]);
+        r["textures"] = json!([{"source": 0}]);
+        r["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]);
+        let primitive = &mut r["meshes"][0]["primitives"][0];
+        primitive["material"] = json!(0);
+        primitive["attributes"]["TEXCOORD_0"] = json!(2);
+        let uv = json!({"bufferView": 0, "componentType": 5121, "count": 3, "type": "VEC2"});
+        r["accessors"].as_array_mut().unwrap().push(uv);
+    })
+}
+
+#[test]
+fn an_unreadable_or_gigantic_image_is_named() {
+    assert_advice(&textured(b"GIF89a"), "image 0 `paint`", "PNG or JPEG");
+    assert_advice(&textured(b"\x89PNG\r\n\x1a\n"), "image 0 `paint`", "PNG or JPEG");
+    // A PNG header that promises 100 000 by 100 000 texels.
+    let mut bomb = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR".to_vec();
+    bomb.extend(100_000u32.to_be_bytes());
+    bomb.extend(100_000u32.to_be_bytes());
+    bomb.extend([8, 6, 0, 0, 0]);
+    bomb.extend(crc32(&bomb[12..]).to_be_bytes());
+    bomb.extend(b"\0\0\0\x01IDAT\x78");
+    let sentence = textured(&bomb);
+    assert!(
+        sentence.contains("image 0 `paint`") && sentence.contains("bad.gltf"),
+        "{sentence}"
+    );
+}
+
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0u32, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| {
+            if crc & 1 == 1 {
+                crc >> 1 ^ 0xEDB8_8320
+            } else {
+                crc >> 1
+            }
+        })
+    })
+}
+
+#[test]
+fn a_truncated_file_at_any_length_gets_a_sentence() {
+    let json = triangle().to_string();
+    let mut glb = b"glTF\x02\0\0\0".to_vec();
+    glb.extend((20 + json.len() as u32).to_le_bytes());
+    glb.extend((json.len() as u32).to_le_bytes());
+    glb.extend(b"JSON");
+    glb.extend(json.as_bytes());
+    for length in 0..glb.len() {
+        let advice = sentence(&glb[..length]);
+        assert!(advice.contains("give a .gltf or .glb"), "{length}: {advice}");
+    }
+}
+
+#[test]
+fn one_spoilt_byte_anywhere_never_panics() {
+    let json = triangle().to_string();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bad.gltf");
+    for at in 0..json.len() {
+        for byte in *b"9\"]-" {
+            let mut bytes = json.clone().into_bytes();
+            bytes[at] = byte;
+            std::fs::write(&file, &bytes).unwrap();
+            if let Ok(scene) = gltf::load(&file, &LoadOptions::default()) {
+                assert_eq!(scene.validate(), Ok(()), "byte {at} = {byte}");
+            }
+        }
+    }
+}

@@ -1,4 +1,4 @@
-//! Numbers side by side: comparisons that give one bit a lane, for the instruction set at hand.
+//! Numbers side by side: comparisons that give one bit a lane, for the instruction set at hand, and walks over such bits.
 //!
 //! Kernels are written as loops over arrays, which the compiler turns into vector instructions; what it does not see is
 //! how to gather the outcomes of comparisons into a mask. An [`Isa`] does that one thing. All give the same answers.
@@ -105,6 +105,30 @@ pub fn dispatch<W: Work>(work: W) -> W::Output {
     work.run(AnyIsa)
 }
 
+/// The numbers of the bits set in `mask`, ascending.
+#[inline(always)]
+pub fn lanes(mask: u32) -> Lanes {
+    Lanes(mask)
+}
+
+/// Iterator of [`lanes`].
+#[derive(Clone, Copy, Debug)]
+pub struct Lanes(u32);
+
+impl Iterator for Lanes {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        if self.0 == 0 {
+            return None;
+        }
+        let lane = self.0.trailing_zeros() as usize;
+        self.0 &= self.0 - 1;
+        Some(lane)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -137,5 +161,11 @@ mod tests {
         let expected = [equal | 1 << 14, 1 << 14, equal];
         assert_eq!(Masks(a, b).run(AnyIsa), expected);
         assert_eq!(dispatch(Masks(a, b)), expected);
+    }
+
+    #[test]
+    fn set_bits_come_out_in_ascending_order() {
+        assert_eq!(lanes(0b1000_0101).collect::<Vec<_>>(), [0, 2, 7]);
+        assert_eq!(lanes(0).count(), 0);
     }
 }

@@ -13,7 +13,7 @@
 
 use glam::Vec3;
 
-use super::lanes::Isa;
+use super::lanes::{Isa, lanes};
 use crate::numeric::Ray;
 
 /// Triangles in a [`TrianglePack`].
@@ -270,30 +270,6 @@ impl<const N: usize> ShearLanes<N> {
             test.settle(lane, hit);
         }
         test.hits
-    }
-}
-
-/// The numbers of the bits set in `mask`, ascending.
-#[inline(always)]
-pub fn lanes(mask: u32) -> Lanes {
-    Lanes(mask)
-}
-
-/// Iterator of [`lanes`].
-#[derive(Clone, Copy, Debug)]
-pub struct Lanes(u32);
-
-impl Iterator for Lanes {
-    type Item = usize;
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<usize> {
-        if self.0 == 0 {
-            return None;
-        }
-        let lane = self.0.trailing_zeros() as usize;
-        self.0 &= self.0 - 1;
-        Some(lane)
     }
 }
 
@@ -623,11 +599,5 @@ mod tests {
             u: hits.u[lane],
             v: hits.v[lane],
         })
-    }
-
-    #[test]
-    fn set_bits_come_out_in_ascending_order() {
-        assert_eq!(lanes(0b1000_0101).collect::<Vec<_>>(), [0, 2, 7]);
-        assert_eq!(lanes(0).count(), 0);
     }
 }

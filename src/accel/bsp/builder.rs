@@ -316,15 +316,16 @@ mod tests {
     #[test]
     fn a_soup_of_long_thin_triangles_stays_within_the_limits() {
         let count = 20_000;
-        let (pieces, _, depth) = census(&built(&soup(count)));
+        let (pieces, longest, depth) = census(&built(&soup(count)));
         assert!(
             pieces as f64 <= MAX_DUPLICATION * f64::from(count),
             "{pieces} pieces"
         );
         assert!(
-            pieces as f64 > 2.0 * f64::from(count),
+            pieces > 2 * count as usize,
             "the soup is too tame: {pieces} pieces"
         );
+        assert!(longest < count as usize / 2, "{longest}");
         assert!(depth <= MAX_DEPTH);
     }
 
@@ -341,13 +342,14 @@ mod tests {
     }
 
     #[test]
-    fn a_row_of_triangles_is_cut_into_short_leaves_without_duplicates() {
+    fn a_row_of_triangles_is_cut_into_short_leaves_almost_without_duplicates() {
         let row = mesh((0..1000).map(|i| {
             let p = Vec3::X * (2.0 * i as f32);
             [p, p + Vec3::X, p + Vec3::Y]
         }));
         let (pieces, longest, _) = census(&built(&row));
-        assert_eq!(pieces, 1000);
+        // Only cells of more than 64 may be cut through a triangle, at most one of the row each: 2^5 - 1 cells.
+        assert!(pieces < 1000 + 31, "{pieces}");
         assert!(longest <= 32, "{longest}");
     }
 

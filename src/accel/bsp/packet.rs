@@ -11,8 +11,8 @@ use super::single::{Found, Question, STACK, Stack, ask_whole, hit_of, trace_lane
 use super::slack::Line;
 use super::wide::{Child, Leaf, LeafPack, NO_NUMBER, Node, WIDTH, WideTree};
 use crate::accel::{LANES, RayOrder, RayPacket};
-use crate::mesh::lanes::Isa;
-use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis, lanes};
+use crate::mesh::lanes::{Isa, lanes};
+use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis};
 
 /// A value for each ray.
 type Lanes = [f32; LANES];

@@ -7,8 +7,8 @@ use super::slack::Line;
 use super::wide::{Child, Leaf, Node, WIDTH, WideTree};
 use crate::accel::brute::{ray_in, sphere_hit};
 use crate::accel::{Hit, LANES, RayPacket};
-use crate::mesh::lanes::Isa;
-use crate::mesh::triangle::{PACK, Shear, lanes};
+use crate::mesh::lanes::{Isa, lanes};
+use crate::mesh::triangle::{PACK, Shear};
 use crate::numeric::Ray;
 use crate::scene::Geometry;
 

@@ -61,6 +61,18 @@ const _: () = {
     assert!(offset_of!(sys::RTCRayHit8, hit.geomID) == row::INSTANCE * 32);
 };
 
+/// Direction components under this are taken as +1e-18 by Embree's reciprocal, whatever their sign, while the signs
+/// decide which octant a ray belongs to. The bounds of a coherent packet then contradict themselves: 3.13.5 misses hits,
+/// or ends the process in an assertion. Ten times Embree's own limit, which is a rounded 1e-18.
+const VANISHING: f32 = 1e-17;
+
+/// Whether a ray with this direction component must not be called coherent. Zeros may: their sign decides nothing.
+#[inline(always)]
+pub(super) fn vanishes(component: f32) -> bool {
+    let size = component.abs();
+    (size > 0.0) & (size < VANISHING)
+}
+
 /// A packet of `W` = 1, 4, 8 or 16 rays as Embree lays it out.
 #[repr(C, align(64))]
 pub(super) struct Lanes<const W: usize> {
@@ -95,6 +107,15 @@ impl<const W: usize> Lanes<W> {
     #[inline(always)]
     pub(super) fn any_active(&self) -> bool {
         self.active.iter().fold(0, |a, &b| a | b) != 0
+    }
+
+    /// Whether Embree may be told that the active lanes are coherent (see [`vanishes`]).
+    #[inline(always)]
+    pub(super) fn may_be_coherent(&self) -> bool {
+        let directions = &self.rows[row::DIRECTION..row::DIRECTION + 3];
+        !directions
+            .iter()
+            .any(|row| (0..W).any(|lane| self.active[lane] != 0 && vanishes(f32::from_bits(row[lane]))))
     }
 
     /// Whether a lane is to be traced.

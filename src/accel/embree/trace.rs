@@ -7,7 +7,7 @@ use embree_sys as sys;
 use multiversion::multiversion;
 
 use super::device::Device;
-use super::lanes::{Lanes, row};
+use super::lanes::{Lanes, row, vanishes};
 use super::scene::{EmbreeScene, SceneRef};
 use crate::accel::{Hit, Kernel, LANES, NO_HIT, RayOrder, RayPacket};
 
@@ -55,12 +55,14 @@ impl fmt::Display for Width {
 /// Nearest hits of every packet.
 pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
     let scene = scene.as_ref();
-    let mut query = new_query(order);
-    let query = &raw mut query;
+    let (mut coherent, mut incoherent) = (new_query(order), new_query(RayOrder::Incoherent));
+    let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
     for packet in packets {
-        if !keep_traceable(packet) {
-            continue;
-        }
+        let query = match keep_traceable(packet) {
+            Remaining::Nothing => continue,
+            Remaining::Tame => coherent,
+            Remaining::Wild => incoherent,
+        };
         match width {
             Width::Sixteen => intersect_packet(scene, query, packet),
             Width::Eight => intersect_split::<8>(scene, query, packet),
@@ -73,12 +75,14 @@ pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPac
 /// Blocked lanes of every packet.
 pub(super) fn occluded(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
     let scene = scene.as_ref();
-    let mut query = new_query(order);
-    let query = &raw mut query;
+    let (mut coherent, mut incoherent) = (new_query(order), new_query(RayOrder::Incoherent));
+    let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
     for packet in packets {
-        if !keep_traceable(packet) {
-            continue;
-        }
+        let query = match keep_traceable(packet) {
+            Remaining::Nothing => continue,
+            Remaining::Tame => coherent,
+            Remaining::Wild => incoherent,
+        };
         match width {
             Width::Sixteen => occluded_packet(scene, query, packet),
             Width::Eight => occluded_split::<8>(scene, query, packet),
@@ -170,9 +174,33 @@ pub(super) fn hit_of<const W: usize>(lanes: &Lanes<W>, lane: usize) -> Hit {
     }
 }
 
-/// Switches off what Embree may not be asked about, 3.13.5 aborts on it, and says whether anything is left.
+/// What is left of a packet to trace.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Remaining {
+    /// No ray.
+    Nothing,
+    /// Rays that Embree may be told are coherent, if they are.
+    Tame,
+    /// Rays that must not be called coherent (see [`vanishes`]).
+    Wild,
+}
+
+/// Switches off what Embree may not be asked about, 3.13.5 aborts on it, and says what is left.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
-fn keep_traceable(packet: &mut RayPacket) -> bool {
+fn keep_traceable(packet: &mut RayPacket) -> Remaining {
     packet.drop_untraceable();
-    packet.any_active()
+    if !packet.any_active() {
+        return Remaining::Nothing;
+    }
+    let mut vanishing = 0;
+    for directions in &packet.direction {
+        for lane in 0..LANES {
+            vanishing |= packet.active[lane] & -i32::from(vanishes(directions[lane]));
+        }
+    }
+    if vanishing == 0 {
+        Remaining::Tame
+    } else {
+        Remaining::Wild
+    }
 }

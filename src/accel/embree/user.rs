@@ -7,12 +7,12 @@ use std::panic::{self, AssertUnwindSafe};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use embree_sys as sys;
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 
 use super::lanes::{Foreign, Lanes, ray_of, row};
 use super::scene::{EmbreeScene, SceneRef};
-use super::trace::hit_of;
-use crate::accel::{ACTIVE, Hit, NO_HIT};
+use super::trace::{hit_of, new_query};
+use crate::accel::{ACTIVE, Hit, NO_HIT, RayOrder};
 use crate::numeric::{Bounds, Ray, object_ray};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::Sphere;
@@ -62,7 +62,7 @@ impl<'s> UserGeometry<'s> {
                 Primitive {
                     instance: index,
                     object_from_world: instance.object_from_world,
-                    bounds: bounds.transformed(&instance.world_from_object).to_f32_outward(),
+                    bounds: padded_bounds(bounds, instance),
                     what: match geometry {
                         Geometry::Sphere(sphere) => What::Sphere(*sphere),
                         Geometry::Mesh(_) => What::Mesh(instance.geometry),
@@ -103,6 +103,21 @@ impl<'s> UserGeometry<'s> {
     fn part(&self, geometry: u32) -> Option<SceneRef<'_>> {
         self.parts[geometry as usize].as_ref().map(EmbreeScene::as_ref)
     }
+}
+
+/// Part of a box's largest coordinate by which it is padded: object-space rays are rounded to f32, which moves them
+/// against the geometry by a few 2^-24 of the coordinates involved.
+const PLACEMENT_PADDING: f64 = 1.0 / (1 << 20) as f64;
+
+/// The box of a placed geometry, in world space.
+fn padded_bounds(object: &Bounds, instance: &Instance) -> ([f32; 3], [f32; 3]) {
+    let world = object.transformed(&instance.world_from_object);
+    let padding = DVec3::splat(PLACEMENT_PADDING * world.magnitude());
+    Bounds {
+        min: world.min - padding,
+        max: world.max + padding,
+    }
+    .to_f32_outward()
 }
 
 /// Tells Embree the box of one primitive.
@@ -292,9 +307,17 @@ impl Call {
         if !lanes.any_active() {
             return hit;
         }
+        // Rays that are tame in the world may be wild in object space.
+        let mut incoherent;
+        let query = if lanes.may_be_coherent() {
+            self.query
+        } else {
+            incoherent = new_query(RayOrder::Incoherent);
+            &raw mut incoherent
+        };
         match question {
-            Question::Nearest => lanes.intersect(part, self.query),
-            Question::Any => lanes.occluded(part, self.query),
+            Question::Nearest => lanes.intersect(part, query),
+            Question::Any => lanes.occluded(part, query),
         }
         for lane in (0..W).filter(|&lane| lanes.is_active(lane)) {
             let found = match question {
@@ -341,7 +364,7 @@ mod tests {
 
     use super::super::EmbreeAccel;
     use super::*;
-    use crate::accel::{Accel, AccelOptions, RayOrder, RayPacket};
+    use crate::accel::{Accel, AccelOptions, RayPacket};
     use glam::Vec3;
 
     thread_local! {

@@ -1,5 +1,7 @@
 //! Sums of radiance: f64 a pixel while a tile is rendered, f32 means in the picture.
 
+use rayon::prelude::*;
+
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
@@ -64,13 +66,18 @@ impl TileFilm {
         }
     }
 
-    /// The means over `spp` samples of the first `width * height` pixels, row by row.
+    /// The means over `spp` samples of the tile's pixels, row by row.
     pub(super) fn means(&self, tile: Tile, spp: u32) -> Vec<[f32; 3]> {
         let scale = 1.0 / f64::from(spp);
-        let rows = self.sums.chunks(TILE as usize).take(tile.height as usize);
-        rows.flat_map(|row| &row[..tile.width as usize])
-            .map(|sum| sum.map(|channel| (channel * scale) as f32))
-            .collect()
+        let mut means = Vec::with_capacity((tile.width * tile.height) as usize);
+        for row in self.sums.chunks(TILE as usize).take(tile.height as usize) {
+            means.extend(
+                row[..tile.width as usize]
+                    .iter()
+                    .map(|sum| sum.map(|channel| (channel * scale) as f32)),
+            );
+        }
+        means
     }
 }
 
@@ -88,15 +95,21 @@ fn sum_of_lanes(values: &Lanes<f32>) -> f64 {
     halves[0]
 }
 
-/// Puts rendered tiles together.
+/// Puts rendered tiles together, which come in the order of [`tiles`].
 pub(super) fn assemble(width: u32, height: u32, tiles: &[(Tile, Vec<[f32; 3]>)]) -> LinearImage {
+    let width_in_tiles = width.div_ceil(TILE) as usize;
     let mut pixels = vec![[0.0; 3]; width as usize * height as usize];
-    for (tile, means) in tiles {
-        for (row, means) in means.chunks(tile.width as usize).enumerate() {
-            let start = (tile.y as usize + row) * width as usize + tile.x as usize;
-            pixels[start..start + means.len()].copy_from_slice(means);
-        }
-    }
+    pixels
+        .par_chunks_mut(width as usize * TILE as usize)
+        .zip(tiles.par_chunks(width_in_tiles))
+        .for_each(|(band, tiles)| {
+            for (tile, means) in tiles {
+                for (row, means) in means.chunks(tile.width as usize).enumerate() {
+                    let start = row * width as usize + tile.x as usize;
+                    band[start..start + means.len()].copy_from_slice(means);
+                }
+            }
+        });
     LinearImage {
         width,
         height,

@@ -21,8 +21,10 @@ pub use record::{RecordedRays, record};
 
 use crate::accel::Accel;
 use crate::image::LinearImage;
+use crate::numeric::Lanes;
 use crate::scene::{Camera, CameraView, Scene};
 use crate::shading::MIRROR_ROUGHNESS;
+use sampler::{LaneOffset, PacketShape, sample_position};
 use surface::SurfaceScene;
 use wave::Wave;
 
@@ -80,6 +82,9 @@ struct Frame<'s> {
     surfaces: SurfaceScene<'s>,
     /// Sample positions within a pixel.
     positions: Vec<[f64; 2]>,
+    shape: PacketShape,
+    /// The lanes of that shape.
+    lanes: Lanes<LaneOffset>,
     ambient: [f32; 3],
     /// Whether anything is seen without a light: ambient or emission.
     glows: bool,
@@ -134,13 +139,16 @@ impl<'s> Frame<'s> {
                 .map(|i| &scene.materials[i.material as usize])
         };
         let ambient_light = scene.ambient != [0.0; 3];
+        let shape = PacketShape::for_samples(settings.spp);
         Frame {
             scene,
             accel,
             settings: *settings,
             view: camera.view(settings.width, settings.height),
             surfaces: SurfaceScene::new(scene),
-            positions: wave::sample_positions(settings.spp),
+            positions: (0..settings.spp).map(sample_position).collect(),
+            shape,
+            lanes: shape.lanes(),
             ambient: scene.ambient,
             glows: ambient_light || used().any(|material| material.emission != [0.0; 3]),
             mirrors: used().any(|material| {

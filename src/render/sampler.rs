@@ -3,7 +3,7 @@
 //! Samples are addressed by (pixel, sample), never drawn from a running stream, so a picture does not depend on who
 //! renders which tile when.
 
-use crate::numeric::LANES;
+use crate::numeric::{LANES, Lanes};
 
 /// Position of sample `sample` within its pixel, each coordinate in [0, 1); the first is the middle.
 ///
@@ -27,6 +27,14 @@ pub(super) struct PacketShape {
     pub(super) samples: u32,
 }
 
+/// Where a lane lies within its packet's block of pixels and samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct LaneOffset {
+    pub(super) x: u32,
+    pub(super) y: u32,
+    pub(super) sample: u32,
+}
+
 impl PacketShape {
     pub(super) fn for_samples(spp: u32) -> PacketShape {
         let block = match spp {
@@ -40,11 +48,17 @@ impl PacketShape {
         }
     }
 
-    /// Pixel offset within the block and sample offset within the packet of lane `lane`.
-    #[inline(always)]
-    pub(super) fn lane(&self, lane: u32) -> (u32, u32, u32) {
-        let pixel = lane / self.samples;
-        (pixel % self.block, pixel / self.block, lane % self.samples)
+    /// For each lane: its pixel's offset within the block, across and down, and its sample's within the packet.
+    pub(super) fn lanes(&self) -> Lanes<LaneOffset> {
+        std::array::from_fn(|lane| {
+            let lane = lane as u32;
+            let pixel = lane / self.samples;
+            LaneOffset {
+                x: pixel % self.block,
+                y: pixel / self.block,
+                sample: lane % self.samples,
+            }
+        })
     }
 }
 
@@ -79,13 +93,12 @@ mod tests {
     fn the_lanes_of_a_packet_cover_every_pixel_and_sample_once() {
         for spp in [1, 3, 4, 15, 16, 100] {
             let shape = PacketShape::for_samples(spp);
-            let lanes: HashSet<_> = (0..LANES as u32).map(|lane| shape.lane(lane)).collect();
+            let lanes: HashSet<_> = shape.lanes().into_iter().collect();
             assert_eq!(lanes.len(), LANES);
-            assert!(
-                lanes
-                    .iter()
-                    .all(|&(x, y, s)| x < shape.block && y < shape.block && s < shape.samples)
-            );
+            let inside = |lane: &LaneOffset| {
+                lane.x < shape.block && lane.y < shape.block && lane.sample < shape.samples
+            };
+            assert!(lanes.iter().all(inside));
         }
     }
 }

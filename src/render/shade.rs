@@ -126,7 +126,10 @@ pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &
     }
     feeler.origin = *lit.origins;
     match light.kind {
-        LightKind::Directional { .. } => feeler.direction = arriving.wi,
+        LightKind::Directional { .. } => {
+            feeler.direction = arriving.wi;
+            feeler.t_far = [f32::INFINITY; LANES];
+        }
         LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
             // The whole segment: the light is at t = 1 exactly, so nothing behind it can block.
             for axis in 0..3 {
@@ -138,6 +141,23 @@ pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &
         }
     }
     any != 0
+}
+
+/// Takes the light from the lanes whose feelers were blocked.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn block(feeler: &RayPacket, radiance: &mut Lanes3<f32>) {
+    for channel in radiance {
+        for l in 0..LANES {
+            channel[l] = if feeler.t_far[l] == f32::NEG_INFINITY {
+                0.0
+            } else {
+                channel[l]
+            };
+        }
+    }
 }
 
 /// The mirror rays of the surfaces, with the weights that they would carry.

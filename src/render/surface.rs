@@ -118,22 +118,44 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// The materials at those surfaces.
+    /// The materials at those surfaces. Lanes without a hit may hold any material.
     #[inline(always)]
     pub(super) fn materials(&self, packet: &RayPacket) -> MaterialPacket {
+        if let Some(view) = self.only_view(packet)
+            && view.uniform
+        {
+            return MaterialPacket::uniform(view.material);
+        }
+        self.materials_by_lane(packet)
+    }
+
+    /// The instance that all hit lanes share, if they do.
+    #[inline(always)]
+    fn only_view(&self, packet: &RayPacket) -> Option<&InstanceView<'s>> {
+        let mut lowest = NO_HIT;
+        for l in 0..LANES {
+            lowest = lowest.min(packet.instance[l]);
+        }
+        let mut others = 0;
+        for l in 0..LANES {
+            let instance = packet.instance[l];
+            others |= u32::from((instance != lowest) & (instance != NO_HIT));
+        }
+        if others == 0 {
+            self.views.get(lowest as usize)
+        } else {
+            None
+        }
+    }
+
+    fn materials_by_lane(&self, packet: &RayPacket) -> MaterialPacket {
         let mut materials = MaterialPacket::BLACK;
         for l in 0..LANES {
-            if packet.active[l] == 0 || packet.instance[l] == NO_HIT {
+            if packet.instance[l] == NO_HIT {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
-            let [r, g, b, _] = view.material.base_color;
-            for (channel, value) in [r, g, b].into_iter().enumerate() {
-                materials.base_color[channel][l] = value;
-                materials.emission[channel][l] = view.material.emission[channel];
-            }
-            materials.metallic[l] = view.material.metallic;
-            materials.roughness[l] = view.material.roughness;
+            materials.set(l, view.material);
             if !view.uniform {
                 self.vary(view, packet, l, &mut materials);
             }
@@ -155,31 +177,24 @@ impl<'s> SurfaceScene<'s> {
             smooth: [false; LANES],
             odd: false,
         };
+        if let Some(view) = self.only_view(packet) {
+            gathered.odd = view.is_odd();
+            if let Kind::Mesh(mesh) = &view.kind {
+                let hit = |l: &usize| packet.instance[*l] != NO_HIT;
+                (0..LANES)
+                    .filter(hit)
+                    .for_each(|l| mesh.gather(packet, l, &mut gathered));
+            }
+            return gathered;
+        }
         for l in 0..LANES {
-            if packet.active[l] == 0 || packet.instance[l] == NO_HIT {
+            if packet.instance[l] == NO_HIT {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
-            gathered.odd |= view.placement.is_some();
-            let Kind::Mesh(mesh) = &view.kind else {
-                gathered.odd = true;
-                continue;
-            };
-            let vertices = mesh.triangles[packet.primitive[l] as usize];
-            for (corner, vertex) in vertices.into_iter().enumerate() {
-                let position = mesh.positions[vertex as usize];
-                for axis in 0..3 {
-                    gathered.corners[corner][axis][l] = position[axis];
-                }
-            }
-            if let Some(normals) = mesh.normals {
-                gathered.smooth[l] = true;
-                for (corner, vertex) in vertices.into_iter().enumerate() {
-                    let normal = normals[vertex as usize];
-                    for axis in 0..3 {
-                        gathered.normals[corner][axis][l] = normal[axis];
-                    }
-                }
+            gathered.odd |= view.is_odd();
+            if let Kind::Mesh(mesh) = &view.kind {
+                mesh.gather(packet, l, &mut gathered);
             }
         }
         gathered
@@ -189,7 +204,7 @@ impl<'s> SurfaceScene<'s> {
     #[cold]
     fn place_odd_lanes(&self, packet: &RayPacket, gathered: &Gathered, surfaces: &mut SurfacePacket) {
         for l in 0..LANES {
-            if packet.active[l] == 0 || packet.instance[l] == NO_HIT {
+            if packet.instance[l] == NO_HIT {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
@@ -260,6 +275,11 @@ impl<'s> SurfaceScene<'s> {
 }
 
 impl InstanceView<'_> {
+    /// Whether its hits are no plain triangles in world space.
+    fn is_odd(&self) -> bool {
+        self.placement.is_some() || matches!(self.kind, Kind::Sphere(_))
+    }
+
     /// Texture coordinates of a hit; zero where the mesh has no such set.
     fn tex_coord(&self, set: u32, packet: &RayPacket, l: usize) -> [f32; 2] {
         match &self.kind {
@@ -280,6 +300,27 @@ impl InstanceView<'_> {
 }
 
 impl MeshView<'_> {
+    /// Collects the corners of lane `l`, and the normals there if the mesh has any.
+    #[inline(always)]
+    fn gather(&self, packet: &RayPacket, l: usize, gathered: &mut Gathered) {
+        let vertices = self.triangles[packet.primitive[l] as usize].map(|vertex| vertex as usize);
+        for (corner, vertex) in vertices.into_iter().enumerate() {
+            let position = self.positions[vertex];
+            for axis in 0..3 {
+                gathered.corners[corner][axis][l] = position[axis];
+            }
+        }
+        if let Some(normals) = self.normals {
+            gathered.smooth[l] = true;
+            for (corner, vertex) in vertices.into_iter().enumerate() {
+                let normal = normals[vertex];
+                for axis in 0..3 {
+                    gathered.normals[corner][axis][l] = normal[axis];
+                }
+            }
+        }
+    }
+
     /// A vertex attribute at the hit of lane `l`.
     fn interpolate<const N: usize>(&self, values: &[[f32; N]], packet: &RayPacket, l: usize) -> [f32; N] {
         let [a, b, c] = self.triangles[packet.primitive[l] as usize].map(|vertex| values[vertex as usize]);
@@ -318,7 +359,7 @@ fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut Sur
     let [na, nb, nc] = &gathered.normals;
     let d = &packet.direction;
     for l in 0..LANES {
-        surfaces.hit[l] = (packet.active[l] != 0) & (packet.instance[l] != NO_HIT);
+        surfaces.hit[l] = packet.instance[l] != NO_HIT;
     }
     for l in 0..LANES {
         let length = (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt();

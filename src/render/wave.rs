@@ -11,7 +11,6 @@ use multiversion::multiversion;
 
 use super::film::{TILE, Tile, TileFilm};
 use super::ledger::{Ledger, RayTally};
-use super::sampler::{PacketShape, sample_position};
 use super::surface::SurfacePacket;
 use super::{Frame, shade};
 use crate::accel::{NO_HIT, RayOrder, RayPacket};
@@ -41,28 +40,33 @@ impl PathPacket {
     };
 }
 
-/// Rays of equal depth in the tree.
+/// Rays of equal depth in the tree. Packets are kept to be filled again.
 #[derive(Default)]
 struct Generation {
     packets: Vec<RayPacket>,
     paths: Vec<PathPacket>,
-    /// Lanes in use of the last packet.
+    /// Packets in use.
+    count: usize,
+    /// Lanes in use of the last of them.
     filled: usize,
 }
 
 impl Generation {
     fn clear(&mut self) {
-        self.packets.clear();
-        self.paths.clear();
+        self.count = 0;
         self.filled = LANES;
     }
 
     /// A fresh packet with its paths.
     #[inline(always)]
     fn push_packet(&mut self) -> (&mut RayPacket, &mut PathPacket) {
-        self.packets.push(RayPacket::EMPTY);
-        self.paths.push(PathPacket::EMPTY);
-        let last = self.packets.len() - 1;
+        if self.count == self.packets.len() {
+            self.packets.push(RayPacket::EMPTY);
+            self.paths.push(PathPacket::EMPTY);
+        }
+        let last = self.count;
+        self.count += 1;
+        self.packets[last].recycle();
         (&mut self.packets[last], &mut self.paths[last])
     }
 
@@ -73,7 +77,7 @@ impl Generation {
             self.push_packet();
             self.filled = 0;
         }
-        let (last, lane) = (self.packets.len() - 1, self.filled);
+        let (last, lane) = (self.count - 1, self.filled);
         self.packets[last].set(lane, ray);
         self.paths[last].pixel[lane] = pixel;
         for channel in 0..3 {
@@ -84,10 +88,11 @@ impl Generation {
 }
 
 /// Shadow feelers with the light that arrives if nothing is met.
-#[derive(Default)]
 struct Feelers {
-    packets: Vec<RayPacket>,
-    lights: Vec<Feeler>,
+    packets: [RayPacket; BATCH],
+    lights: [Feeler; BATCH],
+    /// Packets in use.
+    count: usize,
 }
 
 #[derive(Clone)]
@@ -96,13 +101,26 @@ struct Feeler {
     radiance: Lanes3<f32>,
 }
 
+impl Feelers {
+    fn new() -> Box<Feelers> {
+        Box::new(Feelers {
+            packets: std::array::from_fn(|_| RayPacket::EMPTY),
+            lights: std::array::from_fn(|_| Feeler {
+                pixel: [0; LANES],
+                radiance: [[0.0; LANES]; 3],
+            }),
+            count: 0,
+        })
+    }
+}
+
 /// The working memory of one thread, used for tile after tile.
 pub(super) struct Wave<'f, 's> {
     frame: &'f Frame<'s>,
     film: TileFilm,
     current: Generation,
     next: Generation,
-    feelers: Feelers,
+    feelers: Box<Feelers>,
     ledger: Ledger,
 }
 
@@ -113,7 +131,7 @@ impl<'f, 's> Wave<'f, 's> {
             film: TileFilm::new(),
             current: Generation::default(),
             next: Generation::default(),
-            feelers: Feelers::default(),
+            feelers: Feelers::new(),
             ledger: Ledger::default(),
         }
     }
@@ -123,16 +141,17 @@ impl<'f, 's> Wave<'f, 's> {
         self.film.clear();
         self.ledger = Ledger::default();
         let spp = self.frame.settings.spp;
-        let shape = PacketShape::for_samples(spp);
+        let shape = self.frame.shape;
+        self.current.clear();
         self.next.clear();
         let mut packets = 0;
         for y in (0..tile.height).step_by(shape.block as usize) {
             for x in (0..tile.width).step_by(shape.block as usize) {
                 for first_sample in (0..spp).step_by(shape.samples as usize) {
                     let start = PacketStart { x, y, first_sample };
-                    self.push_camera_packet(tile, shape, start);
+                    self.push_camera_packet(tile, start);
                     packets += 1;
-                    if self.current.packets.len() == BATCH {
+                    if self.current.count == BATCH {
                         self.trace_camera_batch();
                     }
                     if packets % WAVE == 0 {
@@ -146,39 +165,48 @@ impl<'f, 's> Wave<'f, 's> {
         (self.film.means(tile, spp), self.ledger)
     }
 
-    fn push_camera_packet(&mut self, tile: Tile, shape: PacketShape, start: PacketStart) {
-        let settings = &self.frame.settings;
-        let scale = [1.0 / f64::from(settings.width), 1.0 / f64::from(settings.height)];
-        let mut film = [[0.0; LANES]; 2];
-        let mut seen = [false; LANES];
+    fn push_camera_packet(&mut self, tile: Tile, start: PacketStart) {
+        let frame = self.frame;
         let (packet, path) = self.current.push_packet();
+        let mut film = FilmPoints {
+            pixel: [[0; LANES]; 2],
+            offset: [[0.0; LANES]; 2],
+            seen: [false; LANES],
+        };
         for l in 0..LANES {
-            let (dx, dy, ds) = shape.lane(l as u32);
-            let (x, y, sample) = (start.x + dx, start.y + dy, start.first_sample + ds);
-            seen[l] = x < tile.width && y < tile.height && sample < settings.spp;
-            let [fx, fy] = self.frame.positions[sample.min(settings.spp - 1) as usize];
-            film[0][l] = (f64::from(tile.x + x) + fx) * scale[0];
-            film[1][l] = (f64::from(tile.y + y) + fy) * scale[1];
-            path.pixel[l] = if seen[l] {
+            let lane = frame.lanes[l];
+            let (x, y, sample) = (
+                start.x + lane.x,
+                start.y + lane.y,
+                start.first_sample + lane.sample,
+            );
+            let seen = x < tile.width && y < tile.height && sample < frame.settings.spp;
+            film.seen[l] = seen;
+            film.pixel[0][l] = tile.x + x;
+            film.pixel[1][l] = tile.y + y;
+            path.pixel[l] = if seen {
                 y * TILE + x
             } else {
                 start.y * TILE + start.x
             };
+            let [fx, fy] = frame.positions.get(sample as usize).copied().unwrap_or_default();
+            film.offset[0][l] = fx;
+            film.offset[1][l] = fy;
         }
         path.weight = [[1.0; LANES]; 3];
-        fill_camera_packet(&self.frame.view, &film, &seen, packet);
+        let scale = [frame.settings.width, frame.settings.height].map(|size| 1.0 / f64::from(size));
+        fill_camera_packet(&frame.view, &film, scale, packet);
     }
 
     fn trace_camera_batch(&mut self) {
-        if self.current.packets.is_empty() {
+        if self.current.count == 0 {
             return;
         }
         let mut generation = std::mem::take(&mut self.current);
         let order = RayOrder::Coherent;
-        self.ledger.camera += timed(&mut generation.packets, |packets| {
-            self.frame.accel.intersect(packets, order)
-        });
-        self.shade_batch(&generation.packets, &generation.paths, order, 0);
+        let packets = &mut generation.packets[..generation.count];
+        self.ledger.camera += timed(packets, |packets| self.frame.accel.intersect(packets, order));
+        self.shade_batch(packets, &generation.paths, order, 0);
         generation.clear();
         self.current = generation;
     }
@@ -187,14 +215,17 @@ impl<'f, 's> Wave<'f, 's> {
     fn follow_reflections(&mut self) {
         self.trace_camera_batch();
         let mut depth = 1;
-        while !self.next.packets.is_empty() {
+        while self.next.count > 0 {
             let mut generation = std::mem::take(&mut self.next);
             // `current` is empty between batches of camera rays; its memory serves the next generation.
             std::mem::swap(&mut self.next, &mut self.current);
             self.next.clear();
             let order = RayOrder::Incoherent;
             let paths = generation.paths.chunks(BATCH);
-            for (packets, paths) in generation.packets.chunks_mut(BATCH).zip(paths) {
+            for (packets, paths) in generation.packets[..generation.count]
+                .chunks_mut(BATCH)
+                .zip(paths)
+            {
                 self.ledger.reflection +=
                     timed(packets, |packets| self.frame.accel.intersect(packets, order));
                 self.shade_batch(packets, paths, order, depth);
@@ -231,27 +262,24 @@ impl<'f, 's> Wave<'f, 's> {
             self.film.add(&path.pixel, &radiance);
         }
         let origins = shade::spawn_origins(&surfaces);
+        let lit = shade::Lit {
+            surfaces: &surfaces,
+            materials: &materials,
+            weight: &path.weight,
+            origins: &origins,
+        };
         for light in &frame.scene.lights {
-            if self.feelers.packets.len() >= BATCH {
+            if self.feelers.count == BATCH {
                 self.answer_feelers(order);
             }
-            self.feelers.packets.push(RayPacket::EMPTY);
-            let last = self.feelers.packets.len() - 1;
-            let lit = shade::Lit {
-                surfaces: &surfaces,
-                materials: &materials,
-                weight: &path.weight,
-                origins: &origins,
-            };
-            let feeler = &mut self.feelers.packets[last];
-            let mut radiance = [[0.0; LANES]; 3];
-            if shade::feel(light, &lit, feeler, &mut radiance) {
-                self.feelers.lights.push(Feeler {
-                    pixel: path.pixel,
-                    radiance,
-                });
-            } else {
-                self.feelers.packets.pop();
+            let Feelers {
+                packets,
+                lights,
+                count,
+            } = &mut *self.feelers;
+            if shade::feel(light, &lit, &mut packets[*count], &mut lights[*count].radiance) {
+                lights[*count].pixel = path.pixel;
+                *count += 1;
             }
         }
         if frame.mirrors && depth < frame.settings.depth {
@@ -290,25 +318,22 @@ impl<'f, 's> Wave<'f, 's> {
 
     /// Asks which of the waiting feelers reach their lights, and lets those lights in.
     fn answer_feelers(&mut self, order: RayOrder) {
-        if self.feelers.packets.is_empty() {
+        let Feelers {
+            packets,
+            lights,
+            count,
+        } = &mut *self.feelers;
+        if *count == 0 {
             return;
         }
         let accel = self.frame.accel;
-        self.ledger.shadow += timed(&mut self.feelers.packets, |packets| {
-            accel.occluded(packets, order)
-        });
-        for (packet, feeler) in self.feelers.packets.iter().zip(&mut self.feelers.lights) {
-            for channel in 0..3 {
-                for l in 0..LANES {
-                    let blocked = packet.t_far[l] == f32::NEG_INFINITY;
-                    let radiance = feeler.radiance[channel][l];
-                    feeler.radiance[channel][l] = if blocked { 0.0 } else { radiance };
-                }
-            }
+        let packets = &mut packets[..*count];
+        self.ledger.shadow += timed(packets, |packets| accel.occluded(packets, order));
+        for (packet, feeler) in packets.iter().zip(lights) {
+            shade::block(packet, &mut feeler.radiance);
             self.film.add(&feeler.pixel, &feeler.radiance);
         }
-        self.feelers.packets.clear();
-        self.feelers.lights.clear();
+        *count = 0;
     }
 }
 
@@ -320,21 +345,34 @@ struct PacketStart {
     first_sample: u32,
 }
 
-/// Camera rays through sixteen film points, rounded to f32; from there on the f32 rays are the exact ones.
+/// Sixteen points of the film.
+struct FilmPoints {
+    /// Column and row of the pixel within the image.
+    pixel: [Lanes<u32>; 2],
+    /// Position within the pixel.
+    offset: [Lanes<f64>; 2],
+    /// Whether the lane stands for a sample of the image at all.
+    seen: Lanes<bool>,
+}
+
+/// Camera rays through sixteen film points, rounded to f32; from there on the f32 rays are the exact ones. `scale` is
+/// one over the image's width and height.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn fill_camera_packet(view: &CameraView, film: &[Lanes<f64>; 2], seen: &Lanes<bool>, packet: &mut RayPacket) {
+fn fill_camera_packet(view: &CameraView, film: &FilmPoints, scale: [f64; 2], packet: &mut RayPacket) {
     for l in 0..LANES {
-        let ray = view.ray(film[0][l], film[1][l]);
+        let x = (f64::from(film.pixel[0][l]) + film.offset[0][l]) * scale[0];
+        let y = (f64::from(film.pixel[1][l]) + film.offset[1][l]) * scale[1];
+        let ray = view.ray(x, y);
         for axis in 0..3 {
             packet.origin[axis][l] = ray.origin[axis] as f32;
             packet.direction[axis][l] = ray.direction[axis] as f32;
         }
         packet.t_near[l] = ray.t_near as f32;
         packet.t_far[l] = ray.t_far as f32;
-        packet.active[l] = -i32::from(seen[l]);
+        packet.active[l] = -i32::from(film.seen[l]);
     }
 }
 
@@ -348,9 +386,4 @@ fn timed(packets: &mut [RayPacket], trace: impl FnOnce(&mut [RayPacket])) -> Ray
         rays: u64::from(rays.unsigned_abs()),
         seconds: start.elapsed().as_secs_f64(),
     }
-}
-
-/// The positions of all samples within their pixel.
-pub(super) fn sample_positions(spp: u32) -> Vec<[f64; 2]> {
-    (0..spp).map(sample_position).collect()
 }

@@ -6,6 +6,7 @@
 use std::f32::consts::PI;
 
 use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::scene::Material;
 
 /// Surfaces up to this perceptual roughness reflect an image: their lobe's width (alpha = 0.01, about half a degree)
 /// is that of a few pixels. Rougher ones would need many rays for one reflection.
@@ -35,6 +36,29 @@ impl MaterialPacket {
         roughness: [1.0; LANES],
         emission: [[0.0; LANES]; 3],
     };
+
+    /// The factors of one material everywhere.
+    #[inline(always)]
+    pub fn uniform(material: &Material) -> MaterialPacket {
+        let [r, g, b, _] = material.base_color;
+        MaterialPacket {
+            base_color: [r, g, b].map(|channel| [channel; LANES]),
+            metallic: [material.metallic; LANES],
+            roughness: [material.roughness; LANES],
+            emission: material.emission.map(|channel| [channel; LANES]),
+        }
+    }
+
+    /// Sets one lane to the factors of `material`.
+    #[inline(always)]
+    pub fn set(&mut self, l: usize, material: &Material) {
+        for channel in 0..3 {
+            self.base_color[channel][l] = material.base_color[channel];
+            self.emission[channel][l] = material.emission[channel];
+        }
+        self.metallic[l] = material.metallic;
+        self.roughness[l] = material.roughness;
+    }
 
     /// Diffuse albedo.
     #[inline(always)]

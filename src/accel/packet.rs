@@ -165,23 +165,21 @@ impl RayPacket {
     /// many there were.
     #[inline(always)]
     pub fn drop_untraceable(&mut self) -> u32 {
+        // Without their signs, floats are ordered as their bits are, with infinity and NaN above all others.
+        let size = |x: f32| x.to_bits() & 0x7fff_ffff;
         let mut dropped = 0;
         for lane in 0..LANES {
-            let in_range = |v: f32| v.abs() < Ray::LIMIT;
-            let good = in_range(self.origin[0][lane])
-                & in_range(self.origin[1][lane])
-                & in_range(self.origin[2][lane])
-                & in_range(self.direction[0][lane])
-                & in_range(self.direction[1][lane])
-                & in_range(self.direction[2][lane])
-                & ((self.direction[0][lane] != 0.0)
-                    | (self.direction[1][lane] != 0.0)
-                    | (self.direction[2][lane] != 0.0))
-                & (self.t_near[lane] >= 0.0)
-                & (self.t_near[lane] < f32::INFINITY)
-                & (self.t_far[lane] >= self.t_near[lane]);
-            dropped += u32::from((self.active[lane] != 0) & !good);
-            self.active[lane] &= -i32::from(good);
+            let [ox, oy, oz] = [0, 1, 2].map(|axis| size(self.origin[axis][lane]));
+            let [dx, dy, dz] = [0, 1, 2].map(|axis| size(self.direction[axis][lane]));
+            let largest = ox.max(oy).max(oz).max(dx).max(dy).max(dz);
+            let (t_near, t_far) = (self.t_near[lane], self.t_far[lane]);
+            let good = (largest < Ray::LIMIT.to_bits())
+                & ((dx | dy | dz) != 0)
+                & (0.0..f32::INFINITY).contains(&t_near)
+                & (t_far >= t_near);
+            let kept = if good { self.active[lane] } else { 0 };
+            dropped += u32::from(self.active[lane] != kept);
+            self.active[lane] = kept;
         }
         dropped
     }

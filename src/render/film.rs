@@ -1,5 +1,6 @@
 //! Sums of radiance: f64 a pixel while a tile is rendered, f32 means in the picture.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::image::LinearImage;
@@ -53,8 +54,9 @@ impl TileFilm {
     pub(super) fn add(&mut self, pixel: &Lanes<u32>, radiance: &Lanes3<f32>) {
         if pixel.iter().fold(0, |differ, p| differ | (p ^ pixel[0])) == 0 {
             let sum = &mut self.sums[pixel[0] as usize];
+            let added = sums_of_lanes(radiance);
             for channel in 0..3 {
-                sum[channel] += sum_of_lanes(&radiance[channel]);
+                sum[channel] += added[channel];
             }
             return;
         }
@@ -81,18 +83,23 @@ impl TileFilm {
     }
 }
 
-/// The f64 sum of sixteen values, by halves.
-#[inline(always)]
-fn sum_of_lanes(values: &Lanes<f32>) -> f64 {
-    let mut halves = values.map(f64::from);
-    let mut width = LANES / 2;
-    while width > 0 {
-        for l in 0..width {
-            halves[l] += halves[l + width];
+/// The f64 sums of sixteen values a channel, by halves.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn sums_of_lanes(radiance: &Lanes3<f32>) -> [f64; 3] {
+    radiance.map(|values| {
+        let mut halves = values.map(f64::from);
+        let mut width = LANES / 2;
+        while width > 0 {
+            for l in 0..width {
+                halves[l] += halves[l + width];
+            }
+            width /= 2;
         }
-        width /= 2;
-    }
-    halves[0]
+        halves[0]
+    })
 }
 
 /// Puts rendered tiles together, which come in the order of [`tiles`].

@@ -5,6 +5,7 @@
 
 mod film;
 mod ledger;
+mod queue;
 mod record;
 mod sampler;
 mod shade;
@@ -24,7 +25,7 @@ use crate::image::LinearImage;
 use crate::numeric::Lanes;
 use crate::scene::{Camera, CameraView, Scene};
 use crate::shading::MIRROR_ROUGHNESS;
-use sampler::{LaneOffset, PacketShape, sample_position};
+use sampler::{PacketShape, SampleGroup};
 use surface::SurfaceScene;
 use wave::Wave;
 
@@ -80,11 +81,11 @@ struct Frame<'s> {
     settings: RenderSettings,
     view: CameraView,
     surfaces: SurfaceScene<'s>,
-    /// Sample positions within a pixel.
-    positions: Vec<[f64; 2]>,
     shape: PacketShape,
-    /// The lanes of that shape.
-    lanes: Lanes<LaneOffset>,
+    /// Pixels of the lanes of that shape, within its block.
+    pixels: [Lanes<u32>; 2],
+    /// The samples of each pixel, a packet's share at a time.
+    groups: Vec<SampleGroup>,
     ambient: [f32; 3],
     /// Whether anything is seen without a light: ambient or emission.
     glows: bool,
@@ -146,9 +147,9 @@ impl<'s> Frame<'s> {
             settings: *settings,
             view: camera.view(settings.width, settings.height),
             surfaces: SurfaceScene::new(scene),
-            positions: (0..settings.spp).map(sample_position).collect(),
             shape,
-            lanes: shape.lanes(),
+            pixels: shape.pixels(),
+            groups: shape.groups(settings.spp),
             ambient: scene.ambient,
             glows: ambient_light || used().any(|material| material.emission != [0.0; 3]),
             mirrors: used().any(|material| {

@@ -27,14 +27,6 @@ pub(super) struct PacketShape {
     pub(super) samples: u32,
 }
 
-/// Where a lane lies within its packet's block of pixels and samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct LaneOffset {
-    pub(super) x: u32,
-    pub(super) y: u32,
-    pub(super) sample: u32,
-}
-
 impl PacketShape {
     pub(super) fn for_samples(spp: u32) -> PacketShape {
         let block = match spp {
@@ -48,18 +40,38 @@ impl PacketShape {
         }
     }
 
-    /// For each lane: its pixel's offset within the block, across and down, and its sample's within the packet.
-    pub(super) fn lanes(&self) -> Lanes<LaneOffset> {
-        std::array::from_fn(|lane| {
-            let lane = lane as u32;
-            let pixel = lane / self.samples;
-            LaneOffset {
-                x: pixel % self.block,
-                y: pixel / self.block,
-                sample: lane % self.samples,
-            }
-        })
+    /// For each lane, its pixel's offset within the block, across and down.
+    pub(super) fn pixels(&self) -> [Lanes<u32>; 2] {
+        let pixel = |lane: usize| lane as u32 / self.samples;
+        [
+            std::array::from_fn(|lane| pixel(lane) % self.block),
+            std::array::from_fn(|lane| pixel(lane) / self.block),
+        ]
     }
+
+    /// The samples of one pixel, as many as a packet takes at a time.
+    pub(super) fn groups(&self, spp: u32) -> Vec<SampleGroup> {
+        let group = |first: u32| {
+            let sample = |lane: usize| first + lane as u32 % self.samples;
+            let position = |lane: usize| sample_position(sample(lane));
+            SampleGroup {
+                position: [
+                    std::array::from_fn(|lane| position(lane)[0]),
+                    std::array::from_fn(|lane| position(lane)[1]),
+                ],
+                exists: std::array::from_fn(|lane| sample(lane) < spp),
+            }
+        };
+        (0..spp).step_by(self.samples as usize).map(group).collect()
+    }
+}
+
+/// Samples that share a packet.
+pub(super) struct SampleGroup {
+    /// Where in its pixel each lane's sample lies, across and down.
+    pub(super) position: [Lanes<f64>; 2],
+    /// Whether the lane's sample is one of those asked for.
+    pub(super) exists: Lanes<bool>,
 }
 
 #[cfg(test)]
@@ -90,15 +102,18 @@ mod tests {
     }
 
     #[test]
-    fn the_lanes_of_a_packet_cover_every_pixel_and_sample_once() {
+    fn the_packets_of_a_block_hold_every_sample_of_every_pixel_once() {
         for spp in [1, 3, 4, 15, 16, 100] {
             let shape = PacketShape::for_samples(spp);
-            let lanes: HashSet<_> = shape.lanes().into_iter().collect();
-            assert_eq!(lanes.len(), LANES);
-            let inside = |lane: &LaneOffset| {
-                lane.x < shape.block && lane.y < shape.block && lane.sample < shape.samples
-            };
-            assert!(lanes.iter().all(inside));
+            let [x, y] = shape.pixels();
+            let mut seen = HashSet::new();
+            for group in shape.groups(spp) {
+                for l in (0..LANES).filter(|&l| group.exists[l]) {
+                    assert!(x[l] < shape.block && y[l] < shape.block);
+                    assert!(seen.insert((x[l], y[l], group.position[0][l].to_bits())));
+                }
+            }
+            assert_eq!(seen.len() as u32, shape.block * shape.block * spp);
         }
     }
 }

@@ -5,15 +5,15 @@
 
 use multiversion::multiversion;
 
-use super::surface::SurfacePacket;
+use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Light, LightKind};
 use crate::shading::{MaterialPacket, direct, illuminate, mirror};
 
-/// What a feeler to a light starts from.
+/// Surfaces to light, and the rays that found them.
 pub(super) struct Lit<'a> {
-    pub(super) surfaces: &'a SurfacePacket,
+    pub(super) points: &'a SurfacePacket,
     pub(super) materials: &'a MaterialPacket,
     /// Weights of the rays that found the surfaces.
     pub(super) weight: &'a Lanes3<f32>,
@@ -58,16 +58,15 @@ pub(super) fn surroundings(packet: &RayPacket, weight: &Lanes3<f32>, ambient: [f
 ))]
 pub(super) fn glow(
     packet: &RayPacket,
-    surfaces: &SurfacePacket,
-    materials: &MaterialPacket,
+    surfaces: &Surfaces,
     weight: &Lanes3<f32>,
     ambient: [f32; 3],
 ) -> Lanes3<f32> {
-    let glow = materials.ambient(ambient);
+    let glow = surfaces.materials.ambient(ambient);
     let (mut share, mut hit) = ([0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
         share[l] = if packet.active[l] != 0 { 1.0 } else { 0.0 };
-        hit[l] = if surfaces.hit[l] { 1.0 } else { 0.0 };
+        hit[l] = if surfaces.points.hit[l] { 1.0 } else { 0.0 };
     }
     let mut radiance = [[0.0; LANES]; 3];
     for channel in 0..3 {
@@ -103,14 +102,14 @@ pub(super) fn spawn_origins(surfaces: &SurfacePacket) -> Lanes3<f32> {
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
 pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
-    let surfaces = lit.surfaces;
+    let surfaces = lit.points;
     let arriving = illuminate(light, &surfaces.p);
     let reflected = direct(lit.materials, &surfaces.ns, &surfaces.wo, &arriving.wi);
     let mut any = 0;
     for l in 0..LANES {
         let mut above = 0.0;
         for axis in 0..3 {
-            above += surfaces.ng[axis][l] as f32 * arriving.wi[axis][l];
+            above += surfaces.ng[axis][l] * arriving.wi[axis][l];
         }
         let reaches = surfaces.hit[l] & (above > 0.0);
         let mut largest = 0.0f32;
@@ -165,21 +164,18 @@ pub(super) fn block(feeler: &RayPacket, radiance: &mut Lanes3<f32>) {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-pub(super) fn reflection(
-    surfaces: &SurfacePacket,
-    materials: &MaterialPacket,
-    weight: &Lanes3<f32>,
-) -> Mirrored {
-    let (direction, mut reflectance) = mirror(materials, &surfaces.ns, &surfaces.wo);
+pub(super) fn reflection(lit: &Lit) -> Mirrored {
+    let surfaces = lit.points;
+    let (direction, mut reflectance) = mirror(lit.materials, &surfaces.ns, &surfaces.wo);
     let mut leaves = [false; LANES];
     for l in 0..LANES {
         let mut above = 0.0;
         for axis in 0..3 {
-            above += surfaces.ng[axis][l] as f32 * direction[axis][l];
+            above += surfaces.ng[axis][l] * direction[axis][l];
         }
         leaves[l] = above > 0.0;
         for channel in 0..3 {
-            reflectance[channel][l] *= weight[channel][l];
+            reflectance[channel][l] *= lit.weight[channel][l];
         }
     }
     Mirrored {

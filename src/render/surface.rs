@@ -4,7 +4,7 @@
 //! them, so that they can only disagree about *which* hit. Sixteen lanes are gathered from the meshes and then worked
 //! on side by side.
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 use multiversion::multiversion;
 
 use crate::accel::{NO_HIT, RayPacket};
@@ -55,7 +55,7 @@ pub(super) struct SurfacePacket {
     /// The points.
     pub(super) p: Lanes3<f64>,
     /// Unit geometric normals on the side that the ray came from.
-    pub(super) ng: Lanes3<f64>,
+    pub(super) ng: Lanes3<f32>,
     /// Unit shading normals on that side.
     pub(super) ns: Lanes3<f32>,
     /// Unit vectors to where the ray came from.
@@ -64,7 +64,16 @@ pub(super) struct SurfacePacket {
     error: Lanes<f64>,
 }
 
-/// Corners and corner normals of the hit triangles, as gathered.
+/// Working memory for the surfaces of one packet after another.
+pub(super) struct Surfaces {
+    gathered: Gathered,
+    /// Points and normals.
+    pub(super) points: SurfacePacket,
+    /// Materials, textures and vertex colours multiplied in.
+    pub(super) materials: MaterialPacket,
+}
+
+/// Corners and corner normals of the hit triangles, as gathered. Lanes without a hit keep those of an earlier packet.
 struct Gathered {
     corners: [Lanes3<f32>; 3],
     normals: [Lanes3<f32>; 3],
@@ -108,25 +117,29 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// Writes the surfaces that a traced packet has met.
+    /// Works out the surfaces that a traced packet has met.
     #[inline(always)]
-    pub(super) fn surfaces(&self, packet: &RayPacket, surfaces: &mut SurfacePacket) {
-        let gathered = self.gather(packet);
-        triangle_surfaces(packet, &gathered, surfaces);
+    pub(super) fn meet(&self, packet: &RayPacket, surfaces: &mut Surfaces) {
+        let Surfaces {
+            gathered,
+            points,
+            materials,
+        } = surfaces;
+        let only = self.only_view(packet);
+        gathered.odd = false;
+        match only {
+            Some(view) => self.gather(packet, |_| view, gathered),
+            None => self.gather(packet, |instance| &self.views[instance as usize], gathered),
+        }
+        triangle_surfaces(packet, gathered, points);
         if gathered.odd {
-            self.place_odd_lanes(packet, &gathered, surfaces);
+            self.place_odd_lanes(packet, gathered, points);
         }
-    }
-
-    /// The materials at those surfaces. Lanes without a hit may hold any material.
-    #[inline(always)]
-    pub(super) fn materials(&self, packet: &RayPacket) -> MaterialPacket {
-        if let Some(view) = self.only_view(packet)
-            && view.uniform
-        {
-            return MaterialPacket::uniform(view.material);
+        match only {
+            // Lanes without a hit may hold any material.
+            Some(view) if view.uniform => materials.fill(view.material),
+            _ => self.materials_by_lane(packet, materials),
         }
-        self.materials_by_lane(packet)
     }
 
     /// The instance that all hit lanes share, if they do.
@@ -148,8 +161,7 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    fn materials_by_lane(&self, packet: &RayPacket) -> MaterialPacket {
-        let mut materials = MaterialPacket::BLACK;
+    fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) {
         for l in 0..LANES {
             if packet.instance[l] == NO_HIT {
                 continue;
@@ -157,47 +169,30 @@ impl<'s> SurfaceScene<'s> {
             let view = &self.views[packet.instance[l] as usize];
             materials.set(l, view.material);
             if !view.uniform {
-                self.vary(view, packet, l, &mut materials);
+                self.vary(view, packet, l, materials);
             }
         }
-        materials
     }
 
-    /// Collects what the vector code needs from the meshes.
+    /// Collects what the vector code needs from the meshes; `view` finds a hit instance's.
     #[inline(always)]
-    fn gather(&self, packet: &RayPacket) -> Gathered {
-        let mut gathered = Gathered {
-            // A right triangle in the xy plane, for lanes without one of their own.
-            corners: [
-                [[0.0; LANES]; 3],
-                [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
-                [[0.0; LANES], [1.0; LANES], [0.0; LANES]],
-            ],
-            normals: [[[0.0; LANES]; 3]; 3],
-            smooth: [false; LANES],
-            odd: false,
-        };
-        if let Some(view) = self.only_view(packet) {
-            gathered.odd = view.is_odd();
-            if let Kind::Mesh(mesh) = &view.kind {
-                let hit = |l: &usize| packet.instance[*l] != NO_HIT;
-                (0..LANES)
-                    .filter(hit)
-                    .for_each(|l| mesh.gather(packet, l, &mut gathered));
-            }
-            return gathered;
-        }
+    fn gather<'a>(
+        &'a self,
+        packet: &RayPacket,
+        view: impl Fn(u32) -> &'a InstanceView<'s>,
+        gathered: &mut Gathered,
+    ) {
         for l in 0..LANES {
+            gathered.smooth[l] = false;
             if packet.instance[l] == NO_HIT {
                 continue;
             }
-            let view = &self.views[packet.instance[l] as usize];
+            let view = view(packet.instance[l]);
             gathered.odd |= view.is_odd();
             if let Kind::Mesh(mesh) = &view.kind {
-                mesh.gather(packet, l, &mut gathered);
+                mesh.gather(packet, l, gathered);
             }
         }
-        gathered
     }
 
     /// Replaces the lanes that are analytic shapes or stand elsewhere than their object space.
@@ -228,7 +223,7 @@ impl<'s> SurfaceScene<'s> {
             }
             for axis in 0..3 {
                 surfaces.p[axis][l] = placed.p[axis];
-                surfaces.ng[axis][l] = ng[axis];
+                surfaces.ng[axis][l] = ng[axis] as f32;
                 surfaces.ns[axis][l] = ns[axis] as f32;
             }
             surfaces.error[l] = placed.error.along(ng);
@@ -330,22 +325,39 @@ impl MeshView<'_> {
     }
 }
 
-impl SurfacePacket {
-    /// Memory to write surfaces into.
-    pub(super) const EMPTY: SurfacePacket = SurfacePacket {
-        hit: [false; LANES],
-        p: [[0.0; LANES]; 3],
-        ng: [[0.0; LANES]; 3],
-        ns: [[0.0; LANES]; 3],
-        wo: [[0.0; LANES]; 3],
-        error: [0.0; LANES],
-    };
+impl Default for Surfaces {
+    fn default() -> Surfaces {
+        Surfaces {
+            gathered: Gathered {
+                // A right triangle in the xy plane, until a lane has one of its own.
+                corners: [
+                    [[0.0; LANES]; 3],
+                    [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
+                    [[0.0; LANES], [1.0; LANES], [0.0; LANES]],
+                ],
+                normals: [[[0.0; LANES]; 3]; 3],
+                smooth: [false; LANES],
+                odd: false,
+            },
+            points: SurfacePacket {
+                hit: [false; LANES],
+                p: [[0.0; LANES]; 3],
+                ng: [[0.0; LANES]; 3],
+                ns: [[0.0; LANES]; 3],
+                wo: [[0.0; LANES]; 3],
+                error: [0.0; LANES],
+            },
+            materials: MaterialPacket::BLACK,
+        }
+    }
+}
 
+impl SurfacePacket {
     /// Where a ray starts that leaves lane `l` on the side of `ng`.
     #[inline(always)]
-    pub(super) fn spawn_origin(&self, l: usize) -> glam::Vec3 {
-        let ng = lane64(&self.ng, l);
-        spawn_point(lane64(&self.p, l), ng, self.error[l])
+    pub(super) fn spawn_origin(&self, l: usize) -> Vec3 {
+        let p = DVec3::new(self.p[0][l], self.p[1][l], self.p[2][l]);
+        spawn_point(p, lane(&self.ng, l).as_dvec3(), self.error[l])
     }
 }
 
@@ -373,28 +385,17 @@ fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut Sur
         let v0 = wide(a);
         let (e1, e2) = (wide(b) - v0, wide(c) - v0);
         let p = v0 + f64::from(packet.u[l]) * e1 + f64::from(packet.v[l]) * e2;
-        let cross = e1.cross(e2);
-        let scale = 1.0 / cross.dot(cross).sqrt();
-        let facing = if cross.dot(wide(&surfaces.wo)) < 0.0 {
-            -scale
-        } else {
-            scale
-        };
-        let ng = cross * facing;
+        let ng = unit(e1.cross(e2), wide(&surfaces.wo));
         for axis in 0..3 {
             surfaces.p[axis][l] = p[axis];
             surfaces.ng[axis][l] = ng[axis];
         }
-        surfaces.error[l] = triangle_spawn_error(v0, e1, e2).along(ng);
+        surfaces.error[l] = triangle_spawn_error(v0, e1, e2).along(ng.as_dvec3());
     }
     for l in 0..LANES {
         let (u, v) = (packet.u[l], packet.v[l]);
         let w = 1.0 - u - v;
-        let ng = [
-            surfaces.ng[0][l] as f32,
-            surfaces.ng[1][l] as f32,
-            surfaces.ng[2][l] as f32,
-        ];
+        let ng = lane(&surfaces.ng, l);
         let mut ns = [0.0; 3];
         for axis in 0..3 {
             ns[axis] = w * na[axis][l] + u * nb[axis][l] + v * nc[axis][l];
@@ -410,6 +411,20 @@ fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut Sur
             surfaces.ns[axis][l] = if smooth { ns[axis] * scale } else { ng[axis] };
         }
     }
+}
+
+/// The unit vector along `n` or against it, on the side of `wo`.
+///
+/// An exact power of two first brings `n` to a length near 1, whose square no f32 loses, however small the triangle.
+#[inline(always)]
+fn unit(n: DVec3, wo: DVec3) -> Vec3 {
+    const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
+    const DOUBLED_BIAS: u64 = 2046 << 52;
+    let exponent = n.abs().max_element().to_bits() & EXPONENT;
+    let scale = f64::from_bits(DOUBLED_BIAS.wrapping_sub(exponent));
+    let facing = if n.dot(wo) < 0.0 { -scale } else { scale };
+    let n = (n * facing).as_vec3();
+    n * (1.0 / n.dot(n).sqrt())
 }
 
 /// One lane, worked out in world space; normals on either side.
@@ -470,11 +485,6 @@ fn placed_sphere(packet: &RayPacket, l: usize, sphere: &Sphere, placement: Optio
 }
 
 #[inline(always)]
-fn lane(v: &Lanes3<f32>, l: usize) -> glam::Vec3 {
-    glam::Vec3::new(v[0][l], v[1][l], v[2][l])
-}
-
-#[inline(always)]
-fn lane64(v: &Lanes3<f64>, l: usize) -> DVec3 {
-    DVec3::new(v[0][l], v[1][l], v[2][l])
+fn lane(v: &Lanes3<f32>, l: usize) -> Vec3 {
+    Vec3::new(v[0][l], v[1][l], v[2][l])
 }

@@ -37,16 +37,15 @@ impl MaterialPacket {
         emission: [[0.0; LANES]; 3],
     };
 
-    /// The factors of one material everywhere.
+    /// Sets every lane to the factors of `material`.
     #[inline(always)]
-    pub fn uniform(material: &Material) -> MaterialPacket {
-        let [r, g, b, _] = material.base_color;
-        MaterialPacket {
-            base_color: [r, g, b].map(|channel| [channel; LANES]),
-            metallic: [material.metallic; LANES],
-            roughness: [material.roughness; LANES],
-            emission: material.emission.map(|channel| [channel; LANES]),
+    pub fn fill(&mut self, material: &Material) {
+        for channel in 0..3 {
+            self.base_color[channel] = [material.base_color[channel]; LANES];
+            self.emission[channel] = [material.emission[channel]; LANES];
         }
+        self.metallic = [material.metallic; LANES];
+        self.roughness = [material.roughness; LANES];
     }
 
     /// Sets one lane to the factors of `material`.

@@ -69,8 +69,8 @@ const VANISHING: f32 = 1e-17;
 /// Whether a ray with this direction component must not be called coherent. Zeros may: their sign decides nothing.
 #[inline(always)]
 pub(super) fn vanishes(component: f32) -> bool {
-    let size = component.abs();
-    (size > 0.0) & (size < VANISHING)
+    // Of the bits without the sign; zero, less one, is above every other.
+    (component.to_bits() & 0x7fff_ffff).wrapping_sub(1) < VANISHING.to_bits() - 1
 }
 
 /// A packet of `W` = 1, 4, 8 or 16 rays as Embree lays it out.

@@ -193,10 +193,9 @@ fn keep_traceable(packet: &mut RayPacket) -> Remaining {
         return Remaining::Nothing;
     }
     let mut vanishing = 0;
-    for directions in &packet.direction {
-        for lane in 0..LANES {
-            vanishing |= packet.active[lane] & -i32::from(vanishes(directions[lane]));
-        }
+    for lane in 0..LANES {
+        let [x, y, z] = [0, 1, 2].map(|axis| vanishes(packet.direction[axis][lane]));
+        vanishing |= if x | y | z { packet.active[lane] } else { 0 };
     }
     if vanishing == 0 {
         Remaining::Tame

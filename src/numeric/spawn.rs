@@ -17,11 +17,15 @@ const EXTENT_ERROR: f64 = 1.788_139_4e-7;
 /// Error of an affine map on a point: rows of three products and a sum, 3 roundings of f32.
 const TRANSFORM_ERROR: f64 = 1.788_139_4e-7;
 
+/// Covers the f32 roundings of the bound's own computation: a few 2^-24 of itself.
+const BOUND_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
+
 /// The error bound of a point on the triangle with object-space vertices `v0`, `v0 + e1`, `v0 + e2`.
 #[inline(always)]
-pub fn triangle_spawn_error(v0: DVec3, e1: DVec3, e2: DVec3) -> SpawnError {
-    let extent = e1.abs() + e2.abs() + (e1 - e2).abs();
-    SpawnError(VERTEX_ERROR * v0.abs() + DVec3::splat(EXTENT_ERROR * extent.max_element()))
+pub fn triangle_spawn_error(v0: Vec3, e1: Vec3, e2: Vec3) -> SpawnError {
+    let extent = (e1.abs() + e2.abs() + (e1 - e2).abs()).max_element();
+    let bound = VERTEX_ERROR as f32 * v0.abs() + Vec3::splat(EXTENT_ERROR as f32 * extent);
+    SpawnError((bound * BOUND_SLACK).as_dvec3())
 }
 
 impl SpawnError {
@@ -110,7 +114,12 @@ mod tests {
             let ng = e1.cross(e2).normalize();
             let p = v0 + 0.3 * e1 + 0.4 * e2;
             for side in [ng, -ng] {
-                let origin = spawn_point(p, side, triangle_spawn_error(v0, e1, e2).along(side)).as_dvec3();
+                let origin = spawn_point(
+                    p,
+                    side,
+                    triangle_spawn_error(v0.as_vec3(), e1.as_vec3(), e2.as_vec3()).along(side),
+                )
+                .as_dvec3();
                 assert!((origin - v0).dot(side) > 0.0, "scale {scale}");
             }
         }
@@ -119,7 +128,12 @@ mod tests {
     #[test]
     fn the_offset_stays_within_a_few_ulps_of_the_triangle() {
         let (v0, e1, e2) = (DVec3::ONE, DVec3::X, DVec3::Y);
-        let origin = spawn_point(v0, DVec3::Z, triangle_spawn_error(v0, e1, e2).along(DVec3::Z)).as_dvec3();
+        let origin = spawn_point(
+            v0,
+            DVec3::Z,
+            triangle_spawn_error(v0.as_vec3(), e1.as_vec3(), e2.as_vec3()).along(DVec3::Z),
+        )
+        .as_dvec3();
         // 2^-24 · 1 + 3·2^-24 · 2 = 7·2^-24 and at most one ulp (2^-23) of rounding away.
         assert!(origin.z - 1.0 <= 9.0 * 2f64.powi(-24));
         assert_eq!((origin.x, origin.y), (1.0, 1.0));

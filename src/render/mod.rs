@@ -81,6 +81,8 @@ struct Frame<'s> {
     settings: RenderSettings,
     view: CameraView,
     surfaces: SurfaceScene<'s>,
+    /// Width and height of a pixel as parts of the image's.
+    pixel_size: [f64; 2],
     shape: PacketShape,
     /// Pixels of the lanes of that shape, within its block.
     pixels: [Lanes<u32>; 2],
@@ -147,6 +149,7 @@ impl<'s> Frame<'s> {
             settings: *settings,
             view: camera.view(settings.width, settings.height),
             surfaces: SurfaceScene::new(scene),
+            pixel_size: [settings.width, settings.height].map(|size| 1.0 / f64::from(size)),
             shape,
             pixels: shape.pixels(),
             groups: shape.groups(settings.spp),

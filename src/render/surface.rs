@@ -128,7 +128,13 @@ impl<'s> SurfaceScene<'s> {
         let only = self.only_view(packet);
         gathered.odd = false;
         match only {
-            Some(view) => self.gather(packet, |_| view, gathered),
+            Some(view) => match (&view.kind, only_primitive(packet)) {
+                (Kind::Mesh(mesh), Some(primitive)) => {
+                    gathered.odd = view.is_odd();
+                    mesh.gather_everywhere(primitive, gathered);
+                }
+                _ => self.gather(packet, |_| view, gathered),
+            },
             None => self.gather(packet, |instance| &self.views[instance as usize], gathered),
         }
         triangle_surfaces(packet, gathered, points);
@@ -295,6 +301,21 @@ impl InstanceView<'_> {
 }
 
 impl MeshView<'_> {
+    /// Collects one triangle's corners, and the normals there if the mesh has any, for all lanes.
+    #[inline(always)]
+    fn gather_everywhere(&self, primitive: u32, gathered: &mut Gathered) {
+        let vertices = self.triangles[primitive as usize].map(|vertex| vertex as usize);
+        for (corner, vertex) in vertices.into_iter().enumerate() {
+            gathered.corners[corner] = self.positions[vertex].map(|axis| [axis; LANES]);
+        }
+        gathered.smooth = [self.normals.is_some(); LANES];
+        if let Some(normals) = self.normals {
+            for (corner, vertex) in vertices.into_iter().enumerate() {
+                gathered.normals[corner] = normals[vertex].map(|axis| [axis; LANES]);
+            }
+        }
+    }
+
     /// Collects the corners of lane `l`, and the normals there if the mesh has any.
     #[inline(always)]
     fn gather(&self, packet: &RayPacket, l: usize, gathered: &mut Gathered) {
@@ -361,6 +382,18 @@ impl SurfacePacket {
     }
 }
 
+/// The primitive that all hit lanes share, if they do; they must share an instance.
+#[inline(always)]
+fn only_primitive(packet: &RayPacket) -> Option<u32> {
+    let first = (0..LANES).find(|&l| packet.instance[l] != NO_HIT)?;
+    let primitive = packet.primitive[first];
+    let mut others = 0;
+    for l in 0..LANES {
+        others |= u32::from((packet.primitive[l] != primitive) & (packet.instance[l] != NO_HIT));
+    }
+    (others == 0).then_some(primitive)
+}
+
 /// Points and normals of triangles that are stored in world space, all lanes at once.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
@@ -390,7 +423,10 @@ fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut Sur
             surfaces.p[axis][l] = p[axis];
             surfaces.ng[axis][l] = ng[axis];
         }
-        surfaces.error[l] = triangle_spawn_error(v0, e1, e2).along(ng.as_dvec3());
+        let bound = triangle_spawn_error(lane(a, l), e1.as_vec3(), e2.as_vec3())
+            .0
+            .as_vec3();
+        surfaces.error[l] = bound.dot(ng.abs()).into();
     }
     for l in 0..LANES {
         let (u, v) = (packet.u[l], packet.v[l]);
@@ -449,7 +485,11 @@ fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, placement:
         p,
         ng: transform_normal(&map.matrix3, e1.cross(e2).normalize_or_zero()),
         ns: ns.filter(|n| *n != DVec3::ZERO),
-        error: triangle_spawn_error(a, e1, e2).transformed(map, placement.object_from_world, p),
+        error: triangle_spawn_error(a.as_vec3(), e1.as_vec3(), e2.as_vec3()).transformed(
+            map,
+            placement.object_from_world,
+            p,
+        ),
     }
 }
 

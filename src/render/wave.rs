@@ -262,7 +262,6 @@ fn fill_camera_packet(
 ) {
     let (packet, pixel) = out;
     let (tile, corner) = (block.tile, block.corner);
-    let scale = [frame.settings.width, frame.settings.height].map(|size| 1.0 / f64::from(size));
     for l in 0..LANES {
         let x = corner.0 + frame.pixels[0][l];
         let y = corner.1 + frame.pixels[1][l];
@@ -278,7 +277,7 @@ fn fill_camera_packet(
     for l in 0..LANES {
         let x = f64::from(tile.x + corner.0 + frame.pixels[0][l]) + group.position[0][l];
         let y = f64::from(tile.y + corner.1 + frame.pixels[1][l]) + group.position[1][l];
-        let ray = frame.view.ray(x * scale[0], y * scale[1]);
+        let ray = frame.view.ray(x * frame.pixel_size[0], y * frame.pixel_size[1]);
         for axis in 0..3 {
             packet.origin[axis][l] = ray.origin[axis] as f32;
             packet.direction[axis][l] = ray.direction[axis] as f32;

@@ -113,30 +113,25 @@ pub fn direct(
         let n_dot_v = dot(n, v).abs();
         let h = [v[0] + i[0], v[1] + i[1], v[2] + i[2]];
         let h_squared = dot(h, h);
-        let h_scale = if h_squared > 0.0 {
-            1.0 / h_squared.sqrt()
-        } else {
-            0.0
-        };
-        let v_dot_h = dot(v, h).abs() * h_scale;
-        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos²: near the peak of a smooth lobe the textbook form
+        // The half vector stays unnormalised: for unit v and i, v·h over |h| is |h| / 2.
+        let v_dot_h = 0.5 * h_squared.sqrt();
+        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos², times |h|²: near the peak of a smooth lobe the textbook form
         // loses all digits, this one none.
         let c = [
             n[1] * h[2] - n[2] * h[1],
             n[2] * h[0] - n[0] * h[2],
             n[0] * h[1] - n[1] * h[0],
         ];
-        let sin_squared = dot(c, c) * h_scale * h_scale;
-        let n_dot_h = dot(n, h) * h_scale;
+        let n_dot_h = dot(n, h);
         let alpha = material.roughness[l] * material.roughness[l];
         let alpha_squared = alpha * alpha;
-        let denominator = sin_squared + alpha_squared * n_dot_h * n_dot_h;
+        let denominator = dot(c, c) + alpha_squared * n_dot_h * n_dot_h;
         let shadowing_l = n_dot_l + (alpha_squared + (1.0 - alpha_squared) * n_dot_l * n_dot_l).sqrt();
         let shadowing_v = n_dot_v + (alpha_squared + (1.0 - alpha_squared) * n_dot_v * n_dot_v).sqrt();
         let below = PI * denominator * denominator * shadowing_l * shadowing_v;
         // alpha = 0 is a mirror: a punctual light is never exactly in the mirror direction.
         let lobe = if n_dot_h > 0.0 && alpha_squared > 0.0 && below > 0.0 {
-            alpha_squared / below
+            alpha_squared * h_squared * h_squared / below
         } else {
             0.0
         };

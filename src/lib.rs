@@ -14,6 +14,9 @@
 //! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`image`] · [`scene`] · [`shading`] · [`gltf`]
 //! [`accel`] · [`render`] · [`report`] · [`cli`].
 //!
+//! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one
+//! function of `gltf/map.rs` that maps a file into memory.
+//!
 //! # A whole program
 //!
 //! ```no_run

@@ -4,7 +4,8 @@
 //! * [`bsp`]: an axis-aligned BSP tree of our own.
 //! * [`brute`]: a loop over everything, the referee.
 //!
-//! All three break ties alike: smallest `t`, then instance, then primitive.
+//! Ties go to the smallest `t`, then the lowest instance, then the lowest primitive; only between two of its own
+//! triangles at the same `t` Embree decides, and [`agreement`] tells such ties from wrong answers.
 
 pub mod agreement;
 pub mod brute;

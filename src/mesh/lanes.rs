@@ -15,6 +15,60 @@ pub trait Isa: Copy {
     fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
 }
 
+// No closures here: one that is not inlined would be compiled for the lowest instruction set.
+
+/// The smaller of two numbers in one instruction; `b` where either is NaN.
+#[inline(always)]
+pub(super) fn min(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The greater of two numbers in one instruction; `b` where either is NaN.
+#[inline(always)]
+pub(super) fn max(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The sums, lane by lane.
+#[inline(always)]
+pub(super) fn add<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = a[i] + b[i];
+    }
+    out
+}
+
+/// The differences, lane by lane.
+#[inline(always)]
+pub(super) fn sub<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = a[i] - b[i];
+    }
+    out
+}
+
+/// The products, lane by lane.
+#[inline(always)]
+pub(super) fn mul<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = a[i] * b[i];
+    }
+    out
+}
+
+/// The quotients, lane by lane.
+#[inline(always)]
+pub(super) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = a[i] / b[i];
+    }
+    out
+}
+
 /// What every machine can do.
 #[derive(Clone, Copy, Debug)]
 pub struct AnyIsa;

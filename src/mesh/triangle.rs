@@ -13,7 +13,7 @@
 
 use glam::Vec3;
 
-use super::lanes::{Isa, lanes};
+use super::lanes::{Isa, add, div, lanes, max, min, mul, sub};
 use crate::numeric::Ray;
 
 /// Triangles in a [`TrianglePack`].
@@ -356,20 +356,6 @@ fn edge_test<I: Isa, const N: usize>(
     EdgeTest { hits, on_edge }
 }
 
-// No closures below: one that is not inlined would be compiled for the lowest instruction set.
-
-/// The smaller of two numbers in one instruction; `b` where either is NaN.
-#[inline(always)]
-fn min(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-/// The greater of two numbers in one instruction; `b` where either is NaN.
-#[inline(always)]
-fn max(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}
-
 /// Corners to the sheared frame: x, y and the unscaled z.
 #[inline(always)]
 fn project<const N: usize>(
@@ -381,42 +367,6 @@ fn project<const N: usize>(
     let x = sub(&sub(x, &origin[0]), &mul(&shear[0], &z));
     let y = sub(&sub(y, &origin[1]), &mul(&shear[1], &z));
     [x, y, z]
-}
-
-#[inline(always)]
-fn add<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
-    let mut out = [0.0; N];
-    for i in 0..N {
-        out[i] = a[i] + b[i];
-    }
-    out
-}
-
-#[inline(always)]
-fn sub<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
-    let mut out = [0.0; N];
-    for i in 0..N {
-        out[i] = a[i] - b[i];
-    }
-    out
-}
-
-#[inline(always)]
-fn mul<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
-    let mut out = [0.0; N];
-    for i in 0..N {
-        out[i] = a[i] * b[i];
-    }
-    out
-}
-
-#[inline(always)]
-fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
-    let mut out = [0.0; N];
-    for i in 0..N {
-        out[i] = a[i] / b[i];
-    }
-    out
 }
 
 #[cfg(test)]

@@ -2,9 +2,11 @@
 //!
 //! Memory is kept from tile to tile; packets are filled again rather than made anew.
 
-use super::wave::BATCH;
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+
+/// Packets that are traced and shaded together: 12 KB of rays.
+pub(super) const BATCH: usize = 8;
 
 /// Whose light a lane's ray carries.
 #[derive(Clone)]

@@ -11,15 +11,12 @@ use multiversion::multiversion;
 
 use super::film::{TILE, Tile, TileFilm};
 use super::ledger::{Ledger, RayTally};
-use super::queue::{Feelers, Generation, PathPacket};
+use super::queue::{BATCH, Feelers, Generation, PathPacket};
 use super::sampler::SampleGroup;
 use super::surface::{SurfacePacket, Surfaces};
 use super::{Frame, shade};
 use crate::accel::{NO_HIT, RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
-
-/// Packets that are traced and shaded together: 12 KB of rays.
-pub(super) const BATCH: usize = 8;
 
 /// Camera packets whose whole ray trees are finished before the next are begun, so that queues stay small at any
 /// number of samples.

@@ -369,8 +369,9 @@ fn ctrl_c_ends_a_render_with_130_and_leaves_no_piece_of_it() {
         .unwrap();
     // Long enough to be rendering; the frame itself would take hours.
     sleep(Duration::from_millis(700));
-    let kill = Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
+    // The shell's own `kill`: the program of that name is not on every machine.
+    let kill = Command::new("sh")
+        .args(["-c", "kill -INT \"$0\"", &child.id().to_string()])
         .status()
         .unwrap();
     assert!(kill.success());

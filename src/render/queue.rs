@@ -5,8 +5,8 @@
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 
-/// Packets that are traced and shaded together: 12 KB of rays.
-pub(super) const BATCH: usize = 8;
+/// Packets that are traced and shaded together: 24 KB of rays, half of a first-level cache.
+pub(super) const BATCH: usize = 16;
 
 /// Whose light a lane's ray carries.
 #[derive(Clone)]

@@ -48,7 +48,7 @@ struct MeshView<'s> {
     colors: Option<&'s [[f32; 4]]>,
 }
 
-/// Sixteen points to shade, in world space. Lanes without a hit hold harmless values.
+/// Sixteen points to shade, in world space. Lanes without a hit may hold anything, NaN included.
 pub(super) struct SurfacePacket {
     /// Lanes that have hit something.
     pub(super) hit: Lanes<bool>,
@@ -133,9 +133,13 @@ impl<'s> SurfaceScene<'s> {
                     gathered.odd = view.is_odd();
                     mesh.gather_everywhere(primitive, gathered);
                 }
-                _ => self.gather(packet, |_| view, gathered),
+                (Kind::Mesh(mesh), None) => {
+                    gathered.odd = view.is_odd();
+                    mesh.gather_lanes(packet, gathered);
+                }
+                (Kind::Sphere(_), _) => gathered.odd = true,
             },
-            None => self.gather(packet, |instance| &self.views[instance as usize], gathered),
+            None => self.gather_by_lane(packet, gathered),
         }
         triangle_surfaces(packet, gathered, points);
         if gathered.odd {
@@ -180,20 +184,14 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// Collects what the vector code needs from the meshes; `view` finds a hit instance's.
-    #[inline(always)]
-    fn gather<'a>(
-        &'a self,
-        packet: &RayPacket,
-        view: impl Fn(u32) -> &'a InstanceView<'s>,
-        gathered: &mut Gathered,
-    ) {
+    /// Collects what the vector code needs from the meshes, where lanes have hit several instances.
+    fn gather_by_lane(&self, packet: &RayPacket, gathered: &mut Gathered) {
         for l in 0..LANES {
             gathered.smooth[l] = false;
             if packet.instance[l] == NO_HIT {
                 continue;
             }
-            let view = view(packet.instance[l]);
+            let view = &self.views[packet.instance[l] as usize];
             gathered.odd |= view.is_odd();
             if let Kind::Mesh(mesh) = &view.kind {
                 mesh.gather(packet, l, gathered);
@@ -313,6 +311,35 @@ impl MeshView<'_> {
             for (corner, vertex) in vertices.into_iter().enumerate() {
                 gathered.normals[corner] = normals[vertex].map(|axis| [axis; LANES]);
             }
+        }
+    }
+
+    /// Collects the corners of all lanes, and the normals there if the mesh has any.
+    ///
+    /// One array after the other, so that the loads of all lanes are under way together. Lanes that missed get the
+    /// first vertex, which spares a branch.
+    #[inline(always)]
+    fn gather_lanes(&self, packet: &RayPacket, gathered: &mut Gathered) {
+        let mut vertices = [[0; 3]; LANES];
+        for l in 0..LANES {
+            if packet.instance[l] != NO_HIT {
+                vertices[l] = self.triangles[packet.primitive[l] as usize];
+            }
+        }
+        let columns = |array: &[[f32; 3]], out: &mut [Lanes3<f32>; 3]| {
+            for l in 0..LANES {
+                for corner in 0..3 {
+                    let value = array[vertices[l][corner] as usize];
+                    for axis in 0..3 {
+                        out[corner][axis][l] = value[axis];
+                    }
+                }
+            }
+        };
+        columns(self.positions, &mut gathered.corners);
+        gathered.smooth = [self.normals.is_some(); LANES];
+        if let Some(normals) = self.normals {
+            columns(normals, &mut gathered.normals);
         }
     }
 

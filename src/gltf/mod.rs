@@ -10,7 +10,7 @@
 //! skipped, each with a warning.
 //!
 //! A file without a camera gets one that frames its bounds: 45 degrees high, seen from the front, slightly right and
-//! above. A file without lights gets white sunlight of π lux from behind the camera's left shoulder and surroundings of
+//! above. A file without lights gets white sunlight of ¾ π lux from behind the camera's left shoulder and surroundings of
 //! radiance 0.25; a file with lights has black surroundings.
 
 mod accessor;

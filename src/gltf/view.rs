@@ -54,12 +54,12 @@ pub(super) fn framing_camera(bounds: &Bounds) -> Camera {
     }
 }
 
-/// White sunlight from behind the camera's left shoulder, of π lux: a white Lambertian surface that faces it has
-/// radiance 1.
+/// White sunlight from behind the camera's left shoulder, of ¾ π lux: with the surroundings of [`DEFAULT_AMBIENT`], a
+/// white Lambertian surface that faces it has radiance 1 and is not clipped.
 pub(super) fn default_light(camera: &Camera) -> Light {
     Light {
         name: "default".into(),
-        intensity: [PI as f32; 3],
+        intensity: [1.0 - DEFAULT_AMBIENT[0]; 3].map(|radiance| radiance * PI as f32),
         kind: LightKind::Directional {
             to_light: (camera.world_from_camera.matrix3 * LEFT_SHOULDER).normalize(),
         },

@@ -71,6 +71,8 @@ pub(super) struct Surfaces {
     pub(super) points: SurfacePacket,
     /// Materials, textures and vertex colours multiplied in.
     pub(super) materials: MaterialPacket,
+    /// The instance whose one material `materials` holds in every lane, if it does.
+    filled_for: Option<u32>,
 }
 
 /// Corners and corner normals of the hit triangles, as gathered. Lanes without a hit keep those of an earlier packet.
@@ -124,11 +126,15 @@ impl<'s> SurfaceScene<'s> {
             gathered,
             points,
             materials,
+            filled_for,
         } = surfaces;
-        let only = self.only_view(packet);
+        let common = Common::of(packet);
+        let only = common
+            .instance
+            .and_then(|instance| self.views.get(instance as usize));
         gathered.odd = false;
         match only {
-            Some(view) => match (&view.kind, only_primitive(packet)) {
+            Some(view) => match (&view.kind, common.primitive) {
                 (Kind::Mesh(mesh), Some(primitive)) => {
                     gathered.odd = view.is_odd();
                     mesh.gather_everywhere(primitive, gathered);
@@ -147,27 +153,16 @@ impl<'s> SurfaceScene<'s> {
         }
         match only {
             // Lanes without a hit may hold any material.
-            Some(view) if view.uniform => materials.fill(view.material),
-            _ => self.materials_by_lane(packet, materials),
-        }
-    }
-
-    /// The instance that all hit lanes share, if they do.
-    #[inline(always)]
-    fn only_view(&self, packet: &RayPacket) -> Option<&InstanceView<'s>> {
-        let mut lowest = NO_HIT;
-        for l in 0..LANES {
-            lowest = lowest.min(packet.instance[l]);
-        }
-        let mut others = 0;
-        for l in 0..LANES {
-            let instance = packet.instance[l];
-            others |= u32::from((instance != lowest) & (instance != NO_HIT));
-        }
-        if others == 0 {
-            self.views.get(lowest as usize)
-        } else {
-            None
+            Some(view) if view.uniform => {
+                if *filled_for != common.instance {
+                    materials.fill(view.material);
+                    *filled_for = common.instance;
+                }
+            }
+            _ => {
+                *filled_for = None;
+                self.materials_by_lane(packet, materials);
+            }
         }
     }
 
@@ -396,6 +391,7 @@ impl Default for Surfaces {
                 error: [0.0; LANES],
             },
             materials: MaterialPacket::BLACK,
+            filled_for: None,
         }
     }
 }
@@ -409,16 +405,43 @@ impl SurfacePacket {
     }
 }
 
-/// The primitive that all hit lanes share, if they do; they must share an instance.
-#[inline(always)]
-fn only_primitive(packet: &RayPacket) -> Option<u32> {
-    let first = (0..LANES).find(|&l| packet.instance[l] != NO_HIT)?;
-    let primitive = packet.primitive[first];
-    let mut others = 0;
-    for l in 0..LANES {
-        others |= u32::from((packet.primitive[l] != primitive) & (packet.instance[l] != NO_HIT));
+/// What all hit lanes of a packet share.
+struct Common {
+    /// Their instance, if it is one.
+    instance: Option<u32>,
+    /// Their primitive, if it is one.
+    primitive: Option<u32>,
+}
+
+impl Common {
+    #[inline(always)]
+    fn of(packet: &RayPacket) -> Common {
+        let [instances, primitives] = ranges(packet);
+        let one = |[low, high]: [u32; 2]| (low == high).then_some(low);
+        Common {
+            instance: one(instances),
+            primitive: one(primitives),
+        }
     }
-    (others == 0).then_some(primitive)
+}
+
+/// The lowest and the highest instance, and primitive, among the hit lanes.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn ranges(packet: &RayPacket) -> [[u32; 2]; 2] {
+    let mut ranges = [[NO_HIT, 0]; 2];
+    for (numbers, range) in [&packet.instance, &packet.primitive].into_iter().zip(&mut ranges) {
+        let [mut low, mut high] = *range;
+        for l in 0..LANES {
+            let hit = packet.instance[l] != NO_HIT;
+            low = low.min(if hit { numbers[l] } else { NO_HIT });
+            high = high.max(if hit { numbers[l] } else { 0 });
+        }
+        *range = [low, high];
+    }
+    ranges
 }
 
 /// Points and normals of triangles that are stored in world space, all lanes at once.

@@ -29,6 +29,9 @@ use sampler::{PacketShape, SampleGroup};
 use surface::SurfaceScene;
 use wave::Wave;
 
+/// Most tiles that one thread takes in a row: few enough that no thread is left with much when the others are done.
+const RUN: usize = 16;
+
 /// What picture is made of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderSettings {
@@ -120,6 +123,7 @@ pub fn render(
     };
     let rendered: Option<Vec<_>> = tiles
         .par_iter()
+        .with_max_len(RUN)
         .map_init(|| Wave::new(&frame), |wave, &tile| render_tile(wave, tile))
         .collect();
     let mut ledger = Ledger::default();

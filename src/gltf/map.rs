@@ -29,8 +29,8 @@ pub(super) fn map_file(file: &Path) -> Result<Arc<Mmap>, GltfError> {
         });
     }
     let handle = File::open(file).map_err(|e| unreadable(reason(&e)))?;
-    // SAFETY: the map is private and only ever read. That the file keeps its length while mapped is a condition of
-    // `load`, stated in its documentation; that its bytes may change is met by reading them as plain numbers only.
+    // SAFETY: the map is private and only ever read. That nobody shortens or rewrites the file while it is mapped is a
+    // condition of `load`, stated in its documentation: indices are checked once and then trusted.
     let map = unsafe { Mmap::map(&handle) }.map_err(|e| unreadable(reason(&e)))?;
     Ok(Arc::new(map))
 }

@@ -61,8 +61,9 @@ impl Default for LoadOptions {
 
 /// Loads a `.glb` or `.gltf` file as a normalised scene that [`Scene::validate`] accepts.
 ///
-/// The file stays mapped as long as the scene lives: it must not be truncated meanwhile, or the system ends the
-/// process when the missing bytes are read.
+/// The file stays mapped as long as the scene lives: nobody may shorten or rewrite it meanwhile. Where bytes
+/// are missing the system ends the process, and changed indices are no longer checked. (Replacing the file by a new one
+/// of its name does no harm.)
 ///
 /// # Errors
 /// A file that is not readable, not glTF 2.0, needs an unknown extension, refers to what it does not hold, or leaves

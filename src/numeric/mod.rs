@@ -7,7 +7,7 @@ mod spawn;
 mod transform;
 
 pub use bounds::Bounds;
-pub use spawn::{SpawnError, spawn_point, triangle_spawn_error};
+pub use spawn::{SpawnError, spawn_point, triangle_spawn_bound, triangle_spawn_error};
 pub use transform::{Ray, SingularMatrix, inverse, object_ray, transform_normal};
 
 /// Rays handled side by side: the width of every packet.

@@ -21,11 +21,15 @@ const TRANSFORM_ERROR: f64 = 1.788_139_4e-7;
 const BOUND_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
 /// The error bound of a point on the triangle with object-space vertices `v0`, `v0 + e1`, `v0 + e2`.
-#[inline(always)]
 pub fn triangle_spawn_error(v0: Vec3, e1: Vec3, e2: Vec3) -> SpawnError {
+    SpawnError(triangle_spawn_bound(v0, e1, e2).as_dvec3())
+}
+
+/// [`triangle_spawn_error`] per axis, in f32, for lanes.
+#[inline(always)]
+pub fn triangle_spawn_bound(v0: Vec3, e1: Vec3, e2: Vec3) -> Vec3 {
     let extent = (e1.abs() + e2.abs() + (e1 - e2).abs()).max_element();
-    let bound = VERTEX_ERROR as f32 * v0.abs() + Vec3::splat(EXTENT_ERROR as f32 * extent);
-    SpawnError((bound * BOUND_SLACK).as_dvec3())
+    (VERTEX_ERROR as f32 * v0.abs() + Vec3::splat(EXTENT_ERROR as f32 * extent)) * BOUND_SLACK
 }
 
 impl SpawnError {

@@ -17,8 +17,6 @@ pub(super) struct Lit<'a> {
     pub(super) materials: &'a MaterialPacket,
     /// Weights of the rays that found the surfaces.
     pub(super) weight: &'a Lanes3<f32>,
-    /// Where rays leave the surfaces.
-    pub(super) origins: &'a Lanes3<f32>,
 }
 
 /// The mirror rays of sixteen surfaces.
@@ -78,22 +76,6 @@ pub(super) fn glow(
     radiance
 }
 
-/// Where rays leave the surfaces.
-#[multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
-    "x86_64+avx2+bmi1+bmi2+fma"
-))]
-pub(super) fn spawn_origins(surfaces: &SurfacePacket) -> Lanes3<f32> {
-    let mut origins = [[0.0; LANES]; 3];
-    for l in 0..LANES {
-        let origin = surfaces.spawn_origin(l);
-        for axis in 0..3 {
-            origins[axis][l] = origin[axis];
-        }
-    }
-    origins
-}
-
 /// Makes the feelers to one light and the radiance that arrives where they meet nothing. Returns whether there is any.
 ///
 /// A lane has no feeler where the light is behind the surface or nothing would be reflected.
@@ -123,7 +105,7 @@ pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &
         feeler.active[l] = active;
         any |= active;
     }
-    feeler.origin = *lit.origins;
+    feeler.origin = surfaces.origin;
     match light.kind {
         LightKind::Directional { .. } => {
             feeler.direction = arriving.wi;

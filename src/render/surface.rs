@@ -8,7 +8,10 @@ use glam::{DAffine3, DVec3, Vec3};
 use multiversion::multiversion;
 
 use crate::accel::{NO_HIT, RayPacket};
-use crate::numeric::{LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_error};
+use crate::numeric::{
+    LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_bound,
+    triangle_spawn_error,
+};
 use crate::scene::{Geometry, Material, Scene, TextureUse};
 use crate::shading::{Encoding, MaterialPacket, sample};
 use crate::shape::Sphere;
@@ -60,6 +63,8 @@ pub(super) struct SurfacePacket {
     pub(super) ns: Lanes3<f32>,
     /// Unit vectors to where the ray came from.
     pub(super) wo: Lanes3<f32>,
+    /// Where rays start that leave on the side of `ng`.
+    pub(super) origin: Lanes3<f32>,
     /// Bounds on the distance between `p` and the surface that a traversal sees, along `ng`.
     error: Lanes<f64>,
 }
@@ -120,8 +125,12 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// Works out the surfaces that a traced packet has met.
-    #[inline(always)]
     pub(super) fn meet(&self, packet: &RayPacket, surfaces: &mut Surfaces) {
+        meet(self, packet, surfaces);
+    }
+
+    #[inline(always)]
+    fn meet_inlined(&self, packet: &RayPacket, surfaces: &mut Surfaces) {
         let Surfaces {
             gathered,
             points,
@@ -151,6 +160,7 @@ impl<'s> SurfaceScene<'s> {
         if gathered.odd {
             self.place_odd_lanes(packet, gathered, points);
         }
+        points.spawn();
         match only {
             // Lanes without a hit may hold any material.
             Some(view) if view.uniform => {
@@ -388,6 +398,7 @@ impl Default for Surfaces {
                 ng: [[0.0; LANES]; 3],
                 ns: [[0.0; LANES]; 3],
                 wo: [[0.0; LANES]; 3],
+                origin: [[0.0; LANES]; 3],
                 error: [0.0; LANES],
             },
             materials: MaterialPacket::BLACK,
@@ -397,12 +408,26 @@ impl Default for Surfaces {
 }
 
 impl SurfacePacket {
-    /// Where a ray starts that leaves lane `l` on the side of `ng`.
+    /// Works out where rays start that leave on the side of `ng`.
     #[inline(always)]
-    pub(super) fn spawn_origin(&self, l: usize) -> Vec3 {
-        let p = DVec3::new(self.p[0][l], self.p[1][l], self.p[2][l]);
-        spawn_point(p, lane(&self.ng, l).as_dvec3(), self.error[l])
+    fn spawn(&mut self) {
+        for l in 0..LANES {
+            let p = DVec3::new(self.p[0][l], self.p[1][l], self.p[2][l]);
+            let origin = spawn_point(p, lane(&self.ng, l).as_dvec3(), self.error[l]);
+            for axis in 0..3 {
+                self.origin[axis][l] = origin[axis];
+            }
+        }
     }
+}
+
+/// [`SurfaceScene::meet`], for the processor at hand.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn meet(scene: &SurfaceScene, packet: &RayPacket, surfaces: &mut Surfaces) {
+    scene.meet_inlined(packet, surfaces);
 }
 
 /// What all hit lanes of a packet share.
@@ -426,10 +451,7 @@ impl Common {
 }
 
 /// The lowest and the highest instance, and primitive, among the hit lanes.
-#[multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
-    "x86_64+avx2+bmi1+bmi2+fma"
-))]
+#[inline(always)]
 fn ranges(packet: &RayPacket) -> [[u32; 2]; 2] {
     let mut ranges = [[NO_HIT, 0]; 2];
     for (numbers, range) in [&packet.instance, &packet.primitive].into_iter().zip(&mut ranges) {
@@ -445,10 +467,7 @@ fn ranges(packet: &RayPacket) -> [[u32; 2]; 2] {
 }
 
 /// Points and normals of triangles that are stored in world space, all lanes at once.
-#[multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
-    "x86_64+avx2+bmi1+bmi2+fma"
-))]
+#[inline(always)]
 fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut SurfacePacket) {
     let [a, b, c] = &gathered.corners;
     let [na, nb, nc] = &gathered.normals;
@@ -463,27 +482,30 @@ fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut Sur
             surfaces.wo[axis][l] = d[axis][l] * scale;
         }
     }
+    let mut across = [[0.0; LANES]; 3];
     for l in 0..LANES {
         let wide = |v: &Lanes3<f32>| DVec3::new(v[0][l].into(), v[1][l].into(), v[2][l].into());
         let v0 = wide(a);
         let (e1, e2) = (wide(b) - v0, wide(c) - v0);
         let p = v0 + f64::from(packet.u[l]) * e1 + f64::from(packet.v[l]) * e2;
-        let ng = unit(e1.cross(e2), wide(&surfaces.wo));
+        let n = brought_near_one(e1.cross(e2));
         for axis in 0..3 {
             surfaces.p[axis][l] = p[axis];
-            surfaces.ng[axis][l] = ng[axis];
+            across[axis][l] = n[axis];
         }
-        let bound = triangle_spawn_error(lane(a, l), e1.as_vec3(), e2.as_vec3())
-            .0
-            .as_vec3();
-        surfaces.error[l] = bound.dot(ng.abs()).into();
     }
     for l in 0..LANES {
+        let (n, wo) = (lane(&across, l), lane(&surfaces.wo, l));
+        let facing = if n.dot(wo) < 0.0 { -1.0 } else { 1.0 };
+        let ng = n * (facing / n.dot(n).sqrt());
+        let v0 = lane(a, l);
+        let bound = triangle_spawn_bound(v0, lane(b, l) - v0, lane(c, l) - v0);
+        surfaces.error[l] = bound.dot(ng.abs()).into();
         let (u, v) = (packet.u[l], packet.v[l]);
         let w = 1.0 - u - v;
-        let ng = lane(&surfaces.ng, l);
         let mut ns = [0.0; 3];
         for axis in 0..3 {
+            surfaces.ng[axis][l] = ng[axis];
             ns[axis] = w * na[axis][l] + u * nb[axis][l] + v * nc[axis][l];
         }
         let squared = ns[0] * ns[0] + ns[1] * ns[1] + ns[2] * ns[2];
@@ -499,18 +521,14 @@ fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut Sur
     }
 }
 
-/// The unit vector along `n` or against it, on the side of `wo`.
-///
-/// An exact power of two first brings `n` to a length near 1, whose square no f32 loses, however small the triangle.
+/// `n` times an exact power of two that brings it to a length near 1, whose square no f32 loses, however small the
+/// triangle.
 #[inline(always)]
-fn unit(n: DVec3, wo: DVec3) -> Vec3 {
+fn brought_near_one(n: DVec3) -> Vec3 {
     const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
     const DOUBLED_BIAS: u64 = 2046 << 52;
     let exponent = n.abs().max_element().to_bits() & EXPONENT;
-    let scale = f64::from_bits(DOUBLED_BIAS.wrapping_sub(exponent));
-    let facing = if n.dot(wo) < 0.0 { -scale } else { scale };
-    let n = (n * facing).as_vec3();
-    n * (1.0 / n.dot(n).sqrt())
+    (n * f64::from_bits(DOUBLED_BIAS.wrapping_sub(exponent))).as_vec3()
 }
 
 /// One lane, worked out in world space; normals on either side.

@@ -181,12 +181,10 @@ impl Outcome<'_, '_> {
             let radiance = shade::glow(packet, surfaces, &path.weight, frame.ambient);
             self.film.add(&path.pixel, &radiance);
         }
-        let origins = shade::spawn_origins(points);
         let lit = shade::Lit {
             points,
             materials,
             weight: &path.weight,
-            origins: &origins,
         };
         for light in &frame.scene.lights {
             if self.feelers.is_full() {
@@ -199,25 +197,19 @@ impl Outcome<'_, '_> {
             }
         }
         if frame.mirrors && stage.depth < frame.settings.depth {
-            self.reflect(points, &shade::reflection(&lit), &origins, path);
+            self.reflect(points, &shade::reflection(&lit), path);
         }
     }
 
     /// Queues the mirror rays that still matter.
-    fn reflect(
-        &mut self,
-        points: &SurfacePacket,
-        mirrored: &shade::Mirrored,
-        origins: &Lanes3<f32>,
-        path: &PathPacket,
-    ) {
+    fn reflect(&mut self, points: &SurfacePacket, mirrored: &shade::Mirrored, path: &PathPacket) {
         let cutoff = self.frame.settings.weight_cutoff;
         for l in 0..LANES {
             let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
             let largest = weight[0].max(weight[1]).max(weight[2]);
             if points.hit[l] && mirrored.leaves[l] && largest > 0.0 && largest >= cutoff {
                 let vector = |v: &Lanes3<f32>| glam::Vec3::new(v[0][l], v[1][l], v[2][l]);
-                let ray = Ray::new(vector(origins), vector(&mirrored.direction));
+                let ray = Ray::new(vector(&points.origin), vector(&mirrored.direction));
                 self.next.push(&ray, path.pixel[l], weight);
             }
         }
@@ -271,17 +263,23 @@ fn fill_camera_packet(
         };
         packet.active[l] = -i32::from(inside & group.exists[l]);
     }
+    let eye = frame.view.eye();
     for l in 0..LANES {
         let x = f64::from(tile.x + corner.0 + frame.pixels[0][l]) + group.position[0][l];
         let y = f64::from(tile.y + corner.1 + frame.pixels[1][l]) + group.position[1][l];
         let ray = frame.view.ray(x * frame.pixel_size[0], y * frame.pixel_size[1]);
         for axis in 0..3 {
-            packet.origin[axis][l] = ray.origin[axis] as f32;
+            if eye.is_none() {
+                packet.origin[axis][l] = ray.origin[axis] as f32;
+            }
             packet.direction[axis][l] = ray.direction[axis] as f32;
         }
-        packet.t_near[l] = ray.t_near as f32;
-        packet.t_far[l] = ray.t_far as f32;
     }
+    if let Some(eye) = eye {
+        packet.origin = eye.to_array().map(|axis| [axis as f32; LANES]);
+    }
+    packet.t_near = [frame.view.t_near() as f32; LANES];
+    packet.t_far = [frame.view.t_far() as f32; LANES];
 }
 
 /// Runs a trace and books its active rays and its time.

@@ -52,12 +52,29 @@ pub struct CameraRay {
 /// A camera made ready for one image size: the mapping from film points to rays is affine.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraView {
-    world_from_camera: DAffine3,
-    projection: Projection,
-    /// Half-extent of the window, at distance 1 for a perspective.
-    window: DVec2,
-    z_near: f64,
-    z_far: f64,
+    /// Where rays start; for a perspective the same for all.
+    origin: FilmMap,
+    direction: FilmMap,
+    t_near: f64,
+    t_far: f64,
+}
+
+/// A vector in world space that is an affine function of the film point.
+#[derive(Clone, Copy, Debug)]
+struct FilmMap {
+    /// At the top left corner of the image.
+    corner: DVec3,
+    /// What the width of the image adds.
+    across: DVec3,
+    /// What its height adds.
+    down: DVec3,
+}
+
+impl FilmMap {
+    #[inline(always)]
+    fn at(&self, x: f64, y: f64) -> DVec3 {
+        self.corner + x * self.across + y * self.down
+    }
 }
 
 impl Camera {
@@ -71,12 +88,32 @@ impl Camera {
             Projection::Perspective { y_fov, .. } => (0.5 * y_fov).tan(),
             Projection::Orthographic { y_mag, .. } => y_mag,
         };
+        let window = DVec2::new(half_height * aspect, half_height);
+        let axes = self.world_from_camera.matrix3;
+        let eye = self.world_from_camera.translation;
+        let on_window = FilmMap {
+            corner: axes.y_axis * window.y - axes.x_axis * window.x,
+            across: axes.x_axis * (2.0 * window.x),
+            down: axes.y_axis * (-2.0 * window.y),
+        };
+        let constant = |corner| FilmMap {
+            corner,
+            across: DVec3::ZERO,
+            down: DVec3::ZERO,
+        };
+        let moved = |map: FilmMap, by| FilmMap {
+            corner: by + map.corner,
+            ..map
+        };
+        let (origin, direction) = match self.projection {
+            Projection::Perspective { .. } => (constant(eye), moved(on_window, -axes.z_axis)),
+            Projection::Orthographic { .. } => (moved(on_window, eye), constant(-axes.z_axis)),
+        };
         CameraView {
-            world_from_camera: self.world_from_camera,
-            projection: self.projection,
-            window: DVec2::new(half_height * aspect, half_height),
-            z_near: self.z_near,
-            z_far: self.z_far,
+            origin,
+            direction,
+            t_near: self.z_near,
+            t_far: self.z_far,
         }
     }
 }
@@ -87,17 +124,28 @@ impl CameraView {
     /// The middle of pixel (i, j) is ((i + ½) / width, (j + ½) / height).
     #[inline(always)]
     pub fn ray(&self, x: f64, y: f64) -> CameraRay {
-        let film = DVec2::new(self.window.x * (2.0 * x - 1.0), self.window.y * (1.0 - 2.0 * y));
-        let (start, direction) = match self.projection {
-            Projection::Perspective { .. } => (DVec3::ZERO, DVec3::new(film.x, film.y, -1.0)),
-            Projection::Orthographic { .. } => (DVec3::new(film.x, film.y, 0.0), DVec3::NEG_Z),
-        };
         CameraRay {
-            origin: self.world_from_camera.transform_point3(start),
-            direction: self.world_from_camera.transform_vector3(direction),
-            t_near: self.z_near,
-            t_far: self.z_far,
+            origin: self.origin.at(x, y),
+            direction: self.direction.at(x, y),
+            t_near: self.t_near,
+            t_far: self.t_far,
         }
+    }
+
+    /// Where rays begin, as a parameter along them: the depth of the near plane.
+    pub fn t_near(&self) -> f64 {
+        self.t_near
+    }
+
+    /// Where rays end: the depth of the far plane.
+    pub fn t_far(&self) -> f64 {
+        self.t_far
+    }
+
+    /// Where all rays start, if it is one point.
+    #[inline(always)]
+    pub fn eye(&self) -> Option<DVec3> {
+        (self.origin.across == DVec3::ZERO && self.origin.down == DVec3::ZERO).then_some(self.origin.corner)
     }
 }
 

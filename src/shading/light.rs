@@ -26,10 +26,10 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> Illumination {
             attenuation: [1.0; LANES],
         },
         LightKind::Point { position, range } => {
-            let (wi, distance_squared) = toward(position, p);
+            let (wi, inverse_distance) = toward(position, p);
             Illumination {
                 wi,
-                attenuation: falloff(&distance_squared, range),
+                attenuation: falloff(&inverse_distance, range),
             }
         }
         LightKind::Spot {
@@ -39,8 +39,8 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> Illumination {
             cos_outer,
             range,
         } => {
-            let (wi, distance_squared) = toward(position, p);
-            let mut attenuation = falloff(&distance_squared, range);
+            let (wi, inverse_distance) = toward(position, p);
+            let mut attenuation = falloff(&inverse_distance, range);
             let scale = (cos_inner - cos_outer).max(MIN_CONE_FADE).recip() as f32;
             let direction = direction.as_vec3();
             for l in 0..LANES {
@@ -53,11 +53,11 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> Illumination {
     }
 }
 
-/// Unit vectors from `p` to `position`, and the squared distances.
+/// Unit vectors from `p` to `position`, and the inverse distances.
 #[inline(always)]
 fn toward(position: DVec3, p: &Lanes3<f64>) -> (Lanes3<f32>, Lanes<f32>) {
     let mut wi = [[0.0; LANES]; 3];
-    let mut distance_squared = [0.0; LANES];
+    let mut inverse_distance = [0.0; LANES];
     for l in 0..LANES {
         let d = [
             (position.x - p[0][l]) as f32,
@@ -69,28 +69,33 @@ fn toward(position: DVec3, p: &Lanes3<f64>) -> (Lanes3<f32>, Lanes<f32>) {
         for axis in 0..3 {
             wi[axis][l] = d[axis] * scale;
         }
-        distance_squared[l] = squared;
+        inverse_distance[l] = scale;
     }
-    (wi, distance_squared)
+    (wi, inverse_distance)
 }
 
 /// The inverse square law, faded to nothing at `range` by the extension's window.
 #[inline(always)]
-fn falloff(distance_squared: &Lanes<f32>, range: Option<f64>) -> Lanes<f32> {
+fn falloff(inverse_distance: &Lanes<f32>, range: Option<f64>) -> Lanes<f32> {
     let mut attenuation = [0.0; LANES];
     // A light on the point itself has no direction: it gives nothing rather than infinity.
-    let positive = |x: f32| if x > 0.0 { 1.0 / x } else { 0.0 };
+    let square = |x: f32| if x < f32::INFINITY { x * x } else { 0.0 };
     match range {
         None => {
             for l in 0..LANES {
-                attenuation[l] = positive(distance_squared[l]);
+                attenuation[l] = square(inverse_distance[l]);
             }
         }
         Some(range) => {
-            let inverse = (range * range).recip() as f32;
+            let inverse_square = (range * range).recip() as f32;
             for l in 0..LANES {
-                let ratio = distance_squared[l] * inverse;
-                attenuation[l] = positive(distance_squared[l]) * (1.0 - ratio * ratio).clamp(0.0, 1.0);
+                let nearness = square(inverse_distance[l]);
+                let ratio = inverse_square / nearness;
+                attenuation[l] = if nearness > 0.0 {
+                    nearness * (1.0 - ratio * ratio).clamp(0.0, 1.0)
+                } else {
+                    0.0
+                };
             }
         }
     }

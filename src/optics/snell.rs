@@ -79,6 +79,7 @@ mod tests {
     fn the_lectures_ray_at_60_degrees_goes_on_at_28_444937_degrees() {
         // c2/c1 = 0.55: asin(0.55 sin 60°) = 28.444937144°.
         let refraction = refract(at(-30.0), DVec3::Y, ior_from_speed(1.0), ior_from_speed(0.55)).unwrap();
+        assert_eq!(ior_from_speed(0.5), 2.0);
         assert!((refraction.cos_t.acos().to_degrees() - 28.444937144).abs() < 5e-10);
         assert!((degrees_between(refraction.direction, -DVec3::Y) - 28.444937144).abs() < 5e-10);
     }

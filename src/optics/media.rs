@@ -220,11 +220,11 @@ mod tests {
     }
 
     #[test]
-    fn a_reflected_ray_keeps_its_bodies() {
+    fn a_reflected_ray_keeps_its_bodies_and_one_that_goes_through_adds_one() {
         let stack = around(&[WATER]);
         let crossing = stack.crossing(ICE, Passage::Enter);
-        assert_eq!(stack.current(), Some(WATER));
-        assert_eq!(crossing.through.current(), Some(ICE));
+        assert_eq!(ids(&stack), [1]);
+        assert_eq!(ids(&crossing.through), [2, 1]);
     }
 
     #[test]

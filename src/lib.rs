@@ -11,8 +11,8 @@
 //! 3. [`render::render`] sends waves of packets through it, tile by tile, and sums what comes back.
 //! 4. [`image`] writes the picture.
 //!
-//! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`image`] · [`scene`] · [`shading`] · [`gltf`]
-//! [`accel`] · [`render`] · [`report`] · [`cli`].
+//! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`image`] · [`scene`] · [`shading`] ·
+//! [`gltf`] [`accel`] · [`render`] · [`report`] · [`cli`].
 //!
 //! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one
 //! function of `gltf/map.rs` that maps a file into memory.
@@ -46,6 +46,7 @@ pub mod gltf;
 pub mod image;
 pub mod mesh;
 pub mod numeric;
+pub mod optics;
 pub mod render;
 pub mod report;
 pub mod scene;

@@ -1,0 +1,174 @@
+//! The one computation behind refraction and Fresnel's equations: `eta_t cos_t` without cancellation.
+//!
+//! With p = eta_i cos_i and q = eta_t cos_t, Snell's law reads q² = p² - delta, delta = (eta_i - eta_t)(eta_i + eta_t).
+//! Everything else follows from p, q and delta without a difference of near numbers:
+//! the amplitude (p - q)/(p + q) is delta/(p + q)², the refracted direction is (eta_i d + delta/(p + q) n)/eta_t.
+//! Only p² - delta can cancel, at the critical angle. It is therefore taken in double-double arithmetic (Dekker,
+//! "A floating-point technique for extending the available precision", 1971; Knuth's two-sum), without fused
+//! multiply-add so that all instruction sets give the same bits and lanes vectorise.
+
+use glam::DVec3;
+
+use super::fresnel::Polarised;
+
+/// Splits 53 bits into 26 and 26: 2^27 + 1 (Veltkamp).
+const SPLITTER: f64 = 134_217_729.0;
+
+/// Light that meets the boundary of two dielectrics at a given angle.
+#[derive(Clone, Copy)]
+pub(super) struct Interface {
+    cos_i: f64,
+    eta_i: f64,
+    eta_t: f64,
+    /// (eta_i - eta_t)(eta_i + eta_t).
+    delta: f64,
+    /// eta_i cos_i.
+    p: f64,
+    /// eta_t cos_t, zero for total reflection.
+    q: f64,
+    /// Whether nothing is transmitted: beyond the critical angle, or for light that runs inside the boundary.
+    pub(super) total: bool,
+}
+
+impl Interface {
+    /// `cos_i` is at least 0 (a rounded excess over 1 is cut off), both indices are positive.
+    #[inline(always)]
+    pub(super) fn new(cos_i: f64, eta_i: f64, eta_t: f64) -> Interface {
+        let cos_i = if cos_i > 1.0 { 1.0 } else { cos_i };
+        let p = two_product(eta_i, cos_i);
+        let p_square = product(p, p);
+        let delta = product(two_sum(eta_i, -eta_t), two_sum(eta_i, eta_t));
+        let q_square = (p_square.0 - delta.0) + (p_square.1 - delta.1);
+        // A NaN must not come out as a refracted ray.
+        let total = !(q_square > 0.0);
+        Interface {
+            cos_i,
+            eta_i,
+            eta_t,
+            delta: delta.0 + delta.1,
+            p: p.0,
+            q: if total { 0.0 } else { q_square.sqrt() },
+            total,
+        }
+    }
+
+    /// The cosine of the refracted ray with the normal; 0 for total reflection.
+    #[inline(always)]
+    pub(super) fn cos_t(&self) -> f64 {
+        self.q / self.eta_t
+    }
+
+    /// Reflected over incoming power; 1 for total reflection.
+    #[inline(always)]
+    pub(super) fn reflectance(&self) -> Polarised {
+        let (p, q) = (self.p, self.q);
+        let product_s = self.delta / (p + q) / (p + q);
+        // cos_i cos_t and sin_i sin_t, both times eta_t; their difference vanishes at Brewster's angle.
+        let cosines = self.cos_i * q;
+        let sines = self.eta_i * ((1.0 - self.cos_i) * (1.0 + self.cos_i));
+        let product_p = product_s * ((cosines - sines) / (cosines + sines));
+        let s = amplitude(p, q, product_s);
+        let p = amplitude(self.eta_t * self.cos_i, self.eta_i * self.cos_t(), product_p);
+        Polarised {
+            s: if self.total { 1.0 } else { s * s },
+            p: if self.total { 1.0 } else { p * p },
+        }
+    }
+
+    /// Transmitted over incoming power, not by subtraction; 0 for total reflection.
+    #[inline(always)]
+    pub(super) fn transmittance(&self) -> Polarised {
+        let through = 4.0 * self.p * self.q;
+        let s = self.p + self.q;
+        let p = self.eta_t * self.cos_i + self.eta_i * self.cos_t();
+        Polarised {
+            s: if self.total { 0.0 } else { through / (s * s) },
+            p: if self.total { 0.0 } else { through / (p * p) },
+        }
+    }
+
+    /// Where the unit direction `d` goes on, `n` being the unit normal that faces it; of no meaning if `total`.
+    #[inline(always)]
+    pub(super) fn refract(&self, d: DVec3, n: DVec3) -> DVec3 {
+        (self.eta_i * d + (self.delta / (self.p + self.q)) * n) / self.eta_t
+    }
+}
+
+/// (a - b)/(a + b), which is `product` where the difference would cancel.
+///
+/// Elsewhere the difference itself is better: errors of a and b leave its square and 4ab/(a + b)² adding up to 1.
+#[inline(always)]
+fn amplitude(a: f64, b: f64, product: f64) -> f64 {
+    let difference = a - b;
+    let larger = if a > b { a } else { b };
+    if difference.abs() > 0.5 * larger {
+        difference / (a + b)
+    } else {
+        product
+    }
+}
+
+/// The cosine of the angle between the direction `d` and the normal `n`, and `n` turned so that it faces `d`.
+#[inline(always)]
+pub(super) fn facing(d: DVec3, n: DVec3) -> (f64, DVec3) {
+    let cos = -d.dot(n);
+    (cos.abs(), 1f64.copysign(cos) * n)
+}
+
+/// The unevaluated sum of a rounded number and its rounding error.
+type Double = (f64, f64);
+
+/// a + b without error.
+#[inline(always)]
+fn two_sum(a: f64, b: f64) -> Double {
+    let sum = a + b;
+    let b_part = sum - a;
+    (sum, (a - (sum - b_part)) + (b - b_part))
+}
+
+/// a b without error, unless it over- or underflows.
+#[inline(always)]
+fn two_product(a: f64, b: f64) -> Double {
+    let product = a * b;
+    let (a_high, a_low) = split(a);
+    let (b_high, b_low) = split(b);
+    let error = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low;
+    (product, error)
+}
+
+#[inline(always)]
+fn split(a: f64) -> Double {
+    let scaled = SPLITTER * a;
+    let high = scaled - (scaled - a);
+    (high, a - high)
+}
+
+/// The product of two doubles; relative error a few 2^-106.
+#[inline(always)]
+fn product(a: Double, b: Double) -> Double {
+    let (high, low) = two_product(a.0, b.0);
+    (high, low + (a.0 * b.1 + a.1 * b.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_product_keeps_what_one_rounding_loses() {
+        // (1 + 2^-30)² = 1 + 2^-29 + 2^-60, whose last term does not fit into 53 bits.
+        let a = 1.0 + 2f64.powi(-30);
+        assert_eq!(two_product(a, a), (1.0 + 2f64.powi(-29), 2f64.powi(-60)));
+    }
+
+    #[test]
+    fn a_sum_keeps_what_one_rounding_loses() {
+        assert_eq!(two_sum(1.0, 2f64.powi(-60)), (1.0, 2f64.powi(-60)));
+        assert_eq!(two_sum(2f64.powi(-60), -1.0), (-1.0, 2f64.powi(-60)));
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_never_refracted() {
+        assert!(Interface::new(f64::NAN, 1.0, 1.5).total);
+    }
+}

@@ -1,0 +1,157 @@
+//! Reflection and refraction of sixteen rays at once, without branches.
+//!
+//! The same arithmetic as for one ray, lane by lane, hence the same bits. To be called from functions that are compiled
+//! for several instruction sets, where the loop becomes one over vectors.
+
+use glam::DVec3;
+
+use super::interface::{Interface, facing};
+use super::snell::reflect;
+use crate::numeric::{LANES, Lanes, Lanes3};
+
+/// What becomes of sixteen rays at the boundary of two dielectrics.
+#[derive(Clone, Copy, Debug)]
+pub struct DielectricLanes {
+    /// Mirrored directions of travel.
+    pub reflected: Lanes3<f64>,
+    /// Refracted directions of travel; the mirrored one where `total`, so that every lane holds a direction.
+    pub refracted: Lanes3<f64>,
+    /// Reflected share of unpolarised light.
+    pub reflectance: Lanes<f64>,
+    /// Transmitted share of unpolarised light.
+    pub transmittance: Lanes<f64>,
+    /// Whether nothing is transmitted.
+    pub total: Lanes<bool>,
+}
+
+/// What becomes of rays that travel along `d` and meet surfaces of normal `n`, from index `eta_i` to `eta_t`.
+///
+/// Each lane is as [`reflect`], [`refract`](super::refract) and [`dielectric`](super::dielectric) have it, to the bit.
+#[inline(always)]
+pub fn dielectric_lanes(
+    d: &Lanes3<f64>,
+    n: &Lanes3<f64>,
+    eta_i: &Lanes<f64>,
+    eta_t: &Lanes<f64>,
+) -> DielectricLanes {
+    let mut lanes = DielectricLanes {
+        reflected: [[0.0; LANES]; 3],
+        refracted: [[0.0; LANES]; 3],
+        reflectance: [0.0; LANES],
+        transmittance: [0.0; LANES],
+        total: [false; LANES],
+    };
+    for l in 0..LANES {
+        let (d, n) = (
+            DVec3::new(d[0][l], d[1][l], d[2][l]),
+            DVec3::new(n[0][l], n[1][l], n[2][l]),
+        );
+        let (cos_i, n) = facing(d, n);
+        let interface = Interface::new(cos_i, eta_i[l], eta_t[l]);
+        let reflected = reflect(d, n);
+        let refracted = interface.refract(d, n);
+        for axis in 0..3 {
+            lanes.reflected[axis][l] = reflected[axis];
+            lanes.refracted[axis][l] = if interface.total {
+                reflected[axis]
+            } else {
+                refracted[axis]
+            };
+        }
+        lanes.reflectance[l] = interface.reflectance().mean();
+        lanes.transmittance[l] = interface.transmittance().mean();
+        lanes.total[l] = interface.total;
+    }
+    lanes
+}
+
+#[cfg(test)]
+mod tests {
+    use multiversion::multiversion;
+
+    use super::*;
+    use crate::optics::{dielectric, refract};
+
+    /// A room's kernel in small: the lane form compiled for what the machine has.
+    #[multiversion(targets(
+        "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+        "x86_64+avx2+bmi1+bmi2+fma"
+    ))]
+    fn vectorised(
+        d: &Lanes3<f64>,
+        n: &Lanes3<f64>,
+        eta_i: &Lanes<f64>,
+        eta_t: &Lanes<f64>,
+    ) -> DielectricLanes {
+        dielectric_lanes(d, n, eta_i, eta_t)
+    }
+
+    /// Numbers in [0, 1) from a linear congruential generator (Knuth's MMIX).
+    struct Numbers(u64);
+
+    impl Numbers {
+        fn next(&mut self) -> f64 {
+            self.0 = self
+                .0
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            (self.0 >> 11) as f64 * 0.5f64.powi(53)
+        }
+
+        fn direction(&mut self) -> DVec3 {
+            let v = DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5);
+            v.try_normalize().unwrap_or(DVec3::X)
+        }
+    }
+
+    #[test]
+    fn every_lane_has_the_bits_of_the_single_ray() {
+        let mut numbers = Numbers(1);
+        for packet in 0..2000 {
+            let (mut d, mut n) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+            let (mut eta_i, mut eta_t) = ([0.0; LANES], [0.0; LANES]);
+            for l in 0..LANES {
+                let (direction, normal) = (numbers.direction(), numbers.direction());
+                for axis in 0..3 {
+                    (d[axis][l], n[axis][l]) = (direction[axis], normal[axis]);
+                }
+                (eta_i[l], eta_t[l]) = (1.0 + numbers.next(), 1.0 + numbers.next());
+            }
+            let lanes = vectorised(&d, &n, &eta_i, &eta_t);
+            for l in 0..LANES {
+                let of = |v: &Lanes3<f64>| DVec3::new(v[0][l], v[1][l], v[2][l]);
+                let (d, n) = (of(&d), of(&n));
+                let expected = dielectric(d.dot(n).abs(), eta_i[l], eta_t[l]);
+                let refraction = refract(d, n, eta_i[l], eta_t[l]);
+                assert_eq!(of(&lanes.reflected), reflect(d, n), "packet {packet}");
+                assert_eq!(lanes.total[l], refraction.is_none(), "packet {packet}");
+                let onwards = refraction.map_or(reflect(d, n), |refraction| refraction.direction);
+                assert_eq!(of(&lanes.refracted), onwards, "packet {packet}");
+                assert_eq!(
+                    lanes.reflectance[l],
+                    expected.reflectance.mean(),
+                    "packet {packet}"
+                );
+                assert_eq!(
+                    lanes.transmittance[l],
+                    expected.transmittance.mean(),
+                    "packet {packet}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_lane_that_is_not_a_number_is_never_refracted_and_disturbs_no_other() {
+        let (mut d, n) = (
+            [[0.0; LANES], [-1.0; LANES], [0.0; LANES]],
+            [[0.0; LANES], [1.0; LANES], [0.0; LANES]],
+        );
+        d[1][3] = f64::NAN;
+        let lanes = vectorised(&d, &n, &[1.0; LANES], &[1.5; LANES]);
+        for l in 0..LANES {
+            assert_eq!(lanes.total[l], l == 3);
+            assert!(l == 3 || (lanes.reflectance[l] - 0.04).abs() <= f64::EPSILON);
+        }
+    }
+}

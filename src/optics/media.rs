@@ -1,0 +1,299 @@
+//! Which medium a ray is in where bodies overlap: nested dielectrics by priority.
+//!
+//! Bodies that touch, such as water in a glass, are modelled as overlapping, because coincident surfaces leave it to
+//! rounding which is met first. Every body has a priority, and where several overlap the highest is there alone; an
+//! interface is real only if it changes which body that is (Schmidt and Budge, "Simple Nested Dielectrics in Ray Traced
+//! Images", Journal of Graphics Tools 7(2), 2002). Equal priorities are decided by the lower id.
+//!
+//! A hit at an edge may be reported twice or not at all. So a body is in the list once or not, entering it twice or
+//! leaving it unentered changes nothing, and each such event is counted.
+
+/// Bodies that may overlap at one point of a ray's path.
+pub const MEDIA_CAPACITY: usize = 8;
+
+/// A closed body of some medium. Parts of one body must not overlap each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Body {
+    /// What tells it from other bodies.
+    pub id: u32,
+    /// Where bodies overlap, the highest priority is there alone.
+    pub priority: i32,
+}
+
+impl Body {
+    /// Whether this body is the one that is there where both are.
+    #[inline(always)]
+    fn displaces(self, other: Body) -> bool {
+        (self.priority, other.id) > (other.priority, self.id)
+    }
+}
+
+/// Fills the places of the list that hold no body, so that equal lists are equal.
+const NOBODY: Body = Body { id: 0, priority: 0 };
+
+/// What a ray does to a body's surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Passage {
+    /// It goes in.
+    Enter,
+    /// It comes out.
+    Leave,
+}
+
+/// What a surface means to a ray that goes through it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// The body that is there on the near side; `None` for the surroundings.
+    pub before: Option<Body>,
+    /// The body that is there on the far side; `None` for the surroundings.
+    pub after: Option<Body>,
+    /// The bodies around a ray that goes through; one that is reflected keeps the bodies it had.
+    pub through: MediaStack,
+}
+
+impl Crossing {
+    /// Whether the medium changes. Where it does not, the ray goes on as if there were no surface.
+    #[inline(always)]
+    pub fn is_real(&self) -> bool {
+        self.before.map(|body| body.id) != self.after.map(|body| body.id)
+    }
+}
+
+/// The bodies around a point of a ray's path, the one that is there first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MediaStack {
+    /// In falling order of precedence; only the first `count` count.
+    bodies: [Body; MEDIA_CAPACITY],
+    count: u8,
+    anomalies: u8,
+}
+
+impl Default for MediaStack {
+    fn default() -> MediaStack {
+        MediaStack::EMPTY
+    }
+}
+
+impl MediaStack {
+    /// Outside of all bodies.
+    pub const EMPTY: MediaStack = MediaStack {
+        bodies: [NOBODY; MEDIA_CAPACITY],
+        count: 0,
+        anomalies: 0,
+    };
+
+    /// The body that is there; `None` for the surroundings.
+    #[inline(always)]
+    pub fn current(&self) -> Option<Body> {
+        self.bodies().first().copied()
+    }
+
+    /// All bodies around, the one that is there first.
+    #[inline(always)]
+    pub fn bodies(&self) -> &[Body] {
+        &self.bodies[..usize::from(self.count)]
+    }
+
+    /// Events that cannot be: bodies entered twice, left without being entered, or too many at once. Stays at 255.
+    pub fn anomalies(&self) -> u8 {
+        self.anomalies
+    }
+
+    /// What the surface of `body` means to a ray with these bodies around.
+    #[inline(always)]
+    pub fn crossing(&self, body: Body, passage: Passage) -> Crossing {
+        let mut through = *self;
+        match passage {
+            Passage::Enter => through.enter(body),
+            Passage::Leave => through.leave(body.id),
+        }
+        Crossing {
+            before: self.current(),
+            after: through.current(),
+            through,
+        }
+    }
+
+    /// Adds `body`. Where the list is full, the body of lowest precedence is forgotten.
+    pub fn enter(&mut self, body: Body) {
+        if self.position(body.id).is_some() {
+            return self.count_anomaly();
+        }
+        let count = usize::from(self.count);
+        let place = self
+            .bodies()
+            .iter()
+            .take_while(|other| other.displaces(body))
+            .count();
+        if count == MEDIA_CAPACITY {
+            self.count_anomaly();
+            if place == MEDIA_CAPACITY {
+                return;
+            }
+        } else {
+            self.count += 1;
+        }
+        let last = count.min(MEDIA_CAPACITY - 1);
+        self.bodies.copy_within(place..last, place + 1);
+        self.bodies[place] = body;
+    }
+
+    /// Removes the body `id`.
+    pub fn leave(&mut self, id: u32) {
+        let Some(place) = self.position(id) else {
+            return self.count_anomaly();
+        };
+        self.bodies.copy_within(place + 1..usize::from(self.count), place);
+        self.count -= 1;
+        self.bodies[usize::from(self.count)] = NOBODY;
+    }
+
+    fn position(&self, id: u32) -> Option<usize> {
+        self.bodies().iter().position(|body| body.id == id)
+    }
+
+    fn count_anomaly(&mut self) {
+        self.anomalies = self.anomalies.saturating_add(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WATER: Body = Body { id: 1, priority: 10 };
+    const ICE: Body = Body { id: 2, priority: 20 };
+    const GLASS: Body = Body { id: 3, priority: 30 };
+
+    fn around(bodies: &[Body]) -> MediaStack {
+        let mut stack = MediaStack::EMPTY;
+        bodies.iter().for_each(|body| stack.enter(*body));
+        stack
+    }
+
+    fn ids(stack: &MediaStack) -> Vec<u32> {
+        stack.bodies().iter().map(|body| body.id).collect()
+    }
+
+    /// Crosses surfaces one after the other and says what was real: the ids before and after, 0 for the surroundings.
+    fn walk(surfaces: &[(Body, Passage)]) -> (Vec<(u32, u32)>, MediaStack) {
+        let mut stack = MediaStack::EMPTY;
+        let mut real = Vec::new();
+        let id = |body: Option<Body>| body.map_or(0, |body| body.id);
+        for (body, passage) in surfaces {
+            let crossing = stack.crossing(*body, *passage);
+            if crossing.is_real() {
+                real.push((id(crossing.before), id(crossing.after)));
+            }
+            stack = crossing.through;
+        }
+        (real, stack)
+    }
+
+    #[test]
+    fn a_ray_through_ice_in_water_in_a_glass_sees_each_medium_once() {
+        // The water reaches into the wall of the glass, the ice floats inside the water.
+        let (real, stack) = walk(&[
+            (GLASS, Passage::Enter),
+            (WATER, Passage::Enter),
+            (GLASS, Passage::Leave),
+            (ICE, Passage::Enter),
+            (ICE, Passage::Leave),
+            (GLASS, Passage::Enter),
+            (WATER, Passage::Leave),
+            (GLASS, Passage::Leave),
+        ]);
+        assert_eq!(real, [(0, 3), (3, 1), (1, 2), (2, 1), (1, 3), (3, 0)]);
+        assert_eq!(stack, MediaStack::EMPTY);
+    }
+
+    #[test]
+    fn ice_that_rises_above_the_water_leaves_into_air() {
+        let (real, stack) = walk(&[
+            (WATER, Passage::Enter),
+            (ICE, Passage::Enter),
+            (WATER, Passage::Leave),
+            (ICE, Passage::Leave),
+        ]);
+        assert_eq!(real, [(0, 1), (1, 2), (2, 0)]);
+        assert_eq!(stack, MediaStack::EMPTY);
+    }
+
+    #[test]
+    fn a_reflected_ray_keeps_its_bodies_and_one_that_goes_through_adds_one() {
+        let stack = around(&[WATER]);
+        let crossing = stack.crossing(ICE, Passage::Enter);
+        assert_eq!(ids(&stack), [1]);
+        assert_eq!(ids(&crossing.through), [2, 1]);
+    }
+
+    #[test]
+    fn a_camera_inside_starts_with_the_bodies_around_it() {
+        let stack = around(&[WATER, ICE]);
+        let crossing = stack.crossing(ICE, Passage::Leave);
+        assert!(crossing.is_real());
+        assert_eq!((crossing.before, crossing.after), (Some(ICE), Some(WATER)));
+        // Had it been taken to be outside, the first surface would only have been counted.
+        let crossing = MediaStack::EMPTY.crossing(ICE, Passage::Leave);
+        assert!(!crossing.is_real());
+        assert_eq!(crossing.through.anomalies(), 1);
+    }
+
+    #[test]
+    fn of_bodies_of_equal_priority_the_lower_id_is_there_whatever_the_order() {
+        let (a, b) = (Body { id: 7, priority: 5 }, Body { id: 9, priority: 5 });
+        assert_eq!(around(&[a, b]).current(), Some(a));
+        assert_eq!(around(&[b, a]).current(), Some(a));
+    }
+
+    #[test]
+    fn the_order_of_entering_does_not_matter() {
+        let expected = around(&[WATER, ICE, GLASS]);
+        for order in [
+            [WATER, GLASS, ICE],
+            [ICE, WATER, GLASS],
+            [ICE, GLASS, WATER],
+            [GLASS, WATER, ICE],
+            [GLASS, ICE, WATER],
+        ] {
+            assert_eq!(around(&order), expected);
+        }
+        assert_eq!(ids(&expected), [3, 2, 1]);
+    }
+
+    #[test]
+    fn a_surface_reported_twice_changes_nothing_but_the_count() {
+        let (real, stack) = walk(&[
+            (WATER, Passage::Enter),
+            (WATER, Passage::Enter),
+            (WATER, Passage::Leave),
+            (WATER, Passage::Leave),
+        ]);
+        assert_eq!(real, [(0, 1), (1, 0)]);
+        assert_eq!((stack.current(), stack.anomalies()), (None, 2));
+    }
+
+    #[test]
+    fn where_too_many_overlap_the_lowest_is_forgotten() {
+        let bodies: Vec<Body> = (0..9)
+            .map(|id| Body {
+                id,
+                priority: id as i32,
+            })
+            .collect();
+        let stack = around(&bodies);
+        assert_eq!(ids(&stack), [8, 7, 6, 5, 4, 3, 2, 1]);
+        assert_eq!(stack.anomalies(), 1);
+        let mut stack = around(&bodies[1..]);
+        stack.enter(bodies[0]);
+        assert_eq!(ids(&stack), [8, 7, 6, 5, 4, 3, 2, 1]);
+        assert_eq!(stack.anomalies(), 1);
+    }
+
+    #[test]
+    fn anomalies_do_not_overflow() {
+        let mut stack = MediaStack::EMPTY;
+        (0..300).for_each(|_| stack.leave(1));
+        assert_eq!(stack.anomalies(), 255);
+    }
+}

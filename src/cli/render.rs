@@ -11,7 +11,7 @@ use crate::report::memory;
 use crate::report::stats::{
     AccelStats, ImageStats, PhaseSeconds, RayCounts, RenderStats, SceneStats, effect_stats,
 };
-use crate::scene::{Camera, Scene};
+use crate::scene::{Background, Camera, Scene};
 
 use super::args::RenderArgs;
 use super::failure::Failure;
@@ -109,6 +109,7 @@ fn load(job: &RenderJob, target: &Target) -> Result<Scene, Failure> {
     let mut scene = gltf::load(&target.scene, &LoadOptions::default())?;
     if let Some(ambient) = job.ambient {
         scene.ambient = ambient;
+        scene.background = Background::Uniform(ambient);
     }
     interrupt::check()?;
     Ok(scene)

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::buffer::Bytes;
 use super::document::Document;
 use super::{GltfError, LoadOptions};
-use crate::scene::Image;
+use crate::scene::{Image, Texels};
 
 impl Document {
     /// Decodes the images with these numbers.
@@ -54,9 +54,11 @@ impl Document {
             name: self.image_name(number),
             width,
             height,
-            texels: bytemuck::allocation::try_cast_vec(texels.into_raw()).unwrap_or_else(|(_, bytes)| {
-                bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect()
-            }),
+            texels: Texels::Bytes(
+                bytemuck::allocation::try_cast_vec(texels.into_raw()).unwrap_or_else(|(_, bytes)| {
+                    bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect()
+                }),
+            ),
         })
     }
 

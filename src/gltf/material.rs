@@ -9,7 +9,10 @@ use json::validation::Checked;
 
 use super::GltfError;
 use super::document::{Document, NO_IMAGE};
-use crate::scene::{Filter, Material, Sampler, Texture, TextureUse, Wrap};
+use crate::scene::{
+    Filter, Layer, Material, MetallicRoughness, Model, Parameter, Sampler, Texture, TextureUse, UvTransform,
+    Wrap,
+};
 
 /// Collects the materials, textures and images that the scene's meshes use, in the order of their first use.
 pub(super) struct Materials<'a> {
@@ -79,15 +82,22 @@ impl<'a> Materials<'a> {
             ));
         }
         let pbr = &source.pbr_metallic_roughness;
-        let mut texture = |info: &Option<json::texture::Info>| -> Result<Option<TextureUse>, GltfError> {
-            match info {
-                Some(info) if !lacks.contains(&info.tex_coord) => self.texture_use(info),
-                _ => Ok(None),
+        let textures = [
+            (Parameter::BaseColor, &pbr.base_color_texture),
+            (Parameter::MetallicRoughness, &pbr.metallic_roughness_texture),
+            (Parameter::Emission, &source.emissive_texture),
+        ];
+        let mut layers = Vec::new();
+        for (parameter, info) in textures {
+            let info = info.as_ref().filter(|info| !lacks.contains(&info.tex_coord));
+            if let Some(texture) = info.map_or(Ok(None), |info| self.texture_use(info))? {
+                layers.push(Layer {
+                    parameter,
+                    texture,
+                    strength: 1.0,
+                });
             }
-        };
-        let base_color_texture = texture(&pbr.base_color_texture)?;
-        let metallic_roughness_texture = texture(&pbr.metallic_roughness_texture)?;
-        let emission_texture = texture(&source.emissive_texture)?;
+        }
         let mut is_corrected = false;
         let mut corrected = |x: f32, most: f32| {
             let y = if x.is_nan() { 0.0 } else { x.clamp(0.0, most) };
@@ -96,17 +106,19 @@ impl<'a> Materials<'a> {
         };
         let strength = emissive_strength(source);
         let material = Material {
+            model: Model::MetallicRoughness(MetallicRoughness {
+                metallic: corrected(pbr.metallic_factor.0, 1.0),
+                roughness: corrected(pbr.roughness_factor.0, 1.0),
+                ..MetallicRoughness::DEFAULT
+            }),
             base_color: pbr.base_color_factor.0.map(|x| corrected(x, 1.0)),
-            base_color_texture,
-            metallic: corrected(pbr.metallic_factor.0, 1.0),
-            roughness: corrected(pbr.roughness_factor.0, 1.0),
-            metallic_roughness_texture,
             emission: source
                 .emissive_factor
                 .0
                 .map(|x| corrected(x * strength, f32::MAX)),
-            emission_texture,
+            layers,
             name,
+            ..Material::default()
         };
         if is_corrected {
             let name = &material.name;
@@ -140,7 +152,7 @@ impl<'a> Materials<'a> {
                 let sampler = self.document.sampler(source.sampler.map(|s| s.value()))?;
                 let image = self.image_index(image);
                 let index = self.textures.len() as u32;
-                self.textures.push(Texture { image, sampler });
+                self.textures.push(Texture::Image { image, sampler });
                 self.texture_index.insert(number, index);
                 index
             }
@@ -148,6 +160,7 @@ impl<'a> Materials<'a> {
         Ok(Some(TextureUse {
             texture,
             tex_coord: info.tex_coord,
+            transform: UvTransform::IDENTITY,
         }))
     }
 

@@ -33,7 +33,7 @@ use rayon::prelude::*;
 pub use error::GltfError;
 
 use crate::numeric::Bounds;
-use crate::scene::{Geometry, Instance, Normalisation, Scene};
+use crate::scene::{Background, Geometry, Instance, Normalisation, Scene};
 use document::Document;
 use material::Materials;
 use node::PlacedNode;
@@ -249,6 +249,7 @@ impl Document {
         if scene.lights.is_empty() {
             scene.lights.push(view::default_light(&scene.cameras[0]));
             scene.ambient = view::DEFAULT_AMBIENT;
+            scene.background = Background::Uniform(view::DEFAULT_AMBIENT);
         }
         shorten(&mut scene.warnings);
         match scene.validate_structure(&bounds) {

@@ -11,7 +11,7 @@ use super::GltfError;
 use super::document::Document;
 use super::node::PlacedNode;
 use crate::numeric::Bounds;
-use crate::scene::{Camera, Light, LightKind, Projection};
+use crate::scene::{Camera, Falloff, Light, LightKind, Projection};
 
 /// Radiance of the surroundings where the default light is used.
 pub(super) const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
@@ -172,11 +172,12 @@ fn shine(source: &khr_lights_punctual::Light, world_from_node: &DAffine3) -> Opt
         .range
         .map(f64::from)
         .filter(|&r| r > 0.0 && r < f64::INFINITY);
+    let falloff = Falloff::InverseSquare { range };
     match source.type_ {
         Checked::Valid(khr_lights_punctual::Type::Directional) => Some(LightKind::Directional {
             to_light: -forward()?,
         }),
-        Checked::Valid(khr_lights_punctual::Type::Point) => Some(LightKind::Point { position, range }),
+        Checked::Valid(khr_lights_punctual::Type::Point) => Some(LightKind::Point { position, falloff }),
         Checked::Valid(khr_lights_punctual::Type::Spot) => {
             let cone = source.spot.as_ref();
             let inner = cone.map_or(0.0, |c| f64::from(c.inner_cone_angle));
@@ -190,7 +191,7 @@ fn shine(source: &khr_lights_punctual::Light, world_from_node: &DAffine3) -> Opt
                 direction: forward()?,
                 cos_inner,
                 cos_outer,
-                range,
+                falloff,
             })
         }
         Checked::Invalid => None,

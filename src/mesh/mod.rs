@@ -21,6 +21,9 @@ pub struct Mesh {
     pub triangles: Slab<[u32; 3]>,
     /// Unit shading normals per vertex; without them the mesh is flat-shaded.
     pub normals: Option<Slab<[f32; 3]>>,
+    /// Unit tangents per vertex, along which the first coordinate of the normal map's texture grows; the fourth number is
+    /// the handedness, 1 or -1.
+    pub tangents: Option<Slab<[f32; 4]>>,
     /// Texture coordinates per vertex, one array a set (`TEXCOORD_0`, ...).
     pub tex_coords: Vec<Slab<[f32; 2]>>,
     /// Linear RGBA per vertex that multiplies the base colour.
@@ -69,6 +72,7 @@ impl Mesh {
             + of(self.triangles.len(), 3)
             + self.normals.as_ref().map_or(0, |n| of(n.len(), 3))
             + self.tex_coords.iter().map(|t| of(t.len(), 2)).sum::<usize>()
+            + self.tangents.as_ref().map_or(0, |t| of(t.len(), 4))
             + self.colors.as_ref().map_or(0, |c| of(c.len(), 4))
     }
 }

@@ -23,8 +23,7 @@ pub use record::{RecordedRays, record};
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::numeric::Lanes;
-use crate::scene::{Camera, CameraView, Scene};
-use crate::shading::MIRROR_ROUGHNESS;
+use crate::scene::{Camera, CameraView, Material, Scene};
 use sampler::{PacketShape, SampleGroup};
 use surface::SurfaceScene;
 use wave::Wave;
@@ -159,10 +158,7 @@ impl<'s> Frame<'s> {
             groups: shape.groups(settings.spp),
             ambient: scene.ambient,
             glows: ambient_light || used().any(|material| material.emission != [0.0; 3]),
-            mirrors: used().any(|material| {
-                // A texture multiplies the factor, so it can only make a surface smoother.
-                material.roughness <= MIRROR_ROUGHNESS || material.metallic_roughness_texture.is_some()
-            }),
+            mirrors: used().any(Material::may_mirror),
         }
     }
 }

@@ -12,8 +12,8 @@ use crate::numeric::{
     LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_bound,
     triangle_spawn_error,
 };
-use crate::scene::{Geometry, Material, Scene, TextureUse};
-use crate::shading::{Encoding, MaterialPacket, sample};
+use crate::scene::{Geometry, Material, Parameter, Scene, Texture};
+use crate::shading::{MaterialPacket, sample};
 use crate::shape::Sphere;
 
 /// The scene, seen from its hits: one entry an instance.
@@ -242,37 +242,32 @@ impl<'s> SurfaceScene<'s> {
     /// Multiplies textures and vertex colours into lane `l`.
     #[cold]
     fn vary(&self, view: &InstanceView, packet: &RayPacket, l: usize, materials: &mut MaterialPacket) {
-        let material = view.material;
-        let look_up = |texture: TextureUse, encoding| {
-            let coordinates = view.tex_coord(texture.tex_coord, packet, l);
-            let texture = self.scene.textures[texture.texture as usize];
-            sample(
-                &self.scene.images[texture.image as usize],
-                texture.sampler,
+        for layer in &view.material.layers {
+            let encoding = layer.parameter.encoding();
+            let coordinates = view.tex_coord(layer.texture.tex_coord, packet, l);
+            let Texture::Image { image, sampler } = self.scene.textures[layer.texture.texture as usize]
+            else {
+                continue;
+            };
+            let texel = sample(
+                &self.scene.images[image as usize],
+                sampler,
                 encoding,
-                coordinates,
-            )
-        };
-        if let Some(texture) = material.base_color_texture {
-            let texel = look_up(texture, Encoding::Srgb);
-            for channel in 0..3 {
-                materials.base_color[channel][l] *= texel[channel];
+                layer.texture.transform.apply(coordinates),
+            );
+            match layer.parameter {
+                Parameter::BaseColor => (0..3).for_each(|c| materials.base_color[c][l] *= texel[c]),
+                Parameter::Emission => (0..3).for_each(|c| materials.emission[c][l] *= texel[c]),
+                Parameter::MetallicRoughness => {
+                    materials.roughness[l] *= texel[1];
+                    materials.metallic[l] *= texel[2];
+                }
+                _ => {}
             }
         }
         if let Some(color) = view.vertex_color(packet, l) {
             for channel in 0..3 {
                 materials.base_color[channel][l] *= color[channel];
-            }
-        }
-        if let Some(texture) = material.metallic_roughness_texture {
-            let [_, roughness, metallic, _] = look_up(texture, Encoding::Linear);
-            materials.roughness[l] *= roughness;
-            materials.metallic[l] *= metallic;
-        }
-        if let Some(texture) = material.emission_texture {
-            let texel = look_up(texture, Encoding::Srgb);
-            for channel in 0..3 {
-                materials.emission[channel][l] *= texel[channel];
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Why each kind of secondary ray is traced or not, as the scene tells it.
 
-use crate::scene::{Material, Scene};
-use crate::shading::MIRROR_ROUGHNESS;
+use crate::scene::MIRROR_ROUGHNESS;
+use crate::scene::{Model, Scene};
 
 /// Why shadow rays are asked, or why none are.
 pub fn shadow_reason(scene: &Scene) -> String {
@@ -14,14 +14,18 @@ pub fn shadow_reason(scene: &Scene) -> String {
 
 /// Why reflected rays are followed, or why none are.
 pub fn reflection_reason(scene: &Scene) -> String {
-    let mut mirrors = scene.materials.iter().filter(|material| may_mirror(material));
+    let mut mirrors = scene.materials.iter().filter(|material| material.may_mirror());
     let Some(first) = mirrors.next() else {
         return format!("no material has a roughness of {MIRROR_ROUGHNESS} or less");
     };
-    let reason = if first.roughness <= MIRROR_ROUGHNESS {
-        format!("material `{}` has roughness {}", first.name, first.roughness)
-    } else {
-        format!("material `{}` has a roughness texture", first.name)
+    let reason = match first.model {
+        Model::MetallicRoughness(model) if model.roughness <= MIRROR_ROUGHNESS => {
+            format!("material `{}` has roughness {}", first.name, model.roughness)
+        }
+        Model::Lecture(lecture) if lecture.reflection != [0.0; 3] => {
+            format!("material `{}` reflects", first.name)
+        }
+        _ => format!("material `{}` has a roughness texture", first.name),
     };
     match mirrors.count() {
         0 => reason,
@@ -29,14 +33,10 @@ pub fn reflection_reason(scene: &Scene) -> String {
     }
 }
 
-/// As the renderer decides; a texture multiplies the factor, so it can only make a surface smoother.
-fn may_mirror(material: &Material) -> bool {
-    material.roughness <= MIRROR_ROUGHNESS || material.metallic_roughness_texture.is_some()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Material;
 
     #[test]
     fn reasons_name_the_lights_and_mirrors_of_the_scene() {
@@ -48,8 +48,7 @@ mod tests {
         );
         let smooth = |name: &str, roughness| Material {
             name: name.into(),
-            roughness,
-            ..Material::default()
+            ..Material::metallic_roughness([1.0; 3], 1.0, roughness)
         };
         scene.materials = vec![Material::default(), smooth("chrome", 0.05)];
         assert_eq!(reflection_reason(&scene), "material `chrome` has roughness 0.05");

@@ -69,9 +69,9 @@ pub struct LightInfo {
 pub struct CameraInfo {
     /// As in the file, or made up.
     pub name: String,
-    /// `perspective` or `orthographic`.
+    /// `perspective`, `window` or `orthographic`.
     pub kind: &'static str,
-    /// Full vertical field of view in degrees, of a perspective camera.
+    /// Full vertical field of view in degrees, of a camera that has one.
     pub y_fov_degrees: Option<f64>,
 }
 
@@ -168,6 +168,11 @@ fn cameras(scene: &Scene) -> Vec<CameraInfo> {
         .map(|camera| {
             let (kind, y_fov_degrees) = match camera.projection {
                 Projection::Perspective { y_fov, .. } => ("perspective", Some(y_fov.to_degrees())),
+                Projection::Window {
+                    half_height,
+                    distance,
+                    ..
+                } => ("window", Some(2.0 * (half_height / distance).atan().to_degrees())),
                 Projection::Orthographic { .. } => ("orthographic", None),
             };
             CameraInfo {
@@ -273,7 +278,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::scene::{Instance, Light, Material, Normalisation};
+    use crate::scene::{Falloff, Instance, Light, Material, Normalisation};
     use crate::shape::Sphere;
 
     fn scene() -> Scene {
@@ -308,7 +313,7 @@ mod tests {
         let mut scene = scene();
         scene.lights[0].kind = LightKind::Point {
             position: DVec3::ZERO,
-            range: None,
+            falloff: Falloff::PHYSICAL,
         };
         // Halving all lengths takes a quarter of the intensity to keep the picture.
         assert_eq!(

@@ -74,11 +74,7 @@ pub fn mesh_bytes(scene: &Scene) -> u64 {
 
 /// Bytes of all decoded images.
 pub fn image_bytes(scene: &Scene) -> u64 {
-    scene
-        .images
-        .iter()
-        .map(|image| size_of_val(&image.texels[..]) as u64)
-        .sum()
+    scene.images.iter().map(|image| image.texels.byte_count()).sum()
 }
 
 /// A number of bytes for a person, such as `12.3 MB`.

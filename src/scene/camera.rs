@@ -27,6 +27,16 @@ pub enum Projection {
         /// Width over height; `None` takes the image's.
         aspect: Option<f64>,
     },
+    /// All rays start at one point and go through a window, whatever the shape of its pixels: the lecture's
+    /// `P(x, y) = E + w(2x/c - 1) i + h(2y/r - 1) j - n k`, with t = 1 on the near plane.
+    Window {
+        /// Half the width of the window, w.
+        half_width: f64,
+        /// Half the height of the window, h.
+        half_height: f64,
+        /// Distance of the window, n; positive.
+        distance: f64,
+    },
     /// All rays are parallel.
     Orthographic {
         /// Half the height of the window.
@@ -41,7 +51,8 @@ pub enum Projection {
 pub struct CameraRay {
     /// Start, in world space.
     pub origin: DVec3,
-    /// Direction, in world space: `t` measures the depth along the view axis, so a perspective's is longer than 1.
+    /// Direction, in world space: `t` measures the depth along the view axis, in window distances, so a perspective's
+    /// is longer than that.
     pub direction: DVec3,
     /// Where the near plane is met.
     pub t_near: f64,
@@ -84,11 +95,16 @@ impl Camera {
     /// camera states an aspect of its own (glTF 2.0, 3.10.3, asks for cropping or extending, not for stretching).
     pub fn view(&self, width: u32, height: u32) -> CameraView {
         let aspect = f64::from(width) / f64::from(height);
-        let half_height = match self.projection {
-            Projection::Perspective { y_fov, .. } => (0.5 * y_fov).tan(),
-            Projection::Orthographic { y_mag, .. } => y_mag,
+        let square = |half_height: f64| DVec2::new(half_height * aspect, half_height);
+        let (window, distance) = match self.projection {
+            Projection::Perspective { y_fov, .. } => (square((0.5 * y_fov).tan()), 1.0),
+            Projection::Window {
+                half_width,
+                half_height,
+                distance,
+            } => (DVec2::new(half_width, half_height), distance),
+            Projection::Orthographic { y_mag, .. } => (square(y_mag), 1.0),
         };
-        let window = DVec2::new(half_height * aspect, half_height);
         let axes = self.world_from_camera.matrix3;
         let eye = self.world_from_camera.translation;
         let on_window = FilmMap {
@@ -106,14 +122,16 @@ impl Camera {
             ..map
         };
         let (origin, direction) = match self.projection {
-            Projection::Perspective { .. } => (constant(eye), moved(on_window, -axes.z_axis)),
+            Projection::Perspective { .. } | Projection::Window { .. } => {
+                (constant(eye), moved(on_window, -axes.z_axis * distance))
+            }
             Projection::Orthographic { .. } => (moved(on_window, eye), constant(-axes.z_axis)),
         };
         CameraView {
             origin,
             direction,
-            t_near: self.z_near,
-            t_far: self.z_far,
+            t_near: self.z_near / distance,
+            t_far: self.z_far / distance,
         }
     }
 }

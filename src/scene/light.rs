@@ -1,4 +1,4 @@
-//! Punctual lights, as `KHR_lights_punctual` defines them.
+//! Lights without extent, as the lecture and `KHR_lights_punctual` have them.
 
 use glam::DVec3;
 
@@ -21,12 +21,12 @@ pub enum LightKind {
         /// Unit vector from surfaces to the light.
         to_light: DVec3,
     },
-    /// Light from a point, falling with the square of the distance.
+    /// Light from a point.
     Point {
         /// Where it stands.
         position: DVec3,
-        /// Distance at which it fades to nothing, if it does.
-        range: Option<f64>,
+        /// How it weakens with the distance.
+        falloff: Falloff,
     },
     /// Light from a point into a cone.
     Spot {
@@ -38,7 +38,37 @@ pub enum LightKind {
         cos_inner: f64,
         /// Cosine of the angle outside which it is dark; less than `cos_inner`.
         cos_outer: f64,
-        /// Distance at which it fades to nothing, if it does.
+        /// How it weakens with the distance.
+        falloff: Falloff,
+    },
+}
+
+/// How a light weakens with the distance d.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Falloff {
+    /// By 1 / d², as light does; faded to nothing at a range, if there is one (`KHR_lights_punctual`).
+    InverseSquare {
+        /// Distance at which nothing is left.
         range: Option<f64>,
     },
+    /// By 1 / (constant + linear d + quadratic d²), the lecture's option; (1, 0, 0) is none.
+    Polynomial {
+        /// At no distance.
+        constant: f64,
+        /// Per metre.
+        linear: f64,
+        /// Per square metre.
+        quadratic: f64,
+    },
+}
+
+impl Falloff {
+    /// Physical, without a range.
+    pub const PHYSICAL: Falloff = Falloff::InverseSquare { range: None };
+    /// None: as strong far away as near.
+    pub const NONE: Falloff = Falloff::Polynomial {
+        constant: 1.0,
+        linear: 0.0,
+        quadratic: 0.0,
+    };
 }

@@ -1,24 +1,123 @@
-//! Materials and textures: glTF's metallic-roughness parameters, as they were read.
+//! Materials: what surfaces are made of, by one of two lighting models, and what is inside them.
+//!
+//! A parameter is a factor times whatever textures are layered on it.
 
-/// A surface description. Texture values multiply the factors.
-#[derive(Clone, Debug)]
+use super::Layer;
+use super::texture::Parameter;
+use crate::optics::{Absorption, Dispersion};
+
+/// A surface description.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// What messages call it.
     pub name: String,
-    /// Linear RGBA.
+    /// How it answers light.
+    pub model: Model,
+    /// Linear RGBA: the colour of the diffuse and ambient light of either model, of a metal, and of what is let
+    /// through; and the coverage.
     pub base_color: [f32; 4],
-    /// sRGB-encoded RGBA image for the base colour.
-    pub base_color_texture: Option<TextureUse>,
+    /// Emitted radiance, linear RGB.
+    pub emission: [f32; 3],
+    /// What the coverage means.
+    pub alpha: AlphaMode,
+    /// What textures do to the parameters; each parameter at most once.
+    pub layers: Vec<Layer>,
+    /// What light meets that enters, where any enters.
+    pub interior: Option<Interior>,
+}
+
+/// A lighting model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Model {
+    /// glTF's metallic-roughness model.
+    MetallicRoughness(MetallicRoughness),
+    /// The lecture's: `I = Ia ra + sum of Il (rd (s.m) + rsp (r.v)^f) + kr I(reflected) + kt I(transmitted)`.
+    Lecture(Lecture),
+    /// The base colour, whatever the light (`KHR_materials_unlit`).
+    Unlit,
+}
+
+/// glTF 2.0, 3.9.2, with `KHR_materials_specular` and `KHR_materials_transmission`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MetallicRoughness {
     /// 0 dielectric, 1 metal.
     pub metallic: f32,
     /// Perceptual roughness, 0 a mirror, 1 chalk.
     pub roughness: f32,
-    /// Linear image: roughness in G, metalness in B.
-    pub metallic_roughness_texture: Option<TextureUse>,
-    /// Emitted radiance, linear RGB.
-    pub emission: [f32; 3],
-    /// sRGB-encoded image for the emission.
-    pub emission_texture: Option<TextureUse>,
+    /// Strength of a dielectric's reflection, 0 to 1.
+    pub specular: f32,
+    /// Its colour at normal incidence, linear RGB.
+    pub specular_color: [f32; 3],
+    /// How much of what is not reflected goes through rather than being scattered, 0 to 1.
+    pub transmission: f32,
+}
+
+impl MetallicRoughness {
+    /// glTF's defaults: metallic 1, roughness 1.
+    pub const DEFAULT: MetallicRoughness = MetallicRoughness {
+        metallic: 1.0,
+        roughness: 1.0,
+        specular: 1.0,
+        specular_color: [1.0; 3],
+        transmission: 0.0,
+    };
+}
+
+/// The lecture's reflection coefficients. The base colour multiplies `ambient` and `diffuse`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lecture {
+    /// ra, linear RGB.
+    pub ambient: [f32; 3],
+    /// rd, linear RGB.
+    pub diffuse: [f32; 3],
+    /// rsp, linear RGB.
+    pub specular: [f32; 3],
+    /// f, the exponent of the highlight; at least 0.
+    pub exponent: f32,
+    /// kr, the share of the reflected ray, linear RGB.
+    pub reflection: [f32; 3],
+    /// kt, the share of the transmitted ray, linear RGB.
+    pub transmission: [f32; 3],
+    /// Whether Fresnel's equations divide the light between the two rays, on top of kr and kt.
+    pub fresnel: bool,
+}
+
+impl Lecture {
+    /// A chalky surface: ambient and diffuse 1, nothing else.
+    pub const DEFAULT: Lecture = Lecture {
+        ambient: [1.0; 3],
+        diffuse: [1.0; 3],
+        specular: [0.0; 3],
+        exponent: 1.0,
+        reflection: [0.0; 3],
+        transmission: [0.0; 3],
+        fresnel: false,
+    };
+}
+
+/// What the fourth channel of the base colour means (glTF 2.0, 3.9.4).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum AlphaMode {
+    /// Nothing.
+    #[default]
+    Opaque,
+    /// The surface is there where the coverage is at least this.
+    Mask(f32),
+    /// The surface covers that part of what is behind it.
+    Blend,
+}
+
+/// What is inside a surface, for light that goes through it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interior {
+    /// Index of refraction.
+    pub ior: Dispersion,
+    /// What a metre of it swallows.
+    pub absorption: Absorption,
+    /// Where bodies overlap, the one of the highest priority is there (Schmidt and Budge, 2002).
+    pub priority: i32,
+    /// Whether the surface is a wall without an inside: light passes straight on.
+    pub is_thin: bool,
 }
 
 impl Default for Material {
@@ -26,84 +125,71 @@ impl Default for Material {
     fn default() -> Material {
         Material {
             name: "default".into(),
+            model: Model::MetallicRoughness(MetallicRoughness::DEFAULT),
             base_color: [1.0; 4],
-            base_color_texture: None,
-            metallic: 1.0,
-            roughness: 1.0,
-            metallic_roughness_texture: None,
             emission: [0.0; 3],
-            emission_texture: None,
+            alpha: AlphaMode::Opaque,
+            layers: Vec::new(),
+            interior: None,
         }
     }
 }
 
+/// Surfaces up to this perceptual roughness reflect an image: their lobe's width (alpha = 0.01, about half a degree)
+/// is that of a few pixels. Rougher ones would need many rays for one reflection.
+pub const MIRROR_ROUGHNESS: f32 = 0.1;
+
+/// Index of refraction where a material states none: glTF's, that of window glass.
+pub const DEFAULT_IOR: f64 = 1.5;
+
 impl Material {
+    /// A material of the metallic-roughness model without textures.
+    pub fn metallic_roughness(base_color: [f32; 3], metallic: f32, roughness: f32) -> Material {
+        Material {
+            model: Model::MetallicRoughness(MetallicRoughness {
+                metallic,
+                roughness,
+                ..MetallicRoughness::DEFAULT
+            }),
+            base_color: [base_color[0], base_color[1], base_color[2], 1.0],
+            ..Material::default()
+        }
+    }
+
     /// Whether it differs from point to point.
     pub fn is_textured(&self) -> bool {
-        self.base_color_texture.is_some()
-            || self.metallic_roughness_texture.is_some()
-            || self.emission_texture.is_some()
+        !self.layers.is_empty()
     }
-}
 
-/// A texture on a parameter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TextureUse {
-    /// Index into [`crate::scene::Scene::textures`].
-    pub texture: u32,
-    /// Which set of texture coordinates of the mesh.
-    pub tex_coord: u32,
-}
+    /// The texture on a parameter, if there is one.
+    pub fn layer(&self, parameter: Parameter) -> Option<&Layer> {
+        self.layers.iter().find(|layer| layer.parameter == parameter)
+    }
 
-/// An image and how it is looked up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Texture {
-    /// Index into [`crate::scene::Scene::images`].
-    pub image: u32,
-    /// Wrapping and filtering.
-    pub sampler: Sampler,
-}
+    /// Whether light may pass through the surface itself. Coverage is another matter.
+    pub fn transmits(&self) -> bool {
+        match &self.model {
+            Model::MetallicRoughness(model) => model.transmission > 0.0,
+            Model::Lecture(lecture) => lecture.transmission != [0.0; 3],
+            Model::Unlit => false,
+        }
+    }
 
-/// Wrapping and filtering of a texture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sampler {
-    /// Along u.
-    pub wrap_u: Wrap,
-    /// Along v.
-    pub wrap_v: Wrap,
-    /// Between texels.
-    pub filter: Filter,
-}
+    /// Whether it may reflect an image. A texture multiplies the factor, so it can only make a surface smoother.
+    pub fn may_mirror(&self) -> bool {
+        match &self.model {
+            Model::MetallicRoughness(model) => {
+                let smoother = [Parameter::MetallicRoughness, Parameter::Roughness];
+                model.roughness <= MIRROR_ROUGHNESS || smoother.into_iter().any(|p| self.layer(p).is_some())
+            }
+            Model::Lecture(lecture) => lecture.reflection != [0.0; 3],
+            Model::Unlit => false,
+        }
+    }
 
-/// What lies outside [0, 1].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wrap {
-    /// The image again.
-    Repeat,
-    /// The image mirrored.
-    MirroredRepeat,
-    /// The edge texel.
-    ClampToEdge,
-}
-
-/// What lies between texels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Filter {
-    /// The nearest texel.
-    Nearest,
-    /// The bilinear mix of four.
-    Linear,
-}
-
-/// A decoded image, top row first.
-#[derive(Clone, Debug)]
-pub struct Image {
-    /// What messages call it: its path or its number in the file.
-    pub name: String,
-    /// Pixels a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// RGBA, 8 bits each, as stored.
-    pub texels: Vec<[u8; 4]>,
+    /// Index of refraction at `wavelength` nanometres.
+    pub fn ior(&self, wavelength: f64) -> f64 {
+        self.interior
+            .map_or(DEFAULT_IOR, |inside| inside.ior.ior(wavelength))
+    }
 }

@@ -6,14 +6,21 @@ mod light;
 mod material;
 mod normalise;
 pub(crate) mod survey;
+mod texture;
 mod validate;
 
 use glam::DAffine3;
 
 pub use camera::{Camera, CameraView, Projection};
-pub use light::{Light, LightKind};
-pub use material::{Filter, Image, Material, Sampler, Texture, TextureUse, Wrap};
+pub use light::{Falloff, Light, LightKind};
+pub use material::{
+    AlphaMode, DEFAULT_IOR, Interior, Lecture, MIRROR_ROUGHNESS, Material, MetallicRoughness, Model,
+};
 pub use normalise::Normalisation;
+pub use texture::{
+    Encoding, Filter, Image, Layer, Parameter, Pattern, Procedural, Sampler, Space, Texels, Texture,
+    TextureUse, UvTransform, Wrap,
+};
 pub use validate::SceneError;
 
 use crate::mesh::Mesh;
@@ -37,12 +44,36 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Cameras, in world space; the first is the default one.
     pub cameras: Vec<Camera>,
-    /// Radiance of the uniform surroundings: what a ray sees that hits nothing, and the lecture's ambient light.
+    /// The lecture's ambient light Ia: what surfaces get from all around, linear RGB.
     pub ambient: [f32; 3],
+    /// What a ray sees that hits nothing.
+    pub background: Background,
     /// What was dropped or approximated while loading, one sentence each.
     pub warnings: Vec<String>,
     /// How world coordinates relate to the file's.
     pub normalisation: Normalisation,
+}
+
+/// The radiance that comes from outside the scene, linear RGB.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Background {
+    /// The same from everywhere.
+    Uniform([f32; 3]),
+    /// Mixed by the height of the direction: `horizon` level, `up` straight up and down.
+    Gradient {
+        /// Level.
+        horizon: [f32; 3],
+        /// Straight up.
+        up: [f32; 3],
+        /// Straight down.
+        down: [f32; 3],
+    },
+}
+
+impl Default for Background {
+    fn default() -> Background {
+        Background::Uniform([0.0; 3])
+    }
 }
 
 /// Something to hit, in object space.

@@ -8,7 +8,7 @@
 
 use glam::{DAffine3, DVec3};
 
-use super::{Geometry, LightKind, Projection, Scene, bake};
+use super::{Falloff, Geometry, LightKind, Projection, Scene, bake};
 use crate::mesh::Mesh;
 use crate::numeric::{self, Bounds};
 use crate::shape::Sphere;
@@ -123,6 +123,7 @@ impl Scene {
         self.move_instances(&normalisation);
         self.move_cameras(&normalisation);
         self.move_lights(&normalisation);
+        self.scale_interiors(normalisation.scale);
         self.normalisation = self.normalisation.then(&normalisation);
     }
 
@@ -183,9 +184,21 @@ impl Scene {
             *place = normalisation.point(*place);
             camera.z_near *= scale;
             camera.z_far *= scale;
-            if let Projection::Orthographic { y_mag, x_mag } = &mut camera.projection {
-                *y_mag *= scale;
-                *x_mag = x_mag.map(|x| x * scale);
+            match &mut camera.projection {
+                Projection::Perspective { .. } => {}
+                Projection::Window {
+                    half_width,
+                    half_height,
+                    distance,
+                } => {
+                    *half_width *= scale;
+                    *half_height *= scale;
+                    *distance *= scale;
+                }
+                Projection::Orthographic { y_mag, x_mag } => {
+                    *y_mag *= scale;
+                    *x_mag = x_mag.map(|x| x * scale);
+                }
             }
         }
     }
@@ -193,18 +206,37 @@ impl Scene {
     fn move_lights(&mut self, normalisation: &Normalisation) {
         let scale = normalisation.scale;
         for light in &mut self.lights {
-            let (position, range) = match &mut light.kind {
+            let (position, falloff) = match &mut light.kind {
                 LightKind::Directional { .. } => continue,
-                LightKind::Point { position, range } => (position, range),
-                LightKind::Spot { position, range, .. } => (position, range),
+                LightKind::Point { position, falloff } => (position, falloff),
+                LightKind::Spot {
+                    position, falloff, ..
+                } => (position, falloff),
             };
             *position = normalisation.point(*position);
-            *range = range.map(|r| r * scale);
-            // Irradiance is intensity over distance squared.
-            light.intensity = light.intensity.map(|i| {
-                let scaled = f64::from(i) * scale * scale;
-                scaled.min(f64::from(f32::MAX)) as f32
-            });
+            match falloff {
+                Falloff::InverseSquare { range } => {
+                    *range = range.map(|r| r * scale);
+                    // Irradiance is intensity over distance squared.
+                    light.intensity = light.intensity.map(|i| {
+                        let scaled = f64::from(i) * scale * scale;
+                        scaled.min(f64::from(f32::MAX)) as f32
+                    });
+                }
+                Falloff::Polynomial {
+                    linear, quadratic, ..
+                } => {
+                    *linear /= scale;
+                    *quadratic /= scale * scale;
+                }
+            }
+        }
+    }
+
+    /// What a longer metre swallows is more.
+    fn scale_interiors(&mut self, scale: f64) {
+        for interior in self.materials.iter_mut().filter_map(|m| m.interior.as_mut()) {
+            interior.absorption.sigma_a = interior.absorption.sigma_a.map(|sigma| sigma / scale);
         }
     }
 }
@@ -256,7 +288,9 @@ mod tests {
                 intensity: [(3.0 * scale * scale) as f32; 3],
                 kind: LightKind::Point {
                     position: moved(DVec3::new(0.0, 4.0, 0.0)),
-                    range: Some(8.0 * scale),
+                    falloff: Falloff::InverseSquare {
+                        range: Some(8.0 * scale),
+                    },
                 },
             }],
             cameras: vec![Camera {

@@ -5,9 +5,13 @@ use std::f64::consts::PI;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::survey::{all_finite, survey};
-use super::{Camera, Geometry, Instance, Light, LightKind, Material, Projection, Scene};
+use super::{
+    AlphaMode, Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Model, Pattern,
+    Procedural, Projection, Scene, Space, Texture,
+};
 use crate::mesh::Mesh;
 use crate::numeric::{self, Bounds, Ray};
+use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
 
 /// What is wrong with a scene, worded as advice.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -67,6 +71,16 @@ impl Scene {
                 "is negative or not finite: give 0 or more",
             ));
         }
+        let background: &[[f32; 3]] = match &self.background {
+            Background::Uniform(color) => &[*color],
+            Background::Gradient { horizon, up, down } => &[*horizon, *up, *down],
+        };
+        if !background.iter().all(is_radiance) {
+            return Err(error(
+                "the background",
+                "is negative or not finite: give 0 or more",
+            ));
+        }
         Ok(())
     }
 
@@ -85,7 +99,11 @@ impl Scene {
         let Geometry::Mesh(mesh) = geometry else {
             return Ok(());
         };
-        for texture in material.textures() {
+        for layer in &material.layers {
+            let texture = layer.texture;
+            if !self.looks_up_coordinates(texture.texture) {
+                continue;
+            }
             let set = mesh.tex_coords.get(texture.tex_coord as usize);
             if set.is_none_or(|set| set.len() != mesh.positions.len()) {
                 return Err(format!(
@@ -103,26 +121,52 @@ impl Scene {
         if !material.base_color.iter().all(is_fraction) {
             return Err("its base colour is outside [0, 1]: correct the colour".into());
         }
-        if !(is_fraction(&material.metallic) && is_fraction(&material.roughness)) {
-            return Err("its metallic or roughness factor is outside [0, 1]: correct the factor".into());
-        }
+        check_model(&material.model)?;
         if !is_radiance(&material.emission) {
             return Err("its emission is negative or not finite: correct the emission".into());
         }
-        for texture in material.textures() {
+        if matches!(material.alpha, AlphaMode::Mask(cutoff) if !(cutoff >= 0.0)) {
+            return Err("its alpha cut-off is negative or not a number: give 0 or more".into());
+        }
+        check_interior(material)?;
+        for layer in &material.layers {
+            let texture = layer.texture;
             if texture.texture as usize >= self.textures.len() {
                 return Err(out_of_range("texture", texture.texture, self.textures.len()));
+            }
+            let of_parameter = material.layers.iter().filter(|l| l.parameter == layer.parameter);
+            if of_parameter.count() > 1 {
+                return Err(format!("has two textures on {:?}: keep one", layer.parameter));
+            }
+            let transform = texture.transform;
+            let numbers = transform.matrix.as_flattened().iter().chain(&transform.offset);
+            if !numbers.chain([&layer.strength]).all(|x| x.is_finite()) {
+                return Err("has a texture whose strength or transform is not finite: correct it".into());
             }
         }
         Ok(())
     }
 
+    /// Whether a texture is looked up by texture coordinates.
+    pub(crate) fn looks_up_coordinates(&self, texture: u32) -> bool {
+        match self.textures.get(texture as usize) {
+            Some(Texture::Procedural(procedural)) => procedural.space == Space::Uv,
+            _ => true,
+        }
+    }
+
     fn check_images(&self) -> Result<(), SceneError> {
         for (index, texture) in self.textures.iter().enumerate() {
-            if texture.image as usize >= self.images.len() {
-                let fault = out_of_range("image", texture.image, self.images.len());
-                return Err(error(format!("texture {index}"), fault));
-            }
+            let fault = match texture {
+                Texture::Image { image, .. } if *image as usize >= self.images.len() => {
+                    out_of_range("image", *image, self.images.len())
+                }
+                Texture::Procedural(procedural) if !is_sound_procedure(procedural) => {
+                    "its colours, scale or pattern are not finite or out of range: correct them".into()
+                }
+                _ => continue,
+            };
+            return Err(error(format!("texture {index}"), fault));
         }
         for (index, image) in self.images.iter().enumerate() {
             let texel_count = u64::from(image.width) * u64::from(image.height);
@@ -137,17 +181,72 @@ impl Scene {
     }
 }
 
-impl Material {
-    /// Every texture that is looked up.
-    pub(crate) fn textures(&self) -> impl Iterator<Item = super::TextureUse> {
-        [
-            self.base_color_texture,
-            self.metallic_roughness_texture,
-            self.emission_texture,
-        ]
-        .into_iter()
-        .flatten()
+/// Octaves of noise that mean anything: each halves the height, so sixteen reach the last bits of a display value.
+const MOST_OCTAVES: u32 = 16;
+
+fn is_sound_procedure(procedural: &Procedural) -> bool {
+    let is_octaves = |octaves: u32| (1..=MOST_OCTAVES).contains(&octaves);
+    let pattern = match procedural.pattern {
+        Pattern::Checker | Pattern::Gradient => true,
+        Pattern::Noise { octaves } => is_octaves(octaves),
+        Pattern::Marble { octaves, turbulence } => is_octaves(octaves) && turbulence.is_finite(),
+        Pattern::Wood { turbulence } => turbulence.is_finite(),
+    };
+    let colors = procedural.colors.as_flattened().iter();
+    pattern
+        && colors.into_iter().all(|c| (0.0..f32::INFINITY).contains(c))
+        && procedural.scale.iter().all(|s| s.is_finite())
+}
+
+fn check_model(model: &Model) -> Result<(), String> {
+    let is_fraction = |x: f32| (0.0..=1.0).contains(&x);
+    match model {
+        Model::MetallicRoughness(model) => {
+            if !(is_fraction(model.metallic) && is_fraction(model.roughness)) {
+                return Err("its metallic or roughness factor is outside [0, 1]: correct the factor".into());
+            }
+            if !(is_fraction(model.specular) && is_fraction(model.transmission)) {
+                return Err(
+                    "its specular or transmission factor is outside [0, 1]: correct the factor".into(),
+                );
+            }
+            if !is_radiance(&model.specular_color) {
+                return Err("its specular colour is negative or not finite: correct the colour".into());
+            }
+        }
+        Model::Lecture(lecture) => {
+            let colors = [lecture.ambient, lecture.diffuse, lecture.specular];
+            let shares = [lecture.reflection, lecture.transmission];
+            if !colors.iter().all(is_radiance) || !(0.0..f32::INFINITY).contains(&lecture.exponent) {
+                return Err("a coefficient or the exponent is negative or not finite: correct it".into());
+            }
+            if !shares.as_flattened().iter().all(|x| is_fraction(*x)) {
+                return Err("its reflection or transmission is outside [0, 1]: correct it".into());
+            }
+        }
+        Model::Unlit => {}
     }
+    Ok(())
+}
+
+/// Indices of refraction between which anything real lies, over the whole visible range.
+const IOR_RANGE: std::ops::RangeInclusive<f64> = 1.0 / 16.0..=16.0;
+
+fn check_interior(material: &Material) -> Result<(), String> {
+    let Some(interior) = &material.interior else {
+        return Ok(());
+    };
+    let is_sound = [MIN_WAVELENGTH, LINE_D, MAX_WAVELENGTH]
+        .iter()
+        .all(|&wavelength| IOR_RANGE.contains(&interior.ior.ior(wavelength)));
+    if !is_sound {
+        return Err("its index of refraction is not between 1/16 and 16: correct it".into());
+    }
+    let is_coefficient = |sigma: &f64| (0.0..f64::INFINITY).contains(sigma);
+    if !interior.absorption.sigma_a.iter().all(is_coefficient) {
+        return Err("its absorption is negative or not finite: correct it".into());
+    }
+    Ok(())
 }
 
 /// Everything about a mesh that needs a look at every vertex; its bounds.
@@ -233,19 +332,30 @@ fn check_light(light: &Light) -> Result<(), String> {
         return Err("its intensity is negative or not finite: correct the intensity".into());
     }
     let is_place = |p: DVec3| in_range(p.abs().max_element()) && p.is_finite();
-    let is_range = |range: Option<f64>| range.is_none_or(|r| r > 0.0);
+    let is_coefficient = |x: f64| (0.0..f64::INFINITY).contains(&x);
+    let is_falloff = |falloff: Falloff| match falloff {
+        Falloff::InverseSquare { range } => range.is_none_or(|r| r > 0.0),
+        Falloff::Polynomial {
+            constant,
+            linear,
+            quadratic,
+        } => {
+            [constant, linear, quadratic].into_iter().all(is_coefficient)
+                && constant + linear + quadratic > 0.0
+        }
+    };
     let is_sound = match light.kind {
         LightKind::Directional { to_light } => is_unit(to_light),
-        LightKind::Point { position, range } => is_place(position) && is_range(range),
+        LightKind::Point { position, falloff } => is_place(position) && is_falloff(falloff),
         LightKind::Spot {
             position,
             direction,
             cos_inner,
             cos_outer,
-            range,
+            falloff,
         } => {
             let has_cone = -1.0 <= cos_outer && cos_outer < cos_inner && cos_inner <= 1.0;
-            is_place(position) && is_range(range) && is_unit(direction) && has_cone
+            is_place(position) && is_falloff(falloff) && is_unit(direction) && has_cone
         }
     };
     if is_sound {
@@ -264,6 +374,11 @@ fn check_camera(camera: &Camera) -> Result<(), String> {
     }
     let is_sound = match camera.projection {
         Projection::Perspective { y_fov, .. } => y_fov > 0.0 && y_fov < PI,
+        Projection::Window {
+            half_width,
+            half_height,
+            distance,
+        } => is_size(half_width) && is_size(half_height) && is_size(distance),
         Projection::Orthographic { y_mag, x_mag } => is_size(y_mag) && x_mag.is_none_or(is_size),
     };
     if !is_sound {
@@ -322,7 +437,11 @@ fn out_of_range(kind: &str, index: u32, count: usize) -> String {
 mod tests {
     use super::*;
     use crate::mesh::Slab;
-    use crate::scene::{Filter, Image, Sampler, Texture, TextureUse, Wrap};
+    use crate::optics::{Absorption, Dispersion};
+    use crate::scene::{
+        Filter, Image, Interior, Layer, Lecture, MetallicRoughness, Parameter, Sampler, Texels, TextureUse,
+        Wrap,
+    };
     use crate::shape::Sphere;
 
     /// A textured triangle, a sphere, a light and a camera, all in order.
@@ -332,7 +451,7 @@ mod tests {
             triangles: Slab::from(vec![[0, 1, 2]]),
             normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; 3])),
             tex_coords: vec![Slab::from(vec![[0.0; 2]; 3])],
-            colors: None,
+            ..Mesh::default()
         };
         let turned = DAffine3::from_rotation_x(0.4) * DAffine3::from_scale(DVec3::new(-1e3, 1.0, 1e-3));
         Scene {
@@ -342,13 +461,10 @@ mod tests {
                 Instance::new("ball", 1, 0, DAffine3::IDENTITY).unwrap(),
             ],
             materials: vec![Material {
-                base_color_texture: Some(TextureUse {
-                    texture: 0,
-                    tex_coord: 0,
-                }),
+                layers: vec![base_color_layer(0)],
                 ..Material::default()
             }],
-            textures: vec![Texture {
+            textures: vec![Texture::Image {
                 image: 0,
                 sampler: Sampler {
                     wrap_u: Wrap::Repeat,
@@ -360,7 +476,7 @@ mod tests {
                 name: "dot".into(),
                 width: 1,
                 height: 1,
-                texels: vec![[255; 4]],
+                texels: Texels::Bytes(vec![[255; 4]]),
             }],
             lights: vec![Light {
                 name: "sun".into(),
@@ -381,6 +497,14 @@ mod tests {
         }
     }
 
+    fn base_color_layer(texture: u32) -> Layer {
+        Layer {
+            parameter: Parameter::BaseColor,
+            texture: TextureUse::new(texture),
+            strength: 1.0,
+        }
+    }
+
     fn mesh(scene: &mut Scene) -> &mut Mesh {
         match &mut scene.geometries[0] {
             Geometry::Mesh(mesh) => mesh,
@@ -397,7 +521,7 @@ mod tests {
     #[test]
     fn every_fault_is_found_and_its_item_named() {
         type Break = fn(&mut Scene);
-        let breaks: [(&str, Break); 24] = [
+        let breaks: [(&str, Break); 30] = [
             ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 3]])),
             ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 1]])),
             ("geometry 0", |s| {
@@ -437,14 +561,46 @@ mod tests {
                 s.instances[1].object_from_world.translation.y = f64::NAN
             }),
             ("material 0", |s| s.materials[0].emission[1] = f32::INFINITY),
-            ("material 0", |s| s.materials[0].roughness = 1.5),
             ("material 0", |s| {
-                s.materials[0].base_color_texture = Some(TextureUse {
-                    texture: 1,
-                    tex_coord: 0,
+                s.materials[0].model = Model::MetallicRoughness(MetallicRoughness {
+                    roughness: 1.5,
+                    ..MetallicRoughness::DEFAULT
                 })
             }),
-            ("texture 0", |s| s.textures[0].image = 1),
+            ("material 0", |s| {
+                s.materials[0].layers = vec![base_color_layer(1)]
+            }),
+            ("material 0", |s| {
+                s.materials[0].layers = vec![base_color_layer(0); 2]
+            }),
+            ("material 0", |s| s.materials[0].alpha = AlphaMode::Mask(f32::NAN)),
+            ("material 0", |s| {
+                s.materials[0].model = Model::Lecture(Lecture {
+                    reflection: [2.0; 3],
+                    ..Lecture::DEFAULT
+                })
+            }),
+            ("material 0", |s| {
+                s.materials[0].interior = Some(Interior {
+                    ior: Dispersion::Constant(100.0),
+                    absorption: Absorption::NONE,
+                    priority: 0,
+                    is_thin: false,
+                })
+            }),
+            ("texture 0", |s| {
+                if let Texture::Image { image, .. } = &mut s.textures[0] {
+                    *image = 1;
+                }
+            }),
+            ("texture 0", |s| {
+                s.textures[0] = Texture::Procedural(Procedural {
+                    pattern: Pattern::Noise { octaves: 0 },
+                    colors: [[0.0; 4], [1.0; 4]],
+                    space: Space::Uv,
+                    scale: [1.0; 3],
+                })
+            }),
             ("image 0", |s| s.images[0].width = 2),
             ("light 0", |s| s.lights[0].intensity[0] = -1.0),
             ("light 0", |s| {
@@ -460,6 +616,9 @@ mod tests {
                 s.cameras[0].world_from_camera.matrix3.x_axis *= 2.0
             }),
             ("the ambient light", |s| s.ambient[2] = f32::NAN),
+            ("the background", |s| {
+                s.background = Background::Uniform([-1.0; 3])
+            }),
         ];
         for (number, (item, spoil)) in breaks.into_iter().enumerate() {
             let mut scene = scene();

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::{Light, LightKind};
+use crate::scene::{Falloff, Light, LightKind};
 
 /// What arrives at sixteen points from one light, before any shadow.
 #[derive(Clone, Debug)]
@@ -25,11 +25,11 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> Illumination {
             wi: to_light.as_vec3().to_array().map(|axis| [axis; LANES]),
             attenuation: [1.0; LANES],
         },
-        LightKind::Point { position, range } => {
+        LightKind::Point { position, falloff } => {
             let (wi, inverse_distance) = toward(position, p);
             Illumination {
                 wi,
-                attenuation: falloff(&inverse_distance, range),
+                attenuation: weaken(&inverse_distance, falloff),
             }
         }
         LightKind::Spot {
@@ -37,10 +37,10 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> Illumination {
             direction,
             cos_inner,
             cos_outer,
-            range,
+            falloff,
         } => {
             let (wi, inverse_distance) = toward(position, p);
-            let mut attenuation = falloff(&inverse_distance, range);
+            let mut attenuation = weaken(&inverse_distance, falloff);
             let scale = (cos_inner - cos_outer).max(MIN_CONE_FADE).recip() as f32;
             let direction = direction.as_vec3();
             for l in 0..LANES {
@@ -74,19 +74,19 @@ fn toward(position: DVec3, p: &Lanes3<f64>) -> (Lanes3<f32>, Lanes<f32>) {
     (wi, inverse_distance)
 }
 
-/// The inverse square law, faded to nothing at `range` by the extension's window.
+/// What is left of a light at these inverse distances; the inverse square law is faded by the extension's window.
 #[inline(always)]
-fn falloff(inverse_distance: &Lanes<f32>, range: Option<f64>) -> Lanes<f32> {
+fn weaken(inverse_distance: &Lanes<f32>, falloff: Falloff) -> Lanes<f32> {
     let mut attenuation = [0.0; LANES];
     // A light on the point itself has no direction: it gives nothing rather than infinity.
     let square = |x: f32| if x < f32::INFINITY { x * x } else { 0.0 };
-    match range {
-        None => {
+    match falloff {
+        Falloff::InverseSquare { range: None } => {
             for l in 0..LANES {
                 attenuation[l] = square(inverse_distance[l]);
             }
         }
-        Some(range) => {
+        Falloff::InverseSquare { range: Some(range) } => {
             let inverse_square = (range * range).recip() as f32;
             for l in 0..LANES {
                 let nearness = square(inverse_distance[l]);
@@ -96,6 +96,19 @@ fn falloff(inverse_distance: &Lanes<f32>, range: Option<f64>) -> Lanes<f32> {
                 } else {
                     0.0
                 };
+            }
+        }
+        Falloff::Polynomial {
+            constant,
+            linear,
+            quadratic,
+        } => {
+            let (constant, linear, quadratic) = (constant as f32, linear as f32, quadratic as f32);
+            for l in 0..LANES {
+                let distance = 1.0 / inverse_distance[l];
+                let below = constant + distance * (linear + distance * quadratic);
+                let lit = (inverse_distance[l] < f32::INFINITY) & (below > 0.0);
+                attenuation[l] = if lit { 1.0 / below } else { 0.0 };
             }
         }
     }
@@ -123,7 +136,7 @@ mod tests {
     fn a_point_light_falls_with_the_square_of_the_distance() {
         let light = LightKind::Point {
             position: DVec3::new(0.0, 4.0, 0.0),
-            range: None,
+            falloff: Falloff::PHYSICAL,
         };
         assert_eq!(at(light, DVec3::ZERO), (DVec3::Y, 1.0 / 16.0));
     }
@@ -132,7 +145,7 @@ mod tests {
     fn a_range_fades_to_nothing_by_the_fourth_power() {
         let light = LightKind::Point {
             position: DVec3::Y,
-            range: Some(2.0),
+            falloff: Falloff::InverseSquare { range: Some(2.0) },
         };
         // At half the range: 1 - (1/2)^4 = 15/16.
         assert_eq!(at(light, DVec3::ZERO).1, 15.0 / 16.0);
@@ -148,7 +161,7 @@ mod tests {
                 direction: DVec3::NEG_Y,
                 cos_inner: 0.9,
                 cos_outer: 0.7,
-                range: None,
+                falloff: Falloff::PHYSICAL,
             };
             at(kind, DVec3::new(angle.sin(), -angle.cos(), 0.0)).1
         };
@@ -162,7 +175,7 @@ mod tests {
     fn a_point_at_the_light_itself_gets_nothing() {
         let light = LightKind::Point {
             position: DVec3::Y,
-            range: None,
+            falloff: Falloff::PHYSICAL,
         };
         assert_eq!(at(light, DVec3::Y).1, 0.0);
     }

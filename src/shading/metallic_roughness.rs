@@ -6,11 +6,7 @@
 use std::f32::consts::PI;
 
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::Material;
-
-/// Surfaces up to this perceptual roughness reflect an image: their lobe's width (alpha = 0.01, about half a degree)
-/// is that of a few pixels. Rougher ones would need many rays for one reflection.
-pub const MIRROR_ROUGHNESS: f32 = 0.1;
+use crate::scene::{MIRROR_ROUGHNESS, Material, MetallicRoughness, Model};
 
 /// Reflectance of a dielectric at normal incidence: index of refraction 1.5.
 const DIELECTRIC_F0: f32 = 0.04;
@@ -26,6 +22,13 @@ pub struct MaterialPacket {
     pub roughness: Lanes<f32>,
     /// Emitted radiance, linear RGB.
     pub emission: Lanes3<f32>,
+}
+
+fn metallic_roughness(material: &Material) -> MetallicRoughness {
+    match material.model {
+        Model::MetallicRoughness(model) => model,
+        _ => MetallicRoughness::DEFAULT,
+    }
 }
 
 impl MaterialPacket {
@@ -44,8 +47,9 @@ impl MaterialPacket {
             self.base_color[channel] = [material.base_color[channel]; LANES];
             self.emission[channel] = [material.emission[channel]; LANES];
         }
-        self.metallic = [material.metallic; LANES];
-        self.roughness = [material.roughness; LANES];
+        let model = metallic_roughness(material);
+        self.metallic = [model.metallic; LANES];
+        self.roughness = [model.roughness; LANES];
     }
 
     /// Sets one lane to the factors of `material`.
@@ -55,8 +59,9 @@ impl MaterialPacket {
             self.base_color[channel][l] = material.base_color[channel];
             self.emission[channel][l] = material.emission[channel];
         }
-        self.metallic[l] = material.metallic;
-        self.roughness[l] = material.roughness;
+        let model = metallic_roughness(material);
+        self.metallic[l] = model.metallic;
+        self.roughness[l] = model.roughness;
     }
 
     /// Diffuse albedo.

@@ -8,5 +8,5 @@ mod metallic_roughness;
 mod texture;
 
 pub use light::{Illumination, illuminate};
-pub use metallic_roughness::{MIRROR_ROUGHNESS, MaterialPacket, direct, mirror};
-pub use texture::{Encoding, sample};
+pub use metallic_roughness::{MaterialPacket, direct, mirror};
+pub use texture::sample;

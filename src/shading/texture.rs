@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use crate::scene::{Filter, Image, Sampler, Wrap};
+use crate::scene::{Encoding, Filter, Image, Sampler, Texels, Wrap};
 
 /// Linear values of the 256 sRGB codes (IEC 61966-2-1).
 static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
@@ -17,15 +17,6 @@ static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
-/// How the bytes of an image are meant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Encoding {
-    /// RGB by the sRGB curve, alpha linear.
-    Srgb,
-    /// All channels linear.
-    Linear,
-}
-
 /// Linear RGBA of `image` at (`u`, `v`), u to the right and v downwards from the top left corner.
 ///
 /// Texels are decoded before they are mixed. Coordinates that are not finite count as 0.
@@ -35,7 +26,7 @@ pub fn sample(image: &Image, sampler: Sampler, encoding: Encoding, [u, v]: [f32;
     let y = finite(v) * f64::from(image.height);
     match sampler.filter {
         Filter::Nearest => texel(image, sampler, encoding, x.floor(), y.floor()),
-        Filter::Linear => {
+        Filter::Linear | Filter::Mipmap => {
             let (x, y) = (x - 0.5, y - 0.5);
             let (left, top) = (x.floor(), y.floor());
             let (across, down) = ((x - left) as f32, (y - top) as f32);
@@ -55,7 +46,11 @@ fn mix(a: [f32; 4], b: [f32; 4], t: f32) -> [f32; 4] {
 fn texel(image: &Image, sampler: Sampler, encoding: Encoding, x: f64, y: f64) -> [f32; 4] {
     let column = wrap(sampler.wrap_u, x, image.width);
     let row = wrap(sampler.wrap_v, y, image.height);
-    let bytes = image.texels[row * image.width as usize + column];
+    let index = row * image.width as usize + column;
+    let bytes = match &image.texels {
+        Texels::Bytes(texels) => texels[index],
+        Texels::Floats(texels) => return texels[index],
+    };
     let unit = |byte: u8| f32::from(byte) / 255.0;
     match encoding {
         Encoding::Linear => bytes.map(unit),
@@ -95,7 +90,7 @@ mod tests {
             name: String::new(),
             width: 2,
             height: 1,
-            texels: vec![[0, 0, 0, 255], [255; 4]],
+            texels: Texels::Bytes(vec![[0, 0, 0, 255], [255; 4]]),
         }
     }
 
@@ -146,7 +141,7 @@ mod tests {
     fn srgb_is_decoded_before_mixing() {
         let red = |u: f32, encoding| {
             let mut image = black_and_white();
-            image.texels[1] = [188; 4];
+            image.texels = Texels::Bytes(vec![[0, 0, 0, 255], [188; 4]]);
             sample(
                 &image,
                 sampler(Wrap::ClampToEdge, Filter::Linear),

@@ -2,7 +2,10 @@
 
 use glam::{DAffine3, DVec3, Vec3};
 use whit::mesh::Mesh;
-use whit::scene::{Filter, Geometry, Image, LightKind, Material, Sampler, Scene, Texture, TextureUse, Wrap};
+use whit::scene::{
+    Falloff, Filter, Geometry, Image, Layer, LightKind, Material, Parameter, Sampler, Scene, Texels, Texture,
+    TextureUse, Wrap,
+};
 use whit::shape::Sphere;
 
 use super::approx::{Approx, Approx3, ROUNDING};
@@ -60,7 +63,7 @@ fn head_on() -> whit::scene::Camera {
 fn lamp_at(scene: &mut Scene, position: DVec3, candela: f32) {
     let kind = LightKind::Point {
         position,
-        range: None,
+        falloff: Falloff::PHYSICAL,
     };
     scene.lights.push(light([candela; 3], kind));
 }
@@ -179,7 +182,7 @@ fn a_spot_fades_by_the_square_of_its_ramp_and_a_range_by_the_fourth_power() {
         &mut scene,
         LightKind::Point {
             position,
-            range: None,
+            falloff: Falloff::PHYSICAL,
         },
     );
     // d / range = 1/2: 1 - 1/16.
@@ -187,7 +190,7 @@ fn a_spot_fades_by_the_square_of_its_ramp_and_a_range_by_the_fourth_power() {
         &mut scene,
         LightKind::Point {
             position,
-            range: Some(4.0),
+            falloff: Falloff::InverseSquare { range: Some(4.0) },
         },
     );
     assert!((ranged / full - 15.0 / 16.0).abs() < HAND);
@@ -197,7 +200,7 @@ fn a_spot_fades_by_the_square_of_its_ramp_and_a_range_by_the_fourth_power() {
         direction: DVec3::new(0.75f64.sqrt(), 0.0, -0.5),
         cos_inner: 0.8,
         cos_outer: 0.4,
-        range: None,
+        falloff: Falloff::PHYSICAL,
     };
     assert!((lit(&mut scene, spot) / full - 1.0 / 16.0).abs() < HAND);
 }
@@ -256,10 +259,11 @@ fn each_wrap_mode_and_filter_reads_the_texel_that_gltf_names() {
     let seen = |wrap: Wrap, filter: Filter| {
         let mut scene = square_seen_from_two_metres(Material {
             emission: [1.0; 3],
-            emission_texture: Some(TextureUse {
-                texture: 0,
-                tex_coord: 0,
-            }),
+            layers: vec![Layer {
+                parameter: Parameter::Emission,
+                texture: TextureUse::new(0),
+                strength: 1.0,
+            }],
             ..matte([0.0; 3], 1.0)
         });
         let texels = vec![[255, 0, 0, 255], [0, 0, 0, 255]];
@@ -267,14 +271,14 @@ fn each_wrap_mode_and_filter_reads_the_texel_that_gltf_names() {
             name: String::new(),
             width: 2,
             height: 1,
-            texels,
+            texels: Texels::Bytes(texels),
         }];
         let sampler = Sampler {
             wrap_u: wrap,
             wrap_v: wrap,
             filter,
         };
-        scene.textures = vec![Texture { image: 0, sampler }];
+        scene.textures = vec![Texture::Image { image: 0, sampler }];
         let Geometry::Mesh(mesh) = &mut scene.geometries[0] else {
             unreachable!()
         };

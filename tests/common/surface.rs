@@ -2,7 +2,9 @@
 
 use glam::{DAffine3, DVec3};
 use whit::mesh::Mesh;
-use whit::scene::{Filter, Geometry, Image, Instance, Scene, TextureUse, Wrap};
+use whit::scene::{
+    Filter, Geometry, Image, Instance, Material, Model, Parameter, Scene, Texels, Texture, TextureUse, Wrap,
+};
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, Found, Ray, World, corners, transform_point, transform_vector};
@@ -204,23 +206,25 @@ impl<'a> Inputs<'a> {
         doubt: &mut Doubt,
     ) -> Approx3 {
         texture.map_or(Approx3::ONE, |used| {
-            let texture = &scene.textures[used.texture as usize];
-            let image = &scene.images[texture.image as usize];
+            let Texture::Image { image, sampler } = scene.textures[used.texture as usize] else {
+                unreachable!("the scenes' textures are images")
+            };
+            let image = &scene.images[image as usize];
             let [u, v] = (self.tex_coord)(used.tex_coord);
             let across = Axis {
                 at: u * f64::from(image.width),
                 count: i64::from(image.width),
-                wrap: texture.sampler.wrap_u,
+                wrap: sampler.wrap_u,
             };
             let down = Axis {
                 at: v * f64::from(image.height),
                 count: i64::from(image.height),
-                wrap: texture.sampler.wrap_v,
+                wrap: sampler.wrap_v,
             };
             let texel = |i: i64, j: i64| decoded(image, across.wrapped(i), down.wrapped(j), decode);
-            match texture.sampler.filter {
+            match sampler.filter {
                 Filter::Nearest => texel(across.cell(0.0, doubt).0, down.cell(0.0, doubt).0),
-                Filter::Linear => {
+                Filter::Linear | Filter::Mipmap => {
                     let (i, x) = across.cell(0.5, doubt);
                     let (j, y) = down.cell(0.5, doubt);
                     let mix = |a: Approx3, b: Approx3, w: Approx| a * (1.0 - w) + b * w;
@@ -268,7 +272,10 @@ impl Axis {
 }
 
 fn decoded(image: &Image, i: usize, j: usize, decode: fn(u8) -> f64) -> Approx3 {
-    let [r, g, b, _] = image.texels[j * image.width as usize + i];
+    let Texels::Bytes(texels) = &image.texels else {
+        unreachable!("the scenes' images have 8 bits")
+    };
+    let [r, g, b, _] = texels[j * image.width as usize + i];
     Approx3::rounded([r, g, b].map(decode))
 }
 
@@ -286,23 +293,35 @@ fn linear(byte: u8) -> f64 {
     f64::from(byte) / 255.0
 }
 
+fn texture_on(material: &Material, parameter: Parameter) -> Option<TextureUse> {
+    material.layer(parameter).map(|layer| layer.texture)
+}
+
 impl Shape {
     fn shaded_as(self, scene: &Scene, instance: &Instance, inputs: &Inputs, doubt: &mut Doubt) -> Surface {
         let material = &scene.materials[instance.material as usize];
+        let Model::MetallicRoughness(model) = material.model else {
+            unreachable!("the referee knows one model")
+        };
         let [r, g, b, _] = material.base_color;
         let base = Approx3::exact_f32([r, g, b])
-            * inputs.lookup(scene, material.base_color_texture, srgb, doubt)
+            * inputs.lookup(scene, texture_on(material, Parameter::BaseColor), srgb, doubt)
             * inputs.color;
-        let grey = inputs.lookup(scene, material.metallic_roughness_texture, linear, doubt);
-        let roughness = (grey.y * f64::from(material.roughness)).clamp(0.0, 1.0);
-        let metallic = (grey.z * f64::from(material.metallic)).clamp(0.0, 1.0);
-        let textured = material.metallic_roughness_texture.is_some();
+        let grey = inputs.lookup(
+            scene,
+            texture_on(material, Parameter::MetallicRoughness),
+            linear,
+            doubt,
+        );
+        let roughness = (grey.y * f64::from(model.roughness)).clamp(0.0, 1.0);
+        let metallic = (grey.z * f64::from(model.metallic)).clamp(0.0, 1.0);
+        let textured = texture_on(material, Parameter::MetallicRoughness).is_some();
         let above_mirror = roughness.value - f64::from(MIRROR_ROUGHNESS);
         if textured {
             doubt.note(Decision::Mirror, above_mirror / roughness.error);
         }
         let emission = Approx3::exact_f32(material.emission)
-            * inputs.lookup(scene, material.emission_texture, srgb, doubt);
+            * inputs.lookup(scene, texture_on(material, Parameter::Emission), srgb, doubt);
         let dielectric = 1.0 - metallic;
         Surface {
             p: self.p,

@@ -7,7 +7,7 @@
 //! on the way, on which a picture may jump (see [`super::hits`]).
 
 use rayon::prelude::*;
-use whit::scene::{Camera, Light, LightKind, Scene};
+use whit::scene::{Camera, Falloff, Light, LightKind, Scene};
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, Found, Ray, World};
@@ -191,8 +191,20 @@ fn toward(light: &Light, p: Approx3) -> Approx3 {
 fn arriving(light: &Light, p: Approx3) -> Arriving {
     let way = toward(light, p);
     let wi = way.normalize();
-    let by_distance = |range: Option<f64>| {
+    let by_distance = |falloff: Falloff| {
         let square = way.dot(way);
+        let range = match falloff {
+            Falloff::InverseSquare { range } => range,
+            Falloff::Polynomial {
+                constant,
+                linear,
+                quadratic,
+            } => {
+                let distance = square.sqrt();
+                let [constant, linear, quadratic] = [constant, linear, quadratic].map(Approx::rounded);
+                return Approx::ONE / (constant + distance * linear + square * quadratic);
+            }
+        };
         let window = range.map_or(Approx::ONE, |range| {
             let ratio = square / Approx::rounded(range).squared();
             (1.0 - ratio.squared()).clamp(0.0, 1.0)
@@ -201,18 +213,18 @@ fn arriving(light: &Light, p: Approx3) -> Arriving {
     };
     let attenuation = match light.kind {
         LightKind::Directional { .. } => Approx::ONE,
-        LightKind::Point { range, .. } => by_distance(range),
+        LightKind::Point { falloff, .. } => by_distance(falloff),
         LightKind::Spot {
             direction,
             cos_inner,
             cos_outer,
-            range,
+            falloff,
             ..
         } => {
             let cos = -Approx3::rounded(direction).dot(wi);
             let ramp = Approx::rounded((cos_inner - cos_outer).max(0.001));
             let part = ((cos - Approx::rounded(cos_outer)) / ramp).clamp(0.0, 1.0);
-            by_distance(range) * part.squared()
+            by_distance(falloff) * part.squared()
         }
     };
     Arriving { wi, attenuation }

@@ -7,8 +7,8 @@ use std::f64::consts::PI;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use whit::mesh::Mesh;
 use whit::scene::{
-    Camera, Filter, Geometry, Image, Instance, Light, LightKind, Material, Projection, Sampler, Scene,
-    Texture, TextureUse, Wrap,
+    Background, Camera, Falloff, Filter, Geometry, Image, Instance, Layer, Light, LightKind, Material,
+    Parameter, Projection, Sampler, Scene, Texels, Texture, TextureUse, Wrap,
 };
 use whit::shape::Sphere;
 
@@ -55,7 +55,7 @@ pub fn lamps() -> WaveScene {
             [14.0, 12.0, 10.0],
             LightKind::Point {
                 position: DVec3::new(-2.2, 3.1, 2.3),
-                range: Some(6.5),
+                falloff: Falloff::InverseSquare { range: Some(6.5) },
             },
         ),
         light([5.0, 9.0, 30.0], spot([2.9, 3.7, 1.9], [-0.62, -0.71, -0.52])),
@@ -67,6 +67,7 @@ pub fn lamps() -> WaveScene {
         ),
     ];
     scene.ambient = [0.04, 0.05, 0.07];
+    scene.background = Background::Uniform(scene.ambient);
     scene.cameras = vec![camera([0.37, 2.2, 5.1], [0.05, 0.66, 0.0], perspective(0.72))];
     WaveScene {
         name: "lamps",
@@ -129,10 +130,11 @@ pub fn facing_mirrors() -> WaveScene {
         [8.0; 3],
         LightKind::Point {
             position,
-            range: None,
+            falloff: Falloff::PHYSICAL,
         },
     )];
     scene.ambient = [0.1, 0.12, 0.2];
+    scene.background = Background::Uniform(scene.ambient);
     scene.cameras = vec![camera([-0.83, 1.21, 1.27], [0.17, 0.74, -1.0], perspective(1.1))];
     WaveScene {
         name: "facing mirrors",
@@ -208,7 +210,7 @@ pub fn placements() -> WaveScene {
             [10.0, 9.0, 8.0],
             LightKind::Point {
                 position: DVec3::new(2.1, 3.3, 2.9),
-                range: None,
+                falloff: Falloff::PHYSICAL,
             },
         ),
         light(
@@ -246,22 +248,27 @@ pub fn textures() -> WaveScene {
                 wrap_v: wraps[(column + row + 1) % 3],
                 filter,
             };
-            let texture = |scene: &mut Scene, image: u32, tex_coord: u32| {
-                scene.textures.push(Texture { image, sampler });
-                Some(TextureUse {
-                    texture: scene.textures.len() as u32 - 1,
+            let mut layer = |parameter, image: u32, tex_coord: u32| {
+                scene.textures.push(Texture::Image { image, sampler });
+                let texture = TextureUse {
                     tex_coord,
-                })
+                    ..TextureUse::new(scene.textures.len() as u32 - 1)
+                };
+                Layer {
+                    parameter,
+                    texture,
+                    strength: 1.0,
+                }
             };
             let material = Material {
                 name: format!("panel {row} {column}"),
-                base_color: [0.9, 0.8, 1.0, 1.0],
-                base_color_texture: texture(&mut scene, 0, 0),
-                metallic: 0.8,
-                roughness: 0.9,
-                metallic_roughness_texture: texture(&mut scene, 1, 1),
                 emission: [0.2, 0.25, 0.1],
-                emission_texture: texture(&mut scene, 2, 0),
+                layers: vec![
+                    layer(Parameter::BaseColor, 0, 0),
+                    layer(Parameter::MetallicRoughness, 1, 1),
+                    layer(Parameter::Emission, 2, 0),
+                ],
+                ..Material::metallic_roughness([0.9, 0.8, 1.0], 0.8, 0.9)
             };
             let material = add_material(&mut scene, material);
             let at = moved(
@@ -272,7 +279,7 @@ pub fn textures() -> WaveScene {
             let at = at * DAffine3::from_rotation_y(0.12 * (1.0 - column as f64));
             match filter {
                 Filter::Nearest => bake(&mut scene, textured_panel(), material, at),
-                Filter::Linear => place(&mut scene, panel, material, at),
+                Filter::Linear | Filter::Mipmap => place(&mut scene, panel, material, at),
             }
         }
     }
@@ -289,7 +296,7 @@ pub fn textures() -> WaveScene {
             [6.0, 5.5, 5.0],
             LightKind::Point {
                 position: DVec3::new(-0.7, 1.9, 2.4),
-                range: None,
+                falloff: Falloff::PHYSICAL,
             },
         ),
         light(
@@ -300,6 +307,7 @@ pub fn textures() -> WaveScene {
         ),
     ];
     scene.ambient = [0.2, 0.15, 0.1];
+    scene.background = Background::Uniform(scene.ambient);
     scene.cameras = vec![camera([0.23, 1.31, 3.6], [0.11, 1.02, 0.0], perspective(0.74))];
     WaveScene {
         name: "textures",
@@ -351,12 +359,13 @@ pub fn inside() -> WaveScene {
             [9.0, 8.0, 6.0],
             LightKind::Point {
                 position: DVec3::new(0.4, 2.9, -0.6),
-                range: Some(12.0),
+                falloff: Falloff::InverseSquare { range: Some(12.0) },
             },
         ),
         light([7.0, 7.0, 9.0], spot([0.5, 0.9, 1.9], [0.2, -0.4, -0.9])),
     ];
     scene.ambient = [0.03, 0.04, 0.05];
+    scene.background = Background::Uniform(scene.ambient);
     scene.cameras = vec![Camera {
         z_near: 0.85,
         z_far: 6.1,
@@ -408,20 +417,11 @@ fn bake(scene: &mut Scene, mesh: Mesh, material: u32, world_from_object: DAffine
 
 /// A dielectric.
 pub fn matte(rgb: [f32; 3], roughness: f32) -> Material {
-    let [r, g, b] = rgb;
-    Material {
-        base_color: [r, g, b, 1.0],
-        metallic: 0.0,
-        roughness,
-        ..Material::default()
-    }
+    Material::metallic_roughness(rgb, 0.0, roughness)
 }
 
 pub fn metal(rgb: [f32; 3], roughness: f32) -> Material {
-    Material {
-        metallic: 1.0,
-        ..matte(rgb, roughness)
-    }
+    Material::metallic_roughness(rgb, 1.0, roughness)
 }
 
 pub fn light(intensity: [f32; 3], kind: LightKind) -> Light {
@@ -438,7 +438,7 @@ fn spot(position: [f64; 3], direction: [f64; 3]) -> LightKind {
         direction: DVec3::from(direction).normalize(),
         cos_inner: 0.93,
         cos_outer: 0.81,
-        range: None,
+        falloff: Falloff::PHYSICAL,
     }
 }
 
@@ -480,8 +480,10 @@ fn noise(width: u32, height: u32, seed: u32) -> Image {
         name: format!("noise {seed}"),
         width,
         height,
-        texels: (0..width * height)
-            .map(|texel| std::array::from_fn(|channel| (byte(4 * texel + channel as u32) >> 24) as u8))
-            .collect(),
+        texels: Texels::Bytes(
+            (0..width * height)
+                .map(|texel| std::array::from_fn(|channel| (byte(4 * texel + channel as u32) >> 24) as u8))
+                .collect(),
+        ),
     }
 }

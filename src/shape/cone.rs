@@ -58,7 +58,7 @@ fn wall_span(ray: &ShapeRay) -> Span {
     let (across_x, across_y) = (o.x * dw - w * d.x, o.y * dw - w * d.y);
     let moment = o.x * d.y - o.y * d.x;
     let discriminant = across_x * across_x + across_y * across_y - moment * moment;
-    let [t0, t1] = quadratic_roots(a, b, c, discriminant);
+    let [t0, t1] = quadratic_roots(a, b, c, ray.discriminant(discriminant));
     if !(t0 <= t1) {
         return Span::NONE;
     }

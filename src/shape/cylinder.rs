@@ -34,7 +34,7 @@ const BOTTOM: u32 = 2;
 impl Cylinder {
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
-        let wall = wall_span(ray.origin, ray.direction);
+        let wall = wall_span(ray);
         let caps = Span::slab(ray.origin.z, ray.direction.z, UNIT, [BOTTOM, TOP]);
         if self.capped {
             let own_is_curved = ray.leaving.is_some_and(|l| l.part == WALL);
@@ -47,16 +47,21 @@ impl Cylinder {
 
 /// The interval inside the infinite cylinder. A line along the axis is wholly inside or outside.
 #[inline(always)]
-fn wall_span(o: DVec3, d: DVec3) -> Span {
+fn wall_span(ray: &ShapeRay) -> Span {
+    let (o, d) = (ray.origin, ray.direction);
     let a = d.x * d.x + d.y * d.y;
     let rho = (o.x * o.x + o.y * o.y).sqrt();
     let c = (rho - 1.0) * (rho + 1.0);
     if a == 0.0 {
-        return if c <= 0.0 { Span::ALL } else { Span::NONE };
+        return if c <= 0.0 || ray.leaving.is_some() {
+            Span::ALL
+        } else {
+            Span::NONE
+        };
     }
     let b = -(o.x * d.x + o.y * d.y);
     let moment = o.x * d.y - o.y * d.x;
-    let [t0, t1] = quadratic_roots(a, b, c, a - moment * moment);
+    let [t0, t1] = quadratic_roots(a, b, c, ray.discriminant(a - moment * moment));
     if t0 <= t1 {
         Span::new(t0, t1, WALL)
     } else {

@@ -8,6 +8,8 @@
 //! between two of their parts. A ray that starts on a shape says so ([`Leaving`]); its own root is then left out by
 //! algebra, not by distance.
 
+#[cfg(test)]
+mod agreement;
 mod cone;
 mod cube;
 mod cylinder;
@@ -80,10 +82,23 @@ impl ShapeRay {
     }
 }
 
+impl ShapeRay {
+    /// The discriminant to go by: a ray that starts on a quadric meets it, so where rounding has put its start beside
+    /// the surface and its line misses, it touches instead.
+    #[inline(always)]
+    fn discriminant(&self, computed: f64) -> f64 {
+        if self.leaving.is_some() {
+            computed.max(0.0)
+        } else {
+            computed
+        }
+    }
+}
+
 /// The ray starts on this very shape: its own root is divided out (root deflation), so no epsilon is needed.
 ///
-/// The origin may be off the surface by its rounding to f32. A ray into a solid should rather start inside than
-/// outside ([`crate::numeric::spawn_point`] does that): a grazing one could otherwise miss the solid altogether.
+/// The origin may be off the surface by its rounding to f32. A ray that does not go to the side it names, by more than
+/// that, meets nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Leaving {
     /// The part that it starts on, as in [`ShapeHit::part`].
@@ -121,7 +136,7 @@ pub struct ShapePoint {
     pub uv: [f64; 2],
     /// Derivative of the point by `u`; zero where a pole makes it so.
     pub dpdu: DVec3,
-    /// Derivative of the point by `v`.
+    /// Derivative of the point by `v`; `dpdu x dpdv` points along `n`.
     pub dpdv: DVec3,
     /// How far `p`, rounded to f32, may lie from the surface: what to offset a new ray's origin by.
     pub error: SpawnError,

@@ -14,7 +14,8 @@ use crate::numeric::roots::quadratic_roots;
 /// The part of a quadric inside a box, which cuts it open: a sheet. Its positive side is where xᵀ Q x > 0.
 ///
 /// The surface coordinates are those of the point within the box, over [0, 1]², seen along the axis that the normal is
-/// nearest to: y and z along x, z and x along y, x and y along z.
+/// nearest to: y and z along x, z and x along y, x and y along z, the first mirrored where the normal points down the
+/// axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quadric {
     q: [f64; 10],
@@ -84,7 +85,7 @@ impl Quadric {
         let (c, half_gradient) = self.value(center + o);
         let a = d.dot(self.linear(d));
         let b = -d.dot(half_gradient);
-        let [t0, t1] = quadratic_roots(a, b, c, b * b - a * c).map(|t| shift + t);
+        let [t0, t1] = quadratic_roots(a, b, c, ray.discriminant(b * b - a * c)).map(|t| shift + t);
         let kept = self.clip_span(ray);
         let cut = |t: f64| {
             if kept.contains(t) {
@@ -150,13 +151,19 @@ impl Implicit for Quadric {
         let g = self.value(p).1;
         let along = g.abs().max_position();
         let (right, up) = ((along + 1) % 3, (along + 2) % 3);
-        let (low, extent) = (self.clip.min, self.clip.extent());
-        let uv = [right, up].map(|axis| (p[axis] - low[axis]) / extent[axis]);
+        let (center, extent) = (self.clip.center(), self.clip.extent());
+        // Mirrored where the normal points down the axis, so that dpdu x dpdv points along it.
+        let spans = [extent[right] * 1f64.copysign(g[along]), extent[up]];
+        let uv = [
+            (p[right] - center[right]) / spans[0] + 0.5,
+            (p[up] - center[up]) / spans[1] + 0.5,
+        ];
         // On the surface g · dp = 0, which gives the component along the third axis.
-        let tangents = [right, up].map(|axis| {
+        let tangent = |axis: usize, span: f64| {
             let slope = if g[along] == 0.0 { 0.0 } else { g[axis] / g[along] };
-            extent[axis] * (DVec3::AXES[axis] - slope * DVec3::AXES[along])
-        });
+            span * (DVec3::AXES[axis] - slope * DVec3::AXES[along])
+        };
+        let tangents = [tangent(right, spans[0]), tangent(up, spans[1])];
         ShapePoint::new(p, g.normalize_or(DVec3::Z), uv, tangents, self.clip.magnitude())
     }
 

@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::frame::{polar, turn};
+use super::frame::{nearest_to_origin, polar, turn};
 use super::span::{Crossings, Span, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
@@ -104,7 +104,12 @@ impl Sphere {
 
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
-        let [t0, t1] = self.roots_or_nan(ray.origin.to_array(), ray.direction.to_array());
+        let [mut t0, mut t1] = self.roots_or_nan(ray.origin.to_array(), ray.direction.to_array());
+        if ray.leaving.is_some() && t0.is_nan() {
+            // A start rounded off the sphere, along it: the ray touches where it is nearest.
+            t0 = nearest_to_origin(ray.origin - self.center, ray.direction).0;
+            t1 = t0;
+        }
         Span::new(t0, t1, 0).crossings_of_convex(ray, true)
     }
 

@@ -51,16 +51,16 @@ impl Torus {
         let (first, o) = nearest_to_origin(ray.origin, ray.direction);
         let (second, foot) = nearest_to_origin(o, ray.direction);
         let room = (1.0 + r) * (1.0 + r) - foot.length_squared();
-        if !(room >= 0.0) {
+        if !(room >= 0.0 || ray.leaving.is_some()) {
             return None;
         }
-        let half = room.sqrt() + MARGIN;
+        let half = room.max(0.0).sqrt() + MARGIN;
         let mut reach = [-half, half];
         if direction.z != 0.0 {
             let middle = -foot.z / direction.z;
             let thick = r / direction.z.abs() + MARGIN;
             reach = [reach[0].max(middle - thick), reach[1].min(middle + thick)];
-        } else if foot.z.abs() > r {
+        } else if foot.z.abs() > r && ray.leaving.is_none() {
             return None;
         }
         (reach[0] < reach[1]).then_some(Line {

@@ -187,4 +187,20 @@ mod tests {
         let none = Span::slab(0.0, 1.0, UNIT, [0, 0]).overlap(Span::NONE);
         assert!(none.enter.t > none.exit.t);
     }
+
+    #[test]
+    fn a_ray_into_a_solid_exits_at_its_start_at_the_earliest_and_never_where_it_left() {
+        let inward = |part| ShapeRay {
+            leaving: Some(Leaving {
+                part,
+                side: Side::Inside,
+            }),
+            ..ShapeRay::new(glam::DVec3::ZERO, glam::DVec3::X)
+        };
+        // Rounding has put the exit behind the start.
+        let span = Span::new(-1.0, -f64::EPSILON, 3);
+        let exit = |ray: &ShapeRay| nearest(ray, span.crossings_of_convex(ray, true));
+        assert_eq!(exit(&inward(2)), Some(ShapeHit { t: 0.0, part: 3 }));
+        assert_eq!(exit(&inward(3)), None);
+    }
 }

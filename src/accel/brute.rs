@@ -99,7 +99,7 @@ pub(super) fn sphere_hit(instance: &Instance, sphere: &Sphere, ray: &Ray) -> Opt
     let map = &instance.object_from_world;
     let origin = map.transform_point3(ray.origin.as_dvec3());
     let direction = map.transform_vector3(ray.direction.as_dvec3());
-    let t = sphere.intersect(origin, direction, f64::from(ray.t_near), f64::from(ray.t_far))?;
+    let t = sphere.nearest(origin, direction, f64::from(ray.t_near), f64::from(ray.t_far))?;
     let t = t as f32;
     t.is_finite().then_some(t)
 }

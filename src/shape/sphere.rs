@@ -4,9 +4,15 @@
 //! "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019, ch. 7), with the constant term
 //! factored as (|f| - r)(|f| + r), which is what keeps huge spheres accurate.
 
+use std::f64::consts::{PI, TAU};
+
 use glam::DVec3;
 
+use super::frame::{nearest_to_origin, polar, turn};
+use super::span::{Crossings, Span, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
+use crate::numeric::roots::quadratic_roots;
 
 /// A sphere in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,31 +43,74 @@ impl Sphere {
     /// A tangent line meets it twice at the same parameter. `direction` may have any non-zero length.
     #[inline(always)]
     pub fn roots(&self, origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
-        let f = origin - self.center;
+        let roots = self.roots_or_nan(origin.to_array(), direction.to_array());
+        (!roots[0].is_nan()).then_some(roots)
+    }
+
+    /// The same without branches; NaN for a miss.
+    #[inline(always)]
+    fn roots_or_nan(&self, origin: [f64; 3], direction: [f64; 3]) -> [f64; 2] {
+        let direction = DVec3::from_array(direction);
+        let f = DVec3::from_array(origin) - self.center;
         let a = direction.length_squared();
         let b = -f.dot(direction);
         // The part of `f` perpendicular to the ray: its length is the distance of the line from the centre.
         let perpendicular = f + (b / a) * direction;
         let discriminant = self.radius * self.radius - perpendicular.length_squared();
-        if !(discriminant >= 0.0) {
-            return None;
-        }
-        let q = b + (a * discriminant).sqrt().copysign(b);
         let distance = f.length();
         let c = (distance - self.radius) * (distance + self.radius);
-        if q == 0.0 {
-            // The line starts at the point where it touches the sphere.
-            return Some([0.0, 0.0]);
-        }
-        let (t0, t1) = (c / q, q / a);
-        Some(if t0 <= t1 { [t0, t1] } else { [t1, t0] })
+        quadratic_roots(a, b, c, a * discriminant)
     }
 
     /// The nearest parameter within [`t_near`, `t_far`], both ends included.
     #[inline(always)]
-    pub fn intersect(&self, origin: DVec3, direction: DVec3, t_near: f64, t_far: f64) -> Option<f64> {
-        let within = |t: &f64| t_near <= *t && *t <= t_far;
-        self.roots(origin, direction)?.into_iter().find(within)
+    pub fn nearest(&self, origin: DVec3, direction: DVec3, t_near: f64, t_far: f64) -> Option<f64> {
+        let t = self.nearest_or_nan(origin.to_array(), direction.to_array(), [t_near, t_far]);
+        (!t.is_nan()).then_some(t)
+    }
+
+    #[inline(always)]
+    fn nearest_or_nan(&self, origin: [f64; 3], direction: [f64; 3], [t_near, t_far]: [f64; 2]) -> f64 {
+        let [t0, t1] = self.roots_or_nan(origin, direction);
+        let second = if (t_near <= t1) & (t1 <= t_far) {
+            t1
+        } else {
+            f64::NAN
+        };
+        if (t_near <= t0) & (t0 <= t_far) {
+            t0
+        } else {
+            second
+        }
+    }
+
+    /// [`Sphere::nearest`] for `W` rays side by side, to the same bits; NaN where a ray misses. Without branches, so
+    /// that lanes vectorise.
+    #[inline(always)]
+    pub fn nearest_lanes<const W: usize>(
+        &self,
+        origin: &[[f64; W]; 3],
+        direction: &[[f64; W]; 3],
+        t_near: &[f64; W],
+        t_far: &[f64; W],
+    ) -> [f64; W] {
+        let mut t = [f64::NAN; W];
+        for lane in 0..W {
+            let of = |v: &[[f64; W]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
+            t[lane] = self.nearest_or_nan(of(origin), of(direction), [t_near[lane], t_far[lane]]);
+        }
+        t
+    }
+
+    #[inline(always)]
+    fn both(&self, ray: &ShapeRay) -> Crossings {
+        let [mut t0, mut t1] = self.roots_or_nan(ray.origin.to_array(), ray.direction.to_array());
+        if ray.leaving.is_some() && t0.is_nan() {
+            // A start rounded off the sphere, along it: the ray touches where it is nearest.
+            t0 = nearest_to_origin(ray.origin - self.center, ray.direction).0;
+            t1 = t0;
+        }
+        Span::new(t0, t1, 0).crossings_of_convex(ray, true)
     }
 
     /// The outward unit normal at a point on the surface.
@@ -75,9 +124,75 @@ impl Sphere {
     }
 }
 
+impl Implicit for Sphere {
+    #[inline]
+    fn bounds(&self) -> Bounds {
+        Sphere::bounds(self)
+    }
+
+    #[inline]
+    fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
+        nearest(ray, self.both(ray))
+    }
+
+    fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
+        report(ray, self.both(ray), out);
+    }
+
+    /// `u` is the longitude around z from +x towards +y as a part of the whole turn, `v` the latitude from the south
+    /// pole (-z) at 0 to the north pole at 1. At the poles `u` is 0 and `dpdu` vanishes.
+    fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
+        let n = self.normal(p);
+        let (rho, cos, sin) = polar(n);
+        let uv = [turn(n.x, n.y), rho.atan2(-n.z) / PI];
+        let dpdu = TAU * self.radius * rho * DVec3::new(-sin, cos, 0.0);
+        let dpdv = PI * self.radius * DVec3::new(-n.z * cos, -n.z * sin, rho);
+        ShapePoint::new(self.center + self.radius * n, n, uv, [dpdu, dpdv], self.radius)
+    }
+
+    #[inline]
+    fn is_solid(&self) -> bool {
+        true
+    }
+
+    #[inline]
+    fn contains(&self, p: DVec3) -> bool {
+        p.distance(self.center) <= self.radius
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::oracle::Random;
     use super::*;
+
+    #[test]
+    fn lanes_give_the_bits_of_the_single_ray() {
+        let seed = 7;
+        let mut random = Random::new(seed);
+        let sphere = Sphere {
+            center: DVec3::new(0.3, -0.2, 0.1),
+            radius: 0.9,
+        };
+        for _ in 0..10_000 {
+            let mut vectors = |scale: f64| [(); 3].map(|()| [(); 8].map(|()| scale * (random.unit() - 0.5)));
+            let (origin, direction) = (vectors(4.0), vectors(2.0));
+            let (t_near, t_far) = (
+                [(); 8].map(|()| random.unit()),
+                [(); 8].map(|()| 5.0 * random.unit()),
+            );
+            let lanes = sphere.nearest_lanes(&origin, &direction, &t_near, &t_far);
+            for lane in 0..8 {
+                let of = |v: &[[f64; 8]; 3]| DVec3::new(v[0][lane], v[1][lane], v[2][lane]);
+                let one = sphere.nearest(of(&origin), of(&direction), t_near[lane], t_far[lane]);
+                assert_eq!(
+                    one.map(f64::to_bits),
+                    (!lanes[lane].is_nan()).then(|| lanes[lane].to_bits()),
+                    "seed {seed}"
+                );
+            }
+        }
+    }
 
     #[test]
     fn the_lectures_ray_meets_the_unit_sphere_at_one_minus_and_plus_root_88_over_44() {
@@ -93,7 +208,7 @@ mod tests {
         for k in 1..=7 {
             let distance = 10f64.powi(k);
             let t = Sphere::UNIT
-                .intersect(DVec3::new(0.5, 0.0, distance), -DVec3::Z, 0.0, f64::INFINITY)
+                .nearest(DVec3::new(0.5, 0.0, distance), -DVec3::Z, 0.0, f64::INFINITY)
                 .unwrap();
             let exact = distance - 0.75f64.sqrt();
             assert!(
@@ -111,7 +226,7 @@ mod tests {
                 center: DVec3::new(0.0, -radius, 0.0),
                 radius,
             };
-            let t = ground.intersect(DVec3::Y, -DVec3::Y, 0.0, f64::INFINITY).unwrap();
+            let t = ground.nearest(DVec3::Y, -DVec3::Y, 0.0, f64::INFINITY).unwrap();
             // |f| = R + 1 is exact, so only a few roundings of relative size 2^-53 remain in c / q.
             assert!((t - 1.0).abs() <= 8.0 * f64::EPSILON, "radius {radius}: {t}");
         }
@@ -119,7 +234,7 @@ mod tests {
 
     #[test]
     fn from_inside_only_the_far_side_is_hit_and_from_behind_nothing() {
-        let hit = |z: f64| Sphere::UNIT.intersect(DVec3::new(0.0, 0.0, z), DVec3::Z, 0.0, f64::INFINITY);
+        let hit = |z: f64| Sphere::UNIT.nearest(DVec3::new(0.0, 0.0, z), DVec3::Z, 0.0, f64::INFINITY);
         assert_eq!(hit(0.0), Some(1.0));
         assert_eq!(hit(-3.0), Some(2.0));
         assert_eq!(hit(1.5), None);

@@ -278,7 +278,7 @@ fn sphere_hit(primitive: &Primitive, sphere: &Sphere, ray: &Ray) -> Option<f32> 
     let map = &primitive.object_from_world;
     let origin = map.transform_point3(ray.origin.as_dvec3());
     let direction = map.transform_vector3(ray.direction.as_dvec3());
-    let t = sphere.intersect(origin, direction, f64::from(ray.t_near), f64::INFINITY)? as f32;
+    let t = sphere.nearest(origin, direction, f64::from(ray.t_near), f64::INFINITY)? as f32;
     (t <= ray.t_far && t.is_finite()).then_some(t)
 }
 

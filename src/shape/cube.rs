@@ -1,0 +1,102 @@
+//! The cube [-1, 1]³: three slabs by Cyrus and Beck.
+
+use glam::DVec3;
+
+use super::span::{Crossings, Span, UNIT, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
+use crate::numeric::Bounds;
+
+/// The cube [-1, 1]³. Part `2 axis` is the face at -1 of that axis, `2 axis + 1` the face at +1; the surface
+/// coordinates of each run over [0, 1]².
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cube;
+
+impl Cube {
+    #[inline(always)]
+    fn both(ray: &ShapeRay) -> Crossings {
+        let (o, d) = (ray.origin, ray.direction);
+        Span::slab(o.x, d.x, UNIT, [0, 1])
+            .overlap(Span::slab(o.y, d.y, UNIT, [2, 3]))
+            .overlap(Span::slab(o.z, d.z, UNIT, [4, 5]))
+            .crossings_of_convex(ray, false)
+    }
+}
+
+impl Implicit for Cube {
+    #[inline]
+    fn bounds(&self) -> Bounds {
+        Bounds {
+            min: -DVec3::ONE,
+            max: DVec3::ONE,
+        }
+    }
+
+    #[inline]
+    fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
+        nearest(ray, Cube::both(ray))
+    }
+
+    fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
+        report(ray, Cube::both(ray), out);
+    }
+
+    fn point(&self, p: DVec3, part: u32) -> ShapePoint {
+        let axis = (part as usize / 2).min(2);
+        let side = if part & 1 == 0 { -1.0 } else { 1.0 };
+        let (right, up) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut p = p.clamp(-DVec3::ONE, DVec3::ONE);
+        p[axis] = side;
+        let uv = [0.5 * (side * p[right] + 1.0), 0.5 * (p[up] + 1.0)];
+        let tangents = [2.0 * side * DVec3::AXES[right], 2.0 * DVec3::AXES[up]];
+        ShapePoint::new(p, side * DVec3::AXES[axis], uv, tangents, 1.0)
+    }
+
+    #[inline]
+    fn is_solid(&self) -> bool {
+        true
+    }
+
+    #[inline]
+    fn contains(&self, p: DVec3) -> bool {
+        p.abs().cmple(DVec3::ONE).all()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn hit(o: DVec3, d: DVec3) -> Option<ShapeHit> {
+        Cube.intersect(&ShapeRay::new(o, d))
+    }
+
+    #[test]
+    fn every_face_is_met_head_on_under_its_own_number() {
+        for part in 0..6 {
+            let n = Cube.point(DVec3::ZERO, part).n;
+            assert_eq!(hit(3.0 * n, -n), Some(ShapeHit { t: 2.0, part }));
+            assert_eq!(hit(DVec3::ZERO, n), Some(ShapeHit { t: 1.0, part }));
+        }
+    }
+
+    #[test]
+    fn a_ray_in_a_face_along_an_edge_or_through_a_corner_hits_and_one_beside_misses() {
+        for zero in [0.0, -0.0] {
+            assert!(hit(DVec3::new(1.0, 0.3, -5.0), DVec3::new(zero, zero, 1.0)).is_some());
+            assert!(hit(DVec3::new(1.0, -1.0, -5.0), DVec3::new(zero, zero, 1.0)).is_some());
+            assert!(
+                hit(
+                    DVec3::new(1.0 + f64::EPSILON, 0.0, -5.0),
+                    DVec3::new(zero, zero, 1.0)
+                )
+                .is_none()
+            );
+        }
+        assert_eq!(hit(DVec3::splat(3.0), -DVec3::ONE).map(|h| h.t), Some(2.0));
+        // Through the corner (1, 1, 1) only.
+        assert_eq!(
+            hit(DVec3::new(0.0, 1.0, 2.0), DVec3::new(1.0, 0.0, -1.0)).map(|h| h.t),
+            Some(1.0)
+        );
+    }
+}

@@ -1,0 +1,80 @@
+//! The unit disk: x² + y² <= 1 in the plane z = 0.
+
+use glam::DVec3;
+
+use super::span::{NOWHERE, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, plane};
+use crate::numeric::Bounds;
+
+/// The unit disk in the plane z = 0. Its positive side is +z; its surface coordinates are those of the square around
+/// it, (x + 1) / 2 and (y + 1) / 2, which have no pole.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Disk;
+
+impl Disk {
+    #[inline(always)]
+    fn crossing(ray: &ShapeRay) -> ShapeHit {
+        let hit = plane::crossing(ray);
+        let p = ray.at(hit.t);
+        if p.x * p.x + p.y * p.y <= 1.0 {
+            hit
+        } else {
+            NOWHERE
+        }
+    }
+}
+
+impl Implicit for Disk {
+    #[inline]
+    fn bounds(&self) -> Bounds {
+        Bounds {
+            min: DVec3::new(-1.0, -1.0, 0.0),
+            max: DVec3::new(1.0, 1.0, 0.0),
+        }
+    }
+
+    #[inline]
+    fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
+        nearest(ray, [Disk::crossing(ray), NOWHERE])
+    }
+
+    fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
+        report(ray, [Disk::crossing(ray), NOWHERE], out);
+    }
+
+    fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
+        flat_point(p, 0.0, DVec3::Z)
+    }
+
+    #[inline]
+    fn is_solid(&self) -> bool {
+        false
+    }
+
+    #[inline]
+    fn contains(&self, _p: DVec3) -> bool {
+        false
+    }
+}
+
+/// A point of the square [-1, 1]² at height `z` whose normal `n` is +z or -z; seen from outside, u runs to the right
+/// and v upwards.
+#[inline]
+pub(super) fn flat_point(p: DVec3, z: f64, n: DVec3) -> ShapePoint {
+    let p = DVec3::new(p.x, p.y, z);
+    let uv = [0.5 * (n.z * p.x + 1.0), 0.5 * (p.y + 1.0)];
+    let tangents = [2.0 * n.z * DVec3::X, 2.0 * DVec3::Y];
+    ShapePoint::new(p, n, uv, tangents, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rim_belongs_to_the_disk_and_the_next_number_does_not() {
+        let hit = |x: f64| Disk.intersect(&ShapeRay::new(DVec3::new(x, 0.0, 2.0), -DVec3::Z));
+        assert_eq!(hit(1.0), Some(ShapeHit { t: 2.0, part: 0 }));
+        assert_eq!(hit(1.0 + f64::EPSILON), None);
+    }
+}

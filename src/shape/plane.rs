@@ -1,0 +1,79 @@
+//! The plane z = 0.
+
+use glam::DVec3;
+
+use super::span::{NOWHERE, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
+use crate::numeric::Bounds;
+
+/// The plane z = 0, without end; its positive side is +z, its surface coordinates are x and y.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane;
+
+/// Where the ray crosses z = 0. A ray within the plane does not cross it, and one that leaves it does not come back.
+///
+/// The result is one subtraction-free division of exact numbers: within half an ulp.
+#[inline(always)]
+pub(super) fn crossing(ray: &ShapeRay) -> ShapeHit {
+    if ray.direction.z == 0.0 || ray.leaving.is_some() {
+        return NOWHERE;
+    }
+    // The sum makes +0 of -0, so that a ray that starts on the plane crosses at +0.
+    let t = -ray.origin.z / ray.direction.z + 0.0;
+    ShapeHit { t, part: 0 }
+}
+
+impl Implicit for Plane {
+    #[inline]
+    fn bounds(&self) -> Bounds {
+        Bounds {
+            min: DVec3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, 0.0),
+            max: DVec3::new(f64::INFINITY, f64::INFINITY, 0.0),
+        }
+    }
+
+    #[inline]
+    fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
+        nearest(ray, [crossing(ray), NOWHERE])
+    }
+
+    fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
+        report(ray, [crossing(ray), NOWHERE], out);
+    }
+
+    fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
+        let p = DVec3::new(p.x, p.y, 0.0);
+        ShapePoint::new(p, DVec3::Z, [p.x, p.y], [DVec3::X, DVec3::Y], 1.0)
+    }
+
+    #[inline]
+    fn is_solid(&self) -> bool {
+        false
+    }
+
+    #[inline]
+    fn contains(&self, _p: DVec3) -> bool {
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ray_crosses_once_from_either_side_and_never_when_parallel() {
+        let hit = |o: DVec3, d: DVec3| Plane.intersect(&ShapeRay::new(o, d)).map(|h| h.t);
+        assert_eq!(
+            hit(DVec3::new(5.0, 7.0, 3.0), DVec3::new(1.0, 0.0, -2.0)),
+            Some(1.5)
+        );
+        assert_eq!(hit(DVec3::new(0.0, 0.0, -3.0), DVec3::Z), Some(3.0));
+        assert_eq!(hit(DVec3::new(0.0, 0.0, 3.0), DVec3::Z), None);
+        for z in [0.0, -0.0, 1.0] {
+            for d in [0.0, -0.0] {
+                assert_eq!(hit(DVec3::new(0.0, 0.0, z), DVec3::new(1.0, 0.0, d)), None);
+            }
+        }
+    }
+}

@@ -1,0 +1,410 @@
+//! A convex polyhedron as the intersection of half-spaces n · x <= h, by Cyrus and Beck.
+//!
+//! A plane is compared with a ray by the sign of `n · d`, exactly zero or not, and closed; nothing is compared with an
+//! epsilon. Tolerances serve the constructors alone, relative to the solid's size.
+
+use std::collections::HashMap;
+
+use glam::{DMat3, DVec3};
+
+use super::frame::tangents;
+use super::span::{Crossings, Span, nearest, report};
+use super::{Implicit, Leaving, ShapeHit, ShapePoint, ShapeRay, Side};
+use crate::numeric::Bounds;
+
+/// The points with `n · x <= h`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HalfSpace {
+    /// Outward normal of the boundary; the constructor of a polyhedron makes it a unit vector.
+    pub n: DVec3,
+    /// Distance of the boundary from the origin along `n`, times its length.
+    pub h: f64,
+}
+
+impl HalfSpace {
+    /// How far `p` lies outside.
+    #[inline(always)]
+    fn excess(&self, p: DVec3) -> f64 {
+        self.n.dot(p) - self.h
+    }
+}
+
+/// A bounded convex polyhedron. Part `i` is the face on half-space `i`; its surface coordinates are lengths along two
+/// orthogonal tangents.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Polyhedron {
+    half_spaces: Box<[HalfSpace]>,
+    bounds: Bounds,
+}
+
+/// What is wrong with a polyhedron; faces and half-spaces are counted from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PolyhedronError {
+    /// A number is infinite or not a number.
+    #[error("vertex or half-space {0} of the polyhedron is not finite")]
+    NotFinite(usize),
+    /// More faces than the checks can be done for in reasonable time.
+    #[error("the polyhedron has more than {MAX_FACES} faces: make it a mesh")]
+    TooManyFaces,
+    /// A face has less than three vertices or no area, or a half-space has no normal.
+    #[error("face {0} of the polyhedron has no area: give at least three vertices that are not on one line")]
+    Degenerate(usize),
+    /// A face names a vertex that is not there.
+    #[error("face {0} of the polyhedron names a vertex that does not exist")]
+    NoSuchVertex(usize),
+    /// A face's vertices are not on one plane.
+    #[error("face {0} of the polyhedron is not flat: split it or move its vertices onto one plane")]
+    NotFlat(usize),
+    /// A vertex lies outside a face's plane, or the face itself has a dent.
+    #[error(
+        "the polyhedron is not convex at face {0}, or that face is not listed counter-clockwise from outside"
+    )]
+    NotConvex(usize),
+    /// An edge without a neighbour.
+    #[error("face {0} of the polyhedron has an edge that no other face shares: close the solid")]
+    NotClosed(usize),
+    /// The half-spaces leave a way to infinity.
+    #[error("the half-spaces do not enclose a bounded solid: add the missing ones")]
+    Unbounded,
+    /// The half-spaces have no common inside.
+    #[error("half-space {0} leaves nothing, or nothing of any thickness, of the polyhedron")]
+    Empty(usize),
+}
+
+/// Largest number of faces: finding the vertices tries every three of them.
+const MAX_FACES: usize = 512;
+/// How far off its plane a vertex may be, relative to the solid's extent: coordinates rounded to f32 or written with
+/// seven digits are off by up to 2^-23 of themselves.
+const FLATNESS: f64 = 1.0 / (1 << 20) as f64;
+/// What remains of vertices that are computed from planes, relative to their coordinates: 53 bits less those that a
+/// narrow angle of 2^-12 costs.
+const VERTEX_TOLERANCE: f64 = 1.0 / (1u64 << 40) as f64;
+
+impl Polyhedron {
+    /// The solid inside all `half_spaces`, whose normals may have any length. It must be bounded and have a volume.
+    pub fn from_half_spaces(half_spaces: &[HalfSpace]) -> Result<Polyhedron, PolyhedronError> {
+        if half_spaces.len() > MAX_FACES {
+            return Err(PolyhedronError::TooManyFaces);
+        }
+        let mut unit = Vec::with_capacity(half_spaces.len());
+        for (i, half_space) in half_spaces.iter().enumerate() {
+            let length = half_space.n.length();
+            if !(length.is_finite() && half_space.h.is_finite()) {
+                return Err(PolyhedronError::NotFinite(i));
+            }
+            let n = half_space.n / length;
+            if !(n.length() > 0.5) {
+                return Err(PolyhedronError::Degenerate(i));
+            }
+            unit.push(HalfSpace {
+                n,
+                h: half_space.h / length,
+            });
+        }
+        if is_unbounded(&unit) {
+            return Err(PolyhedronError::Unbounded);
+        }
+        let vertices = vertices_of(&unit);
+        let bounds = Bounds::of_points(vertices.iter().copied());
+        let slack = VERTEX_TOLERANCE * bounds.magnitude();
+        // A solid has thickness across every face.
+        let flat = |s: &HalfSpace| !vertices.iter().any(|v| s.excess(*v) < -2.0 * slack);
+        if let Some(i) = unit.iter().position(flat) {
+            return Err(PolyhedronError::Empty(i));
+        }
+        Ok(Polyhedron {
+            half_spaces: unit.into(),
+            bounds: grown(bounds, slack),
+        })
+    }
+
+    /// The solid with these vertices and faces, each face listed counter-clockwise as seen from outside.
+    pub fn from_faces(vertices: &[DVec3], faces: &[Vec<u32>]) -> Result<Polyhedron, PolyhedronError> {
+        if let Some(i) = vertices.iter().position(|v| !v.is_finite()) {
+            return Err(PolyhedronError::NotFinite(i));
+        }
+        if faces.len() > MAX_FACES {
+            return Err(PolyhedronError::TooManyFaces);
+        }
+        let slack = FLATNESS * Bounds::of_points(vertices.iter().copied()).extent().max_element();
+        let mut half_spaces = Vec::with_capacity(faces.len());
+        for (i, face) in faces.iter().enumerate() {
+            half_spaces.push(face_half_space(vertices, face, i, slack)?);
+        }
+        check_closed(faces)?;
+        let solid = Polyhedron::from_half_spaces(&half_spaces)?;
+        let given = Bounds::of_points(faces.iter().flatten().map(|&v| vertices[v as usize]));
+        Ok(Polyhedron {
+            bounds: solid.bounds.union(given),
+            ..solid
+        })
+    }
+
+    /// Its half-spaces, with unit normals, in the order of its faces.
+    pub fn half_spaces(&self) -> &[HalfSpace] {
+        &self.half_spaces
+    }
+
+    #[inline(always)]
+    fn both(&self, ray: &ShapeRay) -> Crossings {
+        let mut span = Span::ALL;
+        // A ray to the inside does not meet its own plane again, whatever rounding makes of a grazing one.
+        let own = match ray.leaving {
+            Some(Leaving {
+                part,
+                side: Side::Inside,
+            }) => part,
+            _ => u32::MAX,
+        };
+        for (part, half_space) in (0u32..).zip(&self.half_spaces) {
+            let slope = half_space.n.dot(ray.direction);
+            let room = -half_space.excess(ray.origin);
+            if slope > 0.0 {
+                let t = room / slope;
+                if t < span.exit.t && part != own {
+                    span.exit = ShapeHit { t, part };
+                }
+            } else if slope < 0.0 {
+                let t = room / slope;
+                if t > span.enter.t {
+                    span.enter = ShapeHit { t, part };
+                }
+            } else if room < 0.0 && part != own {
+                return Span::NONE.crossings_of_convex(ray, false);
+            }
+        }
+        span.crossings_of_convex(ray, false)
+    }
+}
+
+/// Where it goes on for ever: along the common line of two of the planes, if anywhere.
+fn is_unbounded(half_spaces: &[HalfSpace]) -> bool {
+    let pairs = half_spaces
+        .iter()
+        .enumerate()
+        .flat_map(|(i, a)| half_spaces[..i].iter().map(|b| a.n.cross(b.n)));
+    let mut directions = pairs.filter(|d| d.length() > VERTEX_TOLERANCE).peekable();
+    let free = |d: DVec3| {
+        let most = VERTEX_TOLERANCE * d.length();
+        half_spaces.iter().all(|s| s.n.dot(d) <= most)
+    };
+    // Parallel planes alone leave everything along them.
+    directions.peek().is_none() || directions.any(|d| free(d) || free(-d))
+}
+
+/// The points common to three of the planes and inside all others.
+fn vertices_of(half_spaces: &[HalfSpace]) -> Vec<DVec3> {
+    let mut vertices = Vec::new();
+    for (i, a) in half_spaces.iter().enumerate() {
+        for (j, b) in half_spaces[..i].iter().enumerate() {
+            for c in &half_spaces[..j] {
+                let normals = DMat3::from_cols(a.n, b.n, c.n);
+                let volume = normals.determinant();
+                let p = (a.h * b.n.cross(c.n) + b.h * c.n.cross(a.n) + c.h * a.n.cross(b.n)) / volume;
+                let slack = VERTEX_TOLERANCE * (p.abs().max_element() + a.h.abs() + b.h.abs() + c.h.abs());
+                if p.is_finite() && half_spaces.iter().all(|s| s.excess(p) <= slack) {
+                    vertices.push(p);
+                }
+            }
+        }
+    }
+    vertices
+}
+
+fn grown(bounds: Bounds, by: f64) -> Bounds {
+    Bounds {
+        min: bounds.min - DVec3::splat(by),
+        max: bounds.max + DVec3::splat(by),
+    }
+}
+
+/// The half-space of one face: Newell's normal, and all vertices inside.
+fn face_half_space(
+    vertices: &[DVec3],
+    face: &[u32],
+    index: usize,
+    slack: f64,
+) -> Result<HalfSpace, PolyhedronError> {
+    let mut corners = Vec::with_capacity(face.len());
+    for &v in face {
+        let corner = vertices.get(v as usize).copied();
+        corners.push(corner.ok_or(PolyhedronError::NoSuchVertex(index))?);
+    }
+    let count = corners.len();
+    let first = corners.first().copied().unwrap_or_default();
+    // Twice the vector area, summed from one corner.
+    let area: DVec3 = (0..count)
+        .map(|k| (corners[k] - first).cross(corners[(k + 1) % count] - first))
+        .sum();
+    let n = area.normalize_or_zero();
+    if count < 3 || n == DVec3::ZERO || area.length() <= slack * slack {
+        return Err(PolyhedronError::Degenerate(index));
+    }
+    let (low, high) = corners
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
+            (low.min(n.dot(*p)), high.max(n.dot(*p)))
+        });
+    if high - low > slack {
+        return Err(PolyhedronError::NotFlat(index));
+    }
+    for k in 0..count {
+        let (a, b, c) = (corners[k], corners[(k + 1) % count], corners[(k + 2) % count]);
+        let turn = (b - a).cross(c - b).dot(n);
+        if turn < -slack * ((b - a).length() + (c - b).length()) {
+            return Err(PolyhedronError::NotConvex(index));
+        }
+    }
+    let outermost = vertices.iter().fold(high, |most, p| most.max(n.dot(*p)));
+    if outermost - high > slack {
+        return Err(PolyhedronError::NotConvex(index));
+    }
+    Ok(HalfSpace { n, h: outermost })
+}
+
+/// Every edge must be run through once in either direction.
+fn check_closed(faces: &[Vec<u32>]) -> Result<(), PolyhedronError> {
+    let mut edges: HashMap<(u32, u32), usize> = HashMap::new();
+    let edges_of = |face: &[u32]| -> Vec<(u32, u32)> {
+        (0..face.len())
+            .map(|k| (face[k], face[(k + 1) % face.len()]))
+            .collect()
+    };
+    for (i, face) in faces.iter().enumerate() {
+        for edge in edges_of(face) {
+            if edges.insert(edge, i).is_some() {
+                return Err(PolyhedronError::NotClosed(i));
+            }
+        }
+    }
+    let open = |face: &Vec<u32>| edges_of(face).iter().any(|&(a, b)| !edges.contains_key(&(b, a)));
+    match faces.iter().position(open) {
+        Some(i) => Err(PolyhedronError::NotClosed(i)),
+        None => Ok(()),
+    }
+}
+
+impl Implicit for Polyhedron {
+    #[inline]
+    fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    #[inline]
+    fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
+        nearest(ray, self.both(ray))
+    }
+
+    fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
+        report(ray, self.both(ray), out);
+    }
+
+    fn point(&self, p: DVec3, part: u32) -> ShapePoint {
+        let last = self.half_spaces.len() - 1;
+        let face = self.half_spaces[(part as usize).min(last)];
+        let p = p - face.excess(p) * face.n;
+        let [s, t] = tangents(face.n);
+        ShapePoint::new(p, face.n, [p.dot(s), p.dot(t)], [s, t], self.bounds.magnitude())
+    }
+
+    #[inline]
+    fn is_solid(&self) -> bool {
+        true
+    }
+
+    #[inline]
+    fn contains(&self, p: DVec3) -> bool {
+        self.half_spaces.iter().all(|s| s.excess(p) <= 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tetrahedron() -> (Vec<DVec3>, Vec<Vec<u32>>) {
+        (
+            vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z],
+            vec![vec![0, 2, 1], vec![0, 1, 3], vec![0, 3, 2], vec![1, 2, 3]],
+        )
+    }
+
+    fn cube_half_spaces() -> Vec<HalfSpace> {
+        (0..6)
+            .map(|part| HalfSpace {
+                n: if part % 2 == 0 { -3.0 } else { 3.0 } * DVec3::AXES[part / 2],
+                h: 3.0,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn half_spaces_of_a_cube_answer_as_the_cube_does() {
+        let cube = Polyhedron::from_half_spaces(&cube_half_spaces()).unwrap();
+        for (o, d) in [
+            (DVec3::new(0.3, -0.2, 5.0), DVec3::new(0.0, -0.0, -2.0)),
+            (DVec3::new(1.0, 0.3, -5.0), DVec3::Z),
+            (DVec3::splat(3.0), -DVec3::ONE),
+            (DVec3::ZERO, DVec3::new(1.0, 2.0, -3.0)),
+            (DVec3::splat(3.0), DVec3::new(-1.0, 0.0, 0.0)),
+        ] {
+            let ray = ShapeRay::new(o, d);
+            assert_eq!(
+                cube.intersect(&ray),
+                super::super::Cube.intersect(&ray),
+                "{ray:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_tetrahedron_from_faces_is_hit_on_the_face_that_is_named() {
+        let (vertices, faces) = tetrahedron();
+        let solid = Polyhedron::from_faces(&vertices, &faces).unwrap();
+        // From (1, 1, 1) towards the origin: x + y + z = 1 at t = 2/3.
+        let hit = solid.intersect(&ShapeRay::new(DVec3::ONE, -DVec3::ONE)).unwrap();
+        assert_eq!(hit.part, 3);
+        assert!((hit.t - 2.0 / 3.0).abs() <= 4.0 * f64::EPSILON);
+        assert!(solid.contains(DVec3::splat(0.25)) && !solid.contains(DVec3::splat(0.5)));
+    }
+
+    #[test]
+    fn faulty_faces_are_named() {
+        let (vertices, faces) = tetrahedron();
+        let with = |change: fn(&mut Vec<DVec3>, &mut Vec<Vec<u32>>)| {
+            let (mut vertices, mut faces) = (vertices.clone(), faces.clone());
+            change(&mut vertices, &mut faces);
+            Polyhedron::from_faces(&vertices, &faces).unwrap_err()
+        };
+        assert_eq!(with(|_, f| f[2].reverse()), PolyhedronError::NotConvex(2));
+        assert_eq!(with(|_, f| f[1][0] = 9), PolyhedronError::NoSuchVertex(1));
+        assert_eq!(with(|_, f| f[1].truncate(2)), PolyhedronError::Degenerate(1));
+        assert_eq!(with(|_, f| drop(f.pop())), PolyhedronError::NotClosed(0));
+        assert_eq!(with(|v, _| v[3].z = f64::NAN), PolyhedronError::NotFinite(3));
+        assert_eq!(
+            with(|v, f| {
+                v.push(DVec3::new(0.3, 0.3, 0.3));
+                f[0].insert(1, 4);
+            }),
+            PolyhedronError::NotFlat(0)
+        );
+    }
+
+    #[test]
+    fn half_spaces_that_enclose_nothing_or_everything_are_refused() {
+        let cube = cube_half_spaces();
+        assert_eq!(
+            Polyhedron::from_half_spaces(&cube[..5]),
+            Err(PolyhedronError::Unbounded)
+        );
+        assert_eq!(Polyhedron::from_half_spaces(&[]), Err(PolyhedronError::Unbounded));
+        for h in [-3.0, -4.0] {
+            let mut thin = cube.clone();
+            thin[0].h = h;
+            assert!(matches!(
+                Polyhedron::from_half_spaces(&thin),
+                Err(PolyhedronError::Empty(_))
+            ));
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! The square [-1, 1]² in the plane z = 0.
+
+use glam::DVec3;
+
+use super::disk::flat_point;
+use super::span::{NOWHERE, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, plane};
+use crate::numeric::Bounds;
+
+/// The square [-1, 1]² in the plane z = 0. Its positive side is +z; its surface coordinates run over [0, 1]².
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quad;
+
+impl Quad {
+    #[inline(always)]
+    fn crossing(ray: &ShapeRay) -> ShapeHit {
+        let hit = plane::crossing(ray);
+        let p = ray.at(hit.t);
+        if (p.x.abs() <= 1.0) & (p.y.abs() <= 1.0) {
+            hit
+        } else {
+            NOWHERE
+        }
+    }
+}
+
+impl Implicit for Quad {
+    #[inline]
+    fn bounds(&self) -> Bounds {
+        Bounds {
+            min: DVec3::new(-1.0, -1.0, 0.0),
+            max: DVec3::new(1.0, 1.0, 0.0),
+        }
+    }
+
+    #[inline]
+    fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
+        nearest(ray, [Quad::crossing(ray), NOWHERE])
+    }
+
+    fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
+        report(ray, [Quad::crossing(ray), NOWHERE], out);
+    }
+
+    fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
+        flat_point(p, 0.0, DVec3::Z)
+    }
+
+    #[inline]
+    fn is_solid(&self) -> bool {
+        false
+    }
+
+    #[inline]
+    fn contains(&self, _p: DVec3) -> bool {
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edges_and_corners_belong_to_the_square() {
+        let hit = |x: f64, y: f64| Quad.intersect(&ShapeRay::new(DVec3::new(x, y, -4.0), 2.0 * DVec3::Z));
+        for (x, y) in [(1.0, 0.3), (-1.0, -1.0), (1.0, 1.0), (0.0, 0.0)] {
+            assert_eq!(hit(x, y), Some(ShapeHit { t: 2.0, part: 0 }));
+        }
+        assert_eq!(hit(1.0 + f64::EPSILON, 0.0), None);
+        assert_eq!(hit(0.0, -1.5), None);
+    }
+}

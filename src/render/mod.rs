@@ -23,7 +23,8 @@ pub use record::{RecordedRays, record};
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::numeric::Lanes;
-use crate::scene::{Camera, CameraView, Material, Scene};
+use crate::scene::{Background, Camera, CameraView, Material, Model, Scene};
+use crate::shading::MaterialFeatures;
 use sampler::{PacketShape, SampleGroup};
 use surface::SurfaceScene;
 use wave::Wave;
@@ -91,6 +92,9 @@ struct Frame<'s> {
     /// The samples of each pixel, a packet's share at a time.
     groups: Vec<SampleGroup>,
     ambient: [f32; 3],
+    background: Background,
+    /// What the materials in use ask for.
+    features: MaterialFeatures,
     /// Whether anything is seen without a light: ambient or emission.
     glows: bool,
     /// Whether any material may reflect as a mirror.
@@ -157,7 +161,11 @@ impl<'s> Frame<'s> {
             pixels: shape.pixels(),
             groups: shape.groups(settings.spp),
             ambient: scene.ambient,
-            glows: ambient_light || used().any(|material| material.emission != [0.0; 3]),
+            background: scene.background,
+            features: MaterialFeatures::of(used()),
+            glows: ambient_light
+                || scene.background != Background::default()
+                || used().any(|material| material.emission != [0.0; 3] || material.model == Model::Unlit),
             mirrors: used().any(Material::may_mirror),
         }
     }

@@ -12,8 +12,8 @@ use crate::numeric::{
     LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_bound,
     triangle_spawn_error,
 };
-use crate::scene::{Geometry, Material, Parameter, Scene, Texture};
-use crate::shading::{MaterialPacket, sample};
+use crate::scene::{Geometry, Layer, Material, Model, Parameter, Scene, Texture};
+use crate::shading::{MaterialFeatures, MaterialPacket, RichLanes, sample};
 use crate::shape::Sphere;
 
 /// The scene, seen from its hits: one entry an instance.
@@ -55,6 +55,10 @@ struct MeshView<'s> {
 pub(super) struct SurfacePacket {
     /// Lanes that have hit something.
     pub(super) hit: Lanes<bool>,
+    /// Whether the ray came from the outside: the side that triangles show their front to.
+    pub(super) front: Lanes<bool>,
+    /// Geometric normals on the side that the ray came from, to f64 accuracy, of lanes that are no plain triangles.
+    exact_normal: [DVec3; LANES],
     /// The points.
     pub(super) p: Lanes3<f64>,
     /// Unit geometric normals on the side that the ray came from.
@@ -218,11 +222,10 @@ impl<'s> SurfaceScene<'s> {
                 (Kind::Sphere(sphere), placement) => placed_sphere(packet, l, sphere, placement),
             };
             let wo = lane(&surfaces.wo, l).as_dvec3();
-            let ng = if placed.ng.dot(wo) < 0.0 {
-                -placed.ng
-            } else {
-                placed.ng
-            };
+            let front = !(placed.ng.dot(wo) < 0.0);
+            let ng = if front { placed.ng } else { -placed.ng };
+            surfaces.front[l] = front;
+            surfaces.exact_normal[l] = ng;
             let mut ns = placed.ns.unwrap_or(ng);
             if ns.dot(ng) < 0.0 {
                 ns = -ns;
@@ -242,6 +245,7 @@ impl<'s> SurfaceScene<'s> {
     /// Multiplies textures and vertex colours into lane `l`.
     #[cold]
     fn vary(&self, view: &InstanceView, packet: &RayPacket, l: usize, materials: &mut MaterialPacket) {
+        let mut alpha = view.material.base_color[3];
         for layer in &view.material.layers {
             let encoding = layer.parameter.encoding();
             let coordinates = view.tex_coord(layer.texture.tex_coord, packet, l);
@@ -256,20 +260,44 @@ impl<'s> SurfaceScene<'s> {
                 layer.texture.transform.apply(coordinates),
             );
             match layer.parameter {
-                Parameter::BaseColor => (0..3).for_each(|c| materials.base_color[c][l] *= texel[c]),
+                Parameter::BaseColor => {
+                    (0..3).for_each(|c| materials.base_color[c][l] *= texel[c]);
+                    alpha *= texel[3];
+                }
                 Parameter::Emission => (0..3).for_each(|c| materials.emission[c][l] *= texel[c]),
+                Parameter::Roughness => materials.roughness[l] *= texel[0],
+                Parameter::Metallic => materials.metallic[l] *= texel[0],
                 Parameter::MetallicRoughness => {
                     materials.roughness[l] *= texel[1];
                     materials.metallic[l] *= texel[2];
                 }
-                _ => {}
+                _ => rich_layer(layer, &texel, l, &mut materials.rich),
             }
         }
         if let Some(color) = view.vertex_color(packet, l) {
             for channel in 0..3 {
                 materials.base_color[channel][l] *= color[channel];
             }
+            alpha *= color[3];
         }
+        materials.alpha[l] = view.material.alpha.coverage(alpha);
+        if view.material.model == Model::Unlit {
+            (0..3).for_each(|c| materials.emission[c][l] = materials.base_color[c][l]);
+        }
+    }
+}
+
+/// What a texture does to a parameter that few materials have.
+fn rich_layer(layer: &Layer, texel: &[f32; 4], l: usize, rich: &mut RichLanes) {
+    let tint = |lanes: &mut Lanes3<f32>| (0..3).for_each(|c| lanes[c][l] *= texel[c]);
+    match layer.parameter {
+        Parameter::Specular => rich.specular[l] *= texel[3],
+        Parameter::SpecularColor => tint(&mut rich.specular_color),
+        Parameter::Reflection => tint(&mut rich.reflection),
+        Parameter::Transmission if rich.is_lecture[l] => tint(&mut rich.transmission),
+        Parameter::Transmission => (0..3).for_each(|c| rich.transmission[c][l] *= texel[0]),
+        Parameter::Occlusion => rich.occlusion[l] = 1.0 + layer.strength * (texel[0] - 1.0),
+        _ => {}
     }
 }
 
@@ -373,8 +401,8 @@ impl MeshView<'_> {
     }
 }
 
-impl Default for Surfaces {
-    fn default() -> Surfaces {
+impl Surfaces {
+    pub(super) fn new(features: MaterialFeatures) -> Surfaces {
         Surfaces {
             gathered: Gathered {
                 // A right triangle in the xy plane, until a lane has one of its own.
@@ -389,6 +417,8 @@ impl Default for Surfaces {
             },
             points: SurfacePacket {
                 hit: [false; LANES],
+                front: [true; LANES],
+                exact_normal: [DVec3::ZERO; LANES],
                 p: [[0.0; LANES]; 3],
                 ng: [[0.0; LANES]; 3],
                 ns: [[0.0; LANES]; 3],
@@ -396,7 +426,10 @@ impl Default for Surfaces {
                 origin: [[0.0; LANES]; 3],
                 error: [0.0; LANES],
             },
-            materials: MaterialPacket::BLACK,
+            materials: MaterialPacket {
+                features,
+                ..MaterialPacket::BLACK
+            },
             filled_for: None,
         }
     }
@@ -491,7 +524,9 @@ fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut Sur
     }
     for l in 0..LANES {
         let (n, wo) = (lane(&across, l), lane(&surfaces.wo, l));
-        let facing = if n.dot(wo) < 0.0 { -1.0 } else { 1.0 };
+        let front = !(n.dot(wo) < 0.0);
+        surfaces.front[l] = front;
+        let facing = if front { 1.0 } else { -1.0 };
         let ng = n * (facing / n.dot(n).sqrt());
         let v0 = lane(a, l);
         let bound = triangle_spawn_bound(v0, lane(b, l) - v0, lane(c, l) - v0);

@@ -53,7 +53,7 @@ impl<'f, 's> Wave<'f, 's> {
         Wave {
             frame,
             current: Generation::default(),
-            surfaces: Box::default(),
+            surfaces: Box::new(Surfaces::new(frame.features)),
             outcome: Outcome {
                 frame,
                 film: TileFilm::new(),

@@ -107,6 +107,19 @@ pub enum AlphaMode {
     Blend,
 }
 
+impl AlphaMode {
+    /// The part of a surface that is there, by the fourth channel of its base colour.
+    #[inline(always)]
+    pub fn coverage(self, alpha: f32) -> f32 {
+        match self {
+            AlphaMode::Opaque => 1.0,
+            AlphaMode::Mask(cutoff) if alpha >= cutoff => 1.0,
+            AlphaMode::Mask(_) => 0.0,
+            AlphaMode::Blend => alpha.clamp(0.0, 1.0),
+        }
+    }
+}
+
 /// What is inside a surface, for light that goes through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interior {
@@ -173,6 +186,13 @@ impl Material {
             Model::Lecture(lecture) => lecture.transmission != [0.0; 3],
             Model::Unlit => false,
         }
+    }
+
+    /// Whether a texture lies on a parameter that few materials have.
+    pub(crate) fn has_rich_layer(&self) -> bool {
+        use Parameter::{Occlusion, Reflection, Specular, SpecularColor, Transmission};
+        let rich = [Occlusion, Reflection, Specular, SpecularColor, Transmission];
+        rich.into_iter().any(|parameter| self.layer(parameter).is_some())
     }
 
     /// Whether it may reflect an image. A texture multiplies the factor, so it can only make a surface smoother.

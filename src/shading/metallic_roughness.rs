@@ -5,81 +5,36 @@
 
 use std::f32::consts::PI;
 
-use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::{MIRROR_ROUGHNESS, Material, MetallicRoughness, Model};
-
-/// Reflectance of a dielectric at normal incidence: index of refraction 1.5.
-const DIELECTRIC_F0: f32 = 0.04;
-
-/// The material at sixteen points, textures and vertex colours multiplied in.
-#[derive(Clone, Debug)]
-pub struct MaterialPacket {
-    /// Linear RGB.
-    pub base_color: Lanes3<f32>,
-    /// 0 dielectric, 1 metal.
-    pub metallic: Lanes<f32>,
-    /// Perceptual roughness, 0 to 1.
-    pub roughness: Lanes<f32>,
-    /// Emitted radiance, linear RGB.
-    pub emission: Lanes3<f32>,
-}
-
-fn metallic_roughness(material: &Material) -> MetallicRoughness {
-    match material.model {
-        Model::MetallicRoughness(model) => model,
-        _ => MetallicRoughness::DEFAULT,
-    }
-}
+use super::material::MaterialPacket;
+use crate::numeric::{LANES, Lanes3};
+use crate::scene::MIRROR_ROUGHNESS;
 
 impl MaterialPacket {
-    /// Black everywhere.
-    pub const BLACK: MaterialPacket = MaterialPacket {
-        base_color: [[0.0; LANES]; 3],
-        metallic: [0.0; LANES],
-        roughness: [1.0; LANES],
-        emission: [[0.0; LANES]; 3],
-    };
-
-    /// Sets every lane to the factors of `material`.
-    #[inline(always)]
-    pub fn fill(&mut self, material: &Material) {
-        for channel in 0..3 {
-            self.base_color[channel] = [material.base_color[channel]; LANES];
-            self.emission[channel] = [material.emission[channel]; LANES];
-        }
-        let model = metallic_roughness(material);
-        self.metallic = [model.metallic; LANES];
-        self.roughness = [model.roughness; LANES];
-    }
-
-    /// Sets one lane to the factors of `material`.
-    #[inline(always)]
-    pub fn set(&mut self, l: usize, material: &Material) {
-        for channel in 0..3 {
-            self.base_color[channel][l] = material.base_color[channel];
-            self.emission[channel][l] = material.emission[channel];
-        }
-        let model = metallic_roughness(material);
-        self.metallic[l] = model.metallic;
-        self.roughness[l] = model.roughness;
-    }
-
     /// Diffuse albedo.
     #[inline(always)]
     fn c_diff(&self, channel: usize, l: usize) -> f32 {
-        self.base_color[channel][l] * (1.0 - self.metallic[l])
+        let through = self.rich.transmission[channel][l];
+        self.base_color[channel][l] * ((1.0 - self.metallic[l]) * (1.0 - through))
     }
 
     /// Reflectance at normal incidence.
     #[inline(always)]
     fn f0(&self, channel: usize, l: usize) -> f32 {
-        DIELECTRIC_F0 * (1.0 - self.metallic[l]) + self.base_color[channel][l] * self.metallic[l]
+        let dielectric = (self.f0[l] * self.rich.specular_color[channel][l]).min(1.0) * self.rich.specular[l];
+        dielectric * (1.0 - self.metallic[l]) + self.base_color[channel][l] * self.metallic[l]
+    }
+
+    /// Reflectance at grazing incidence.
+    #[inline(always)]
+    fn f90(&self, l: usize) -> f32 {
+        self.rich.specular[l] * (1.0 - self.metallic[l]) + self.metallic[l]
     }
 
     /// Radiance that leaves without any light's help: emission, and the surroundings `ambient` seen diffusely, and
     /// specularly where no mirror ray brings them.
     #[inline(always)]
     pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
+        let rich = &self.rich;
         let mut rough = [0.0; LANES];
         for l in 0..LANES {
             rough[l] = if self.roughness[l] <= MIRROR_ROUGHNESS {
@@ -91,8 +46,10 @@ impl MaterialPacket {
         let mut radiance = self.emission;
         for channel in 0..3 {
             for l in 0..LANES {
-                let albedo = self.c_diff(channel, l) + self.f0(channel, l) * rough[l];
-                radiance[channel][l] += ambient[channel] * albedo;
+                let gltf = self.c_diff(channel, l) + self.f0(channel, l) * rough[l];
+                let lecture = rich.ambient[channel][l] * self.base_color[channel][l];
+                let albedo = if rich.is_lecture[l] { lecture } else { gltf };
+                radiance[channel][l] += ambient[channel] * (albedo * rich.occlusion[l]);
             }
         }
         radiance
@@ -143,7 +100,7 @@ pub fn direct(
         let grazing = fifth_power(1.0 - v_dot_h);
         for channel in 0..3 {
             let f0 = material.f0(channel, l);
-            let fresnel = f0 + (1.0 - f0) * grazing;
+            let fresnel = f0 + (material.f90(l) - f0) * grazing;
             let diffuse = (1.0 - fresnel) * material.c_diff(channel, l) * (1.0 / PI);
             reflected[channel][l] = (diffuse + fresnel * lobe) * n_dot_l;
         }
@@ -152,7 +109,7 @@ pub fn direct(
 }
 
 /// The mirror ray of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, zero where the surface is
-/// rougher than [`MIRROR_ROUGHNESS`].
+/// rougher than [`MIRROR_ROUGHNESS`]; the lecture's kr in its lanes.
 #[inline(always)]
 pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> (Lanes3<f32>, Lanes3<f32>) {
     let mut direction = [[0.0; LANES]; 3];
@@ -170,7 +127,12 @@ pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> 
         let grazing = fifth_power(1.0 - cosine.abs());
         for channel in 0..3 {
             let f0 = material.f0(channel, l);
-            reflectance[channel][l] = smooth * (f0 + (1.0 - f0) * grazing);
+            let polished = smooth * (f0 + (material.f90(l) - f0) * grazing);
+            reflectance[channel][l] = if material.rich.is_lecture[l] {
+                material.rich.reflection[channel][l]
+            } else {
+                polished
+            };
         }
     }
     (direction, reflectance)
@@ -202,7 +164,7 @@ mod tests {
             base_color: [[base; LANES]; 3],
             metallic: [metallic; LANES],
             roughness: [roughness; LANES],
-            emission: [[0.0; LANES]; 3],
+            ..MaterialPacket::BLACK
         }
     }
 

@@ -1,12 +1,17 @@
-//! How surfaces answer light: lights, textures, and glTF's metallic-roughness model, sixteen points at a time.
+//! How surfaces answer light: lights, textures, the lecture's equation and glTF's metallic-roughness model, sixteen
+//! points at a time.
 //!
 //! Everything here is arithmetic on lanes without branches, so that it vectorises; what lanes do not need is masked by
 //! a factor of zero.
 
+mod lecture;
 mod light;
+mod material;
 mod metallic_roughness;
 mod texture;
 
+pub use lecture::lecture_direct;
 pub use light::{Illumination, illuminate};
-pub use metallic_roughness::{MaterialPacket, direct, mirror};
+pub use material::{MaterialFeatures, MaterialPacket, RichLanes};
+pub use metallic_roughness::{direct, mirror};
 pub use texture::sample;

@@ -1,0 +1,237 @@
+//! The materials of sixteen points: factors, with textures and vertex colours multiplied in later.
+
+use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::scene::{Lecture, Material, MetallicRoughness, Model};
+
+/// The material at sixteen points.
+///
+/// `rich` holds neutral values unless the features ask for it.
+#[derive(Clone, Debug)]
+pub struct MaterialPacket {
+    /// Which parts are written.
+    pub features: MaterialFeatures,
+    /// Linear RGB.
+    pub base_color: Lanes3<f32>,
+    /// Coverage: the part of the surface that is there, 1 for opaque materials.
+    pub alpha: Lanes<f32>,
+    /// Emitted radiance, linear RGB.
+    pub emission: Lanes3<f32>,
+    /// 0 dielectric, 1 metal.
+    pub metallic: Lanes<f32>,
+    /// Perceptual roughness, 0 to 1.
+    pub roughness: Lanes<f32>,
+    /// Reflectance of the dielectric at normal incidence, before `specular_color` and `specular`.
+    pub f0: Lanes<f32>,
+    /// What few materials have.
+    pub rich: RichLanes,
+}
+
+/// What few materials have, at sixteen points.
+#[derive(Clone, Debug)]
+pub struct RichLanes {
+    /// Strength of a dielectric's reflection.
+    pub specular: Lanes<f32>,
+    /// Colour of a dielectric's reflection; the lecture's rsp.
+    pub specular_color: Lanes3<f32>,
+    /// The share that goes through, linear RGB; the lecture's kt.
+    pub transmission: Lanes3<f32>,
+    /// How much of the ambient light arrives.
+    pub occlusion: Lanes<f32>,
+    /// Whether the lecture's model answers light rather than glTF's. An unlit surface is one of the lecture's that
+    /// reflects nothing.
+    pub is_lecture: Lanes<bool>,
+    /// The lecture's ra, linear RGB.
+    pub ambient: Lanes3<f32>,
+    /// The lecture's rd, linear RGB.
+    pub diffuse: Lanes3<f32>,
+    /// The lecture's f.
+    pub exponent: Lanes<f32>,
+    /// The lecture's kr, linear RGB.
+    pub reflection: Lanes3<f32>,
+}
+
+/// Reflectance of a dielectric at normal incidence in air.
+fn f0_of(ior: f64) -> f32 {
+    let ratio = (ior - 1.0) / (ior + 1.0);
+    (ratio * ratio) as f32
+}
+
+/// glTF's default index of refraction, 1.5, written as the specification does.
+const DEFAULT_F0: f32 = 0.04;
+
+impl MaterialPacket {
+    /// Black everywhere.
+    pub const BLACK: MaterialPacket = MaterialPacket {
+        features: MaterialFeatures::NONE,
+        base_color: [[0.0; LANES]; 3],
+        alpha: [1.0; LANES],
+        emission: [[0.0; LANES]; 3],
+        metallic: [0.0; LANES],
+        roughness: [1.0; LANES],
+        f0: [DEFAULT_F0; LANES],
+        rich: RichLanes {
+            specular: [1.0; LANES],
+            specular_color: [[1.0; LANES]; 3],
+            transmission: [[0.0; LANES]; 3],
+            occlusion: [1.0; LANES],
+            is_lecture: [false; LANES],
+            ambient: [[0.0; LANES]; 3],
+            diffuse: [[0.0; LANES]; 3],
+            exponent: [1.0; LANES],
+            reflection: [[0.0; LANES]; 3],
+        },
+    };
+
+    /// Sets every lane to the factors of `material`.
+    #[inline(always)]
+    pub fn fill(&mut self, material: &Material) {
+        let factors = Factors::of(material);
+        for l in 0..LANES {
+            self.set_plain(l, &factors);
+        }
+        if self.features.rich {
+            for l in 0..LANES {
+                self.set_rich(l, &factors);
+            }
+        }
+    }
+
+    /// Sets one lane to the factors of `material`.
+    #[inline(always)]
+    pub fn set(&mut self, l: usize, material: &Material) {
+        let factors = Factors::of(material);
+        self.set_plain(l, &factors);
+        if self.features.rich {
+            self.set_rich(l, &factors);
+        }
+    }
+
+    #[inline(always)]
+    fn set_plain(&mut self, l: usize, factors: &Factors) {
+        let material = factors.material;
+        for channel in 0..3 {
+            self.base_color[channel][l] = material.base_color[channel];
+            self.emission[channel][l] = factors.emission[channel];
+        }
+        self.alpha[l] = material.alpha.coverage(material.base_color[3]);
+        self.metallic[l] = factors.model.metallic;
+        self.roughness[l] = factors.model.roughness;
+        self.f0[l] = factors.f0;
+    }
+
+    #[inline(always)]
+    fn set_rich(&mut self, l: usize, factors: &Factors) {
+        let rich = &mut self.rich;
+        rich.specular[l] = factors.model.specular;
+        rich.is_lecture[l] = factors.is_lecture;
+        rich.exponent[l] = factors.lecture.exponent;
+        rich.occlusion[l] = 1.0;
+        for channel in 0..3 {
+            rich.specular_color[channel][l] = factors.specular_color[channel];
+            rich.transmission[channel][l] = factors.transmission[channel];
+            rich.ambient[channel][l] = factors.lecture.ambient[channel];
+            rich.diffuse[channel][l] = factors.lecture.diffuse[channel];
+            rich.reflection[channel][l] = factors.lecture.reflection[channel];
+        }
+    }
+}
+
+/// A material's numbers in one form for both models.
+struct Factors<'m> {
+    material: &'m Material,
+    model: MetallicRoughness,
+    lecture: Lecture,
+    is_lecture: bool,
+    f0: f32,
+    emission: [f32; 3],
+    specular_color: [f32; 3],
+    transmission: [f32; 3],
+}
+
+/// A lecture's surface that reflects nothing.
+const NOTHING: Lecture = Lecture {
+    ambient: [0.0; 3],
+    diffuse: [0.0; 3],
+    ..Lecture::DEFAULT
+};
+
+impl<'m> Factors<'m> {
+    fn of(material: &'m Material) -> Factors<'m> {
+        let (model, lecture, is_lecture) = match material.model {
+            Model::MetallicRoughness(model) => (model, NOTHING, false),
+            Model::Lecture(lecture) => (MetallicRoughness::DEFAULT, lecture, true),
+            Model::Unlit => (MetallicRoughness::DEFAULT, NOTHING, true),
+        };
+        Factors {
+            material,
+            model,
+            lecture,
+            is_lecture,
+            f0: match &material.interior {
+                None => DEFAULT_F0,
+                Some(interior) => f0_of(interior.ior.ior(crate::optics::LINE_D)),
+            },
+            emission: match material.model {
+                Model::Unlit => [0, 1, 2].map(|channel| material.base_color[channel]),
+                _ => material.emission,
+            },
+            specular_color: if is_lecture {
+                lecture.specular
+            } else {
+                model.specular_color
+            },
+            transmission: if is_lecture {
+                lecture.transmission
+            } else {
+                [model.transmission; 3]
+            },
+        }
+    }
+}
+
+/// Which parts of a scene's materials are in use: what no material asks for is not worked out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MaterialFeatures {
+    /// Any field of [`RichLanes`].
+    pub rich: bool,
+    /// The lecture's model, or unlit surfaces.
+    pub lecture: bool,
+    /// Light goes through surfaces.
+    pub transmits: bool,
+    /// Surfaces that are only partly there.
+    pub covers: bool,
+    /// Wavelengths part.
+    pub disperses: bool,
+}
+
+impl MaterialFeatures {
+    /// Nothing but the plain parts of glTF's model.
+    pub const NONE: MaterialFeatures = MaterialFeatures {
+        rich: false,
+        lecture: false,
+        transmits: false,
+        covers: false,
+        disperses: false,
+    };
+
+    /// Those of these materials together.
+    pub fn of<'m>(materials: impl Iterator<Item = &'m Material>) -> MaterialFeatures {
+        let mut features = MaterialFeatures::default();
+        for material in materials {
+            let lecture = !matches!(material.model, Model::MetallicRoughness(_));
+            let specular = matches!(material.model, Model::MetallicRoughness(model)
+                if model.specular != 1.0 || model.specular_color != [1.0; 3]);
+            let transmits = material.transmits();
+            let disperses = transmits
+                && material
+                    .interior
+                    .is_some_and(|inside| inside.ior.spread() != 0.0 && !inside.is_thin);
+            features.lecture |= lecture;
+            features.transmits |= transmits;
+            features.covers |= material.alpha != crate::scene::AlphaMode::Opaque;
+            features.disperses |= disperses;
+            features.rich |= lecture || specular || transmits || material.has_rich_layer();
+        }
+        features
+    }
+}

@@ -121,6 +121,9 @@ struct Look {
     count: u32,
 }
 
+/// What a pixel takes between two rounds besides its estimate.
+pub(super) const LOOK_BYTES: usize = size_of::<Look>();
+
 impl Look {
     fn of(estimate: &Estimate, gain: f64) -> Look {
         let count = f64::from(estimate.count);

@@ -57,6 +57,15 @@ impl PixelFilter {
         PixelFilter { kind, radius }
     }
 
+    /// Bytes that the films of all tiles take for each pixel.
+    pub(super) fn bytes_per_pixel(&self) -> u64 {
+        if self.is_box() {
+            return 0;
+        }
+        let side = TILE as usize + 2 * self.reach();
+        (side * side * size_of::<[f64; 4]>()).div_ceil((TILE * TILE) as usize) as u64
+    }
+
     /// Whether samples count for their own pixel only, all alike.
     pub(super) fn is_box(&self) -> bool {
         self.kind == FilterKind::Box

@@ -218,6 +218,23 @@ fn render_adaptively(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
 }
 
 impl RenderSettings {
+    /// Bytes that filters, adaptive sampling and AOVs take for each pixel, beyond the picture itself.
+    pub fn sampling_bytes_per_pixel(&self) -> u64 {
+        let estimates = if self.target().is_some() || self.sample_aovs {
+            // The tiles' and the picture's.
+            2 * size_of::<Estimate>() + adaptive::LOOK_BYTES
+        } else {
+            0
+        };
+        let aovs = if self.sample_aovs {
+            // As rendered and on their way into a file, with the colours' planes.
+            2 * 2 * size_of::<f32>() + 3 * size_of::<f32>()
+        } else {
+            0
+        };
+        (estimates + aovs) as u64 + self.filter.bytes_per_pixel()
+    }
+
     /// The target of adaptive sampling, where there is anything to adapt.
     fn target(&self) -> Option<Adaptive> {
         self.adaptive.filter(|_| self.spp > ROUND)

@@ -12,7 +12,7 @@ use super::wave::WAVE;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// How many samples a picture took.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct SampleCounts {
     /// Of all pixels.
     pub total: u64,

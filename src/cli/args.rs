@@ -132,7 +132,7 @@ pub(super) struct SamplingArgs {
     #[arg(long, value_name = "PIXELS", value_parser = filter_radius)]
     pub(super) filter_radius: Option<f64>,
 
-    /// Take samples, 16 at a time up to --spp, until the standard error of a pixel as displayed is under this; black is
+    /// Take 16 samples and more, up to --spp, until the standard error of a pixel as displayed is under this; black is
     /// 0 and white 1, so 0.004 is one 8-bit code
     #[arg(long, value_name = "ERR", value_parser = adaptive_error)]
     pub(super) adaptive: Option<f64>,

@@ -153,11 +153,12 @@ fn sums_of_lanes(radiance: &Lanes3<f32>) -> [f64; 3] {
     })
 }
 
-/// Puts the pixels of tiles together, which come in the order of [`tiles`].
+/// Puts together what `part` picks of tiles' pictures, which come in the order of [`tiles`].
 pub(super) fn assemble<T: Copy + Default + Send + Sync>(
     width: u32,
     height: u32,
-    tiles: &[(Tile, Vec<T>)],
+    tiles: &[(Tile, TilePicture)],
+    part: impl Fn(&TilePicture) -> &Vec<T> + Sync,
 ) -> Vec<T> {
     let width_in_tiles = width.div_ceil(TILE) as usize;
     let mut pixels = vec![T::default(); width as usize * height as usize];
@@ -165,8 +166,8 @@ pub(super) fn assemble<T: Copy + Default + Send + Sync>(
         .par_chunks_mut(width as usize * TILE as usize)
         .zip(tiles.par_chunks(width_in_tiles))
         .for_each(|(band, tiles)| {
-            for (tile, part) in tiles {
-                for (row, part) in part.chunks(tile.width as usize).enumerate() {
+            for (tile, picture) in tiles {
+                for (row, part) in part(picture).chunks(tile.width as usize).enumerate() {
                     let start = row * width as usize + tile.x as usize;
                     band[start..start + part.len()].copy_from_slice(part);
                 }

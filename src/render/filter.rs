@@ -7,8 +7,10 @@
 //! is fixed by the picture alone, as tiles lie where they lie whoever renders them. Filtering by choosing sample places
 //! instead (filter importance sampling) has no answer to negative lobes, and takes neighbours' samples for noise.
 
-use super::film::{TILE, Tile};
 use rayon::prelude::*;
+
+use super::film::{TILE, Tile};
+use super::wave::TilePicture;
 
 /// Shapes of filter, each the product of one function across and down.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -169,10 +171,10 @@ impl Splat {
 /// The filtered picture of tiles that come in the order of [`super::film::tiles`].
 ///
 /// `means` gives the unweighted pixels, which stand in where weights happen to cancel.
-pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, Splat)]) {
+pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, TilePicture)]) {
     let width = width as usize;
     let width_in_tiles = width.div_ceil(TILE as usize);
-    let rows_of_tiles: Vec<&[(Tile, Splat)]> = tiles.chunks(width_in_tiles).collect();
+    let rows_of_tiles: Vec<&[(Tile, TilePicture)]> = tiles.chunks(width_in_tiles).collect();
     means
         .par_chunks_mut(width * TILE as usize)
         .enumerate()
@@ -180,8 +182,10 @@ pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, Splat
             let mut sums = vec![[0.0; 4]; band.len()];
             let first_row = index * TILE as usize;
             let near = index.saturating_sub(1)..(index + 2).min(rows_of_tiles.len());
-            for (tile, splat) in rows_of_tiles[near].iter().copied().flatten() {
-                splat.add_to_band(tile, &mut sums, width, first_row);
+            for (tile, picture) in rows_of_tiles[near].iter().copied().flatten() {
+                if let Some(splat) = &picture.splat {
+                    splat.add_to_band(tile, &mut sums, width, first_row);
+                }
             }
             for (pixel, [r, g, b, weight]) in band.iter_mut().zip(sums) {
                 if weight > 0.0 {
@@ -275,7 +279,7 @@ mod tests {
         (width, height): (u32, u32),
         radiance: impl Fn(f64, f64) -> [f64; 3],
     ) -> Vec<[f32; 3]> {
-        let splatted: Vec<(Tile, Splat)> = tiles(width, height)
+        let splatted: Vec<(Tile, TilePicture)> = tiles(width, height)
             .into_iter()
             .map(|tile| {
                 let mut splat = Splat::new(filter);
@@ -288,7 +292,12 @@ mod tests {
                         }
                     }
                 }
-                (tile, splat)
+                let picture = TilePicture {
+                    means: Vec::new(),
+                    splat: Some(splat),
+                    estimates: Vec::new(),
+                };
+                (tile, picture)
             })
             .collect();
         let mut pixels = vec![[f32::NAN; 3]; (width * height) as usize];

@@ -148,11 +148,35 @@ pub fn render(
     Some(rendering)
 }
 
-/// The same number of samples for every pixel, tile by tile.
+/// The same number of samples for every pixel.
 fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
     let settings = &frame.settings;
     let (width, height) = (settings.width, settings.height);
-    let tiles = film::tiles(width, height);
+    let (tiles, ledger) = render_tiles(frame, monitor)?;
+    let mut pixels = film::assemble(width, height, &tiles, |picture| &picture.means);
+    if !settings.filter.is_box() {
+        filter::assemble(width, &mut pixels, &tiles);
+    }
+    let aovs = || {
+        SampleAovs::of(&film::assemble(width, height, &tiles, |picture| {
+            &picture.estimates
+        }))
+    };
+    Some(Rendering {
+        aovs: settings.sample_aovs.then(aovs),
+        image: LinearImage {
+            width,
+            height,
+            pixels,
+        },
+        samples: SampleCounts::uniform(settings),
+        ledger,
+    })
+}
+
+/// All tiles with their pictures, in their order.
+fn render_tiles(frame: &Frame, monitor: &Monitor) -> Option<(Vec<(Tile, TilePicture)>, Ledger)> {
+    let tiles = film::tiles(frame.settings.width, frame.settings.height);
     let finished = AtomicUsize::new(0);
     let render_tile = |wave: &mut Wave, tile: Tile| {
         if monitor.cancel.load(Ordering::Relaxed) {
@@ -161,7 +185,7 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
         let (picture, ledger) = wave.render_tile(tile);
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / tiles.len() as f64);
-        Some((tile, picture, ledger))
+        Some(((tile, picture), ledger))
     };
     let rendered: Option<Vec<_>> = tiles
         .par_iter()
@@ -169,35 +193,12 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
         .map_init(|| Wave::new(frame), |wave, &tile| render_tile(wave, tile))
         .collect();
     let mut ledger = Ledger::default();
-    let (mut means, mut splats, mut estimates) = (Vec::with_capacity(tiles.len()), Vec::new(), Vec::new());
-    for (tile, picture, tile_ledger) in rendered? {
-        let TilePicture {
-            means: tile_means,
-            splat,
-            estimates: tile_estimates,
-        } = picture;
+    let mut finished_tiles = Vec::with_capacity(tiles.len());
+    for (tile, tile_ledger) in rendered? {
         ledger += tile_ledger;
-        means.push((tile, tile_means));
-        splats.extend(splat.map(|splat| (tile, splat)));
-        estimates.push((tile, tile_estimates));
+        finished_tiles.push(tile);
     }
-    let mut pixels = film::assemble(width, height, &means);
-    if !settings.filter.is_box() {
-        filter::assemble(width, &mut pixels, &splats);
-    }
-    let aovs = settings
-        .sample_aovs
-        .then(|| SampleAovs::of(&film::assemble(width, height, &estimates)));
-    Some(Rendering {
-        image: LinearImage {
-            width,
-            height,
-            pixels,
-        },
-        samples: SampleCounts::uniform(settings),
-        aovs,
-        ledger,
-    })
+    Some((finished_tiles, ledger))
 }
 
 /// As many samples as each pixel needs, round by round.

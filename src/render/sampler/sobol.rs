@@ -106,6 +106,18 @@ mod tests {
     }
 
     #[test]
+    fn every_index_bit_brings_the_direction_number_of_the_recurrence() {
+        // For x + 1: v(k+1) = v(k) ^ v(k) / 2, begun with 1/2.
+        let mut direction = 1u32 << 31;
+        for bit in 0..32 {
+            assert_eq!(pascal(1 << bit).reverse_bits(), direction, "bit {bit}");
+            direction ^= direction >> 1;
+        }
+        // And sums bit by bit.
+        assert_eq!(pascal(0xdead_beef), pascal(0xdead_0000) ^ pascal(0xbeef));
+    }
+
+    #[test]
     fn every_elementary_box_holds_one_point_scrambled_or_not() {
         for log2 in 0..=10 {
             let count = 1u32 << log2;

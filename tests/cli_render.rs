@@ -160,6 +160,11 @@ fn statistics_have_every_key_that_scripts_rely_on() {
     );
     assert_eq!((&stats["spp"], &stats["threads"]), (&2.into(), &2.into()));
     assert_eq!(stats["rays"]["camera"], 32 * 16 * 2);
+    assert_eq!(stats["samples"]["total"], 32 * 16 * 2);
+    assert_eq!(
+        (&stats["samples"]["mean"], &stats["samples"]["max"]),
+        (&2.0.into(), &2.into())
+    );
     assert!(stats["precision"].is_string());
     match stats["backend"].as_str() {
         Some("embree") => {
@@ -174,6 +179,38 @@ fn statistics_have_every_key_that_scripts_rely_on() {
     if cfg!(target_os = "linux") {
         assert!(stats["peak_memory_bytes"].as_u64().unwrap() > 1 << 20, "{stats}");
     }
+}
+
+#[test]
+fn adaptive_samples_are_counted_in_the_statistics_and_in_channels_of_the_image() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, stats) = (folder.path().join("a.exr"), folder.path().join("a.json"));
+    let flags = [
+        "--size=64x48",
+        "--spp=64",
+        "--adaptive=0.01",
+        "--pattern=sobol",
+        "--aov=samples",
+        "--stats",
+        path(&stats),
+    ];
+    let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
+    let file = exr::prelude::read_first_flat_layer_from_file(&out).unwrap();
+    let channels = &file.layer_data.channel_data.list;
+    let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
+    assert_eq!(names, ["B", "G", "R", "samples", "variance"]);
+    let counts: Vec<f32> = channels[3].sample_data.values_as_f32().collect();
+    let total: f32 = counts.iter().sum();
+    assert_eq!(stats["samples"]["total"].as_f64().unwrap(), f64::from(total));
+    assert_eq!(stats["rays"]["camera"], stats["samples"]["total"]);
+    assert_eq!(
+        (&stats["samples"]["max"], &stats["spp"]),
+        (&64.into(), &64.into())
+    );
+    assert!(counts.contains(&16.0) && counts.contains(&64.0));
+    assert_eq!(whit::image::read_exr(&out).unwrap().pixels.len(), 64 * 48);
 }
 
 #[test]
@@ -270,6 +307,9 @@ fn numbers_out_of_range_end_in_one_sentence() {
         ("--spp", "many", "'many'"),
         ("--depth", "256", "0..=255"),
         ("--threads", "100000", "0..=1024"),
+        ("--filter-radius", "0.5", "a radius from 1 to 4"),
+        ("--adaptive", "0", "as in 0.004 for one 8-bit code"),
+        ("--adaptive", "nan", "as in 0.004 for one 8-bit code"),
         ("--exposure", "nan", "stops from -100 to 100"),
         ("--ambient", "-1", "zero or more"),
     ] {
@@ -299,6 +339,18 @@ fn flags_that_do_not_fit_together_are_refused() {
         "`--isa` is for Embree",
         &["render", &scene, "-o", path(&out), "--backend=bsp", "--isa=avx2"],
     );
+    let render = ["render", &scene, "-o", path(&out)];
+    for (flags, words) in [
+        (&["--aov=samples"][..], "write an .exr"),
+        (&["--filter-radius=2"], "leave out `--filter-radius`"),
+        (&["--adaptive=0.01", "--filter=tent"], "leave out `--filter`"),
+        (
+            &["--adaptive=0.01", "--pattern=regular"],
+            "choose another `--pattern`",
+        ),
+    ] {
+        fails_with(2, words, &[&render, flags].concat());
+    }
     if cfg!(not(feature = "embree")) {
         fails_with(
             2,
@@ -340,7 +392,14 @@ fn help_and_version_are_results() {
         "(without Embree)"
     };
     assert!(version.starts_with(concat!("whit ", env!("CARGO_PKG_VERSION"))) && version.contains(embree));
-    assert!(whit(&["render", "--help"]).stdout.contains("Examples:"));
+    let help = whit(&["render", "--help"]).stdout;
+    for words in [
+        "Examples:",
+        "--pattern sobol --filter mitchell",
+        "--adaptive 0.005 --spp 1024 --aov samples",
+    ] {
+        assert!(help.contains(words), "{words} in {help}");
+    }
 }
 
 #[cfg(unix)]

@@ -48,6 +48,7 @@ fn rendered(scene: &Scene, backend: Backend, request: Request) -> LinearImage {
         spp: request.spp,
         depth: request.depth,
         weight_cutoff: request.weight_cutoff,
+        ..RenderSettings::default()
     };
     let monitor = Monitor {
         progress: &|_| {},

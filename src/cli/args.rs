@@ -8,6 +8,7 @@ use clap::{Args as ArgGroup, Parser, Subcommand};
 
 use crate::accel::{Backend, Precision};
 use crate::image::ImageFormat;
+use crate::render::{FilterKind, Pattern, PixelFilter};
 
 /// Most samples a pixel: 2^16, where noise is 1/256 of that of one sample.
 const MAX_SPP: i64 = 1 << 16;
@@ -52,6 +53,8 @@ Examples:
   whit render scene.glb -o scene.png
   whit render scene.glb -o scene.exr --size 1920x1080 --spp 64 --camera top --stats scene.json
   whit render a.glb b.gltf --out pictures --format exr
+  whit render scene.glb -o scene.png --spp 64 --pattern sobol --filter mitchell
+  whit render scene.glb -o scene.exr --adaptive 0.005 --spp 1024 --aov samples
 
 With several scenes, one that fails does not keep the others from being rendered; the exit code is then 1.";
 
@@ -79,9 +82,8 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     pub(super) frame: FrameArgs,
 
-    /// Samples a pixel
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
-    pub(super) spp: u32,
+    #[command(flatten)]
+    pub(super) sampling: SamplingArgs,
 
     /// What finds the hits [default: embree if built in, else bsp]
     #[arg(long)]
@@ -109,6 +111,42 @@ pub(super) struct RenderArgs {
     /// Say nothing but errors
     #[arg(long, short)]
     pub(super) quiet: bool,
+}
+
+/// How pixels are sampled.
+#[derive(Clone, Debug, ArgGroup)]
+pub(super) struct SamplingArgs {
+    /// Samples a pixel; with --adaptive the most that a pixel gets
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    pub(super) spp: u32,
+
+    /// How samples lie in a pixel
+    #[arg(long, value_enum, default_value_t = Pattern::default())]
+    pub(super) pattern: Pattern,
+
+    /// How samples become a pixel
+    #[arg(long, value_enum, default_value_t = FilterKind::default())]
+    pub(super) filter: FilterKind,
+
+    /// Radius of the filter in pixels, 1 to 4 [default: tent 1, gaussian 1.5, mitchell 2]
+    #[arg(long, value_name = "PIXELS", value_parser = filter_radius)]
+    pub(super) filter_radius: Option<f64>,
+
+    /// Take 16 samples and more, up to --spp, until the standard error of a pixel as displayed is under this; black is
+    /// 0 and white 1, so 0.004 is one 8-bit code
+    #[arg(long, value_name = "ERR", value_parser = adaptive_error)]
+    pub(super) adaptive: Option<f64>,
+
+    /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and `variance`
+    #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
+    pub(super) aov: Vec<Aov>,
+}
+
+/// Groups of channels that an EXR image may hold besides its colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Aov {
+    /// `samples` and `variance`
+    Samples,
 }
 
 /// What is rendered, of whatever scene.
@@ -258,6 +296,24 @@ fn exposure(text: &str) -> Result<f32, String> {
         .ok()
         .filter(|ev: &f32| ev.abs() <= MAX_EXPOSURE)
         .ok_or_else(|| format!("give stops from -{MAX_EXPOSURE} to {MAX_EXPOSURE}"))
+}
+
+fn filter_radius(text: &str) -> Result<f64, String> {
+    let (min, max) = (PixelFilter::MIN_RADIUS, PixelFilter::MAX_RADIUS);
+    text.parse()
+        .ok()
+        .filter(|radius| (min..=max).contains(radius))
+        .ok_or_else(|| format!("give a radius from {min} to {max} pixels"))
+}
+
+/// Under this a standard error is less than f32 pixels can hold.
+const MIN_ERROR: f64 = 1e-6;
+
+fn adaptive_error(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|error| (MIN_ERROR..=1.0).contains(error))
+        .ok_or_else(|| format!("give an error from {MIN_ERROR} to 1, as in 0.004 for one 8-bit code"))
 }
 
 /// The Embree that whit was built for; the one that answers is in the statistics.

@@ -7,11 +7,11 @@ use std::thread;
 
 use crate::accel::{Backend, Precision};
 use crate::image::{ImageFormat, ToneMap, check_writable};
-use crate::render::RenderSettings;
+use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
 use crate::scene::{Camera, Scene};
 
-use super::args::{FrameArgs, RenderArgs, TracingArgs};
+use super::args::{Aov, FrameArgs, RenderArgs, SamplingArgs, TracingArgs};
 use super::failure::Failure;
 use super::progress::Verbosity;
 
@@ -58,7 +58,13 @@ impl RenderJob {
                 "`--isa` is for Embree: leave it out with `--backend {backend}`"
             )));
         }
+        let sampling = Sampling::new(&args.sampling, args.exposure)?;
         let targets = targets(args)?;
+        if sampling.aovs && targets.iter().any(|target| target.format != ImageFormat::Exr) {
+            return Err(Failure::Input(
+                "`--aov` adds channels to EXR images, which a PNG has no room for: write an .exr".into(),
+            ));
+        }
         for path in targets
             .iter()
             .map(|t| t.image.as_path())
@@ -68,7 +74,7 @@ impl RenderJob {
         }
         Ok(RenderJob {
             targets,
-            settings: settings(args.frame, args.spp)?,
+            settings: sampling.applied_to(settings(args.frame, args.sampling.spp)?)?,
             backend,
             tracing: Tracing::new(&args.tracing),
             camera: args.camera.clone(),
@@ -119,6 +125,63 @@ impl Tracing {
                     self.threads
                 ))
             })
+    }
+}
+
+/// How pixels are sampled, with everything that fits together.
+#[derive(Clone, Debug, PartialEq)]
+struct Sampling {
+    pattern: Pattern,
+    filter: PixelFilter,
+    adaptive: Option<Adaptive>,
+    aovs: bool,
+}
+
+impl Sampling {
+    fn new(args: &SamplingArgs, exposure_ev: f32) -> Result<Sampling, Failure> {
+        let refuse = |words: &str| Err(Failure::Input(words.into()));
+        if args.filter == FilterKind::Box && args.filter_radius.is_some() {
+            return refuse(
+                "a box filter is always the pixel itself: leave out `--filter-radius` or choose another `--filter`",
+            );
+        }
+        if args.adaptive.is_some() && args.filter != FilterKind::Box {
+            return refuse(
+                "`--adaptive` gives neighbouring pixels unequal numbers of samples, which a filter cannot share: \
+                 leave out `--filter`",
+            );
+        }
+        if args.adaptive.is_some() && args.pattern == Pattern::Regular {
+            return refuse(
+                "a regular pattern has the same samples in every round of `--adaptive`: choose another `--pattern`",
+            );
+        }
+        let usual = PixelFilter::of_kind(args.filter);
+        Ok(Sampling {
+            pattern: args.pattern,
+            filter: PixelFilter {
+                radius: args.filter_radius.unwrap_or(usual.radius),
+                ..usual
+            },
+            adaptive: args.adaptive.map(|error| Adaptive {
+                error,
+                gain: f64::from(exposure_ev).exp2(),
+            }),
+            aovs: args.aov.contains(&Aov::Samples),
+        })
+    }
+
+    /// The settings with this sampling, if the machine can hold what it takes.
+    fn applied_to(&self, settings: RenderSettings) -> Result<RenderSettings, Failure> {
+        let settings = RenderSettings {
+            pattern: self.pattern,
+            filter: self.filter,
+            adaptive: self.adaptive,
+            sample_aovs: self.aovs,
+            ..settings
+        };
+        check_memory(&settings)?;
+        Ok(settings)
     }
 }
 
@@ -189,8 +252,22 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
 
 /// Render settings of a size that the machine can hold.
 pub(super) fn settings(frame: FrameArgs, spp: u32) -> Result<RenderSettings, Failure> {
-    let (width, height) = (frame.size.width, frame.size.height);
-    let needed = memory::film_bytes(width, height);
+    let settings = RenderSettings {
+        width: frame.size.width,
+        height: frame.size.height,
+        spp,
+        depth: frame.depth,
+        ..RenderSettings::default()
+    };
+    check_memory(&settings)?;
+    Ok(settings)
+}
+
+/// Refuses pictures that the machine cannot hold.
+fn check_memory(settings: &RenderSettings) -> Result<(), Failure> {
+    let (width, height) = (settings.width, settings.height);
+    let pixels = u64::from(width) * u64::from(height);
+    let needed = memory::film_bytes(width, height) + settings.sampling_bytes_per_pixel() * pixels;
     if let Some(available) = memory::available_bytes().filter(|&available| needed > available) {
         return Err(Failure::Input(format!(
             "an image of {width}x{height} pixels takes {} of memory and {} are free: give a smaller `--size`",
@@ -198,13 +275,7 @@ pub(super) fn settings(frame: FrameArgs, spp: u32) -> Result<RenderSettings, Fai
             memory::in_words(available)
         )));
     }
-    Ok(RenderSettings {
-        width,
-        height,
-        spp,
-        depth: frame.depth,
-        ..RenderSettings::default()
-    })
+    Ok(())
 }
 
 /// The camera that was asked for, by name first and then by number; without a wish the first.

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use crate::accel::{self, Accel, AccelOptions};
 use crate::gltf::{self, LoadOptions};
-use crate::image;
+use crate::image::{self, ExtraChannel};
 use crate::render::{self, Monitor, Rendering};
 use crate::report::memory;
 use crate::report::stats::{
@@ -144,7 +144,18 @@ fn trace(
 }
 
 fn write_image(job: &RenderJob, target: &Target, rendering: &Rendering) -> Result<(), Failure> {
-    interrupt::finish_first(|| image::write(&rendering.image, &target.image, target.format, job.tone))?;
+    let (image, path) = (&rendering.image, &target.image);
+    interrupt::finish_first(|| match &rendering.aovs {
+        Some(aovs) => {
+            let channel = |name, values| ExtraChannel { name, values };
+            let extra = [
+                channel("samples", &aovs.samples),
+                channel("variance", &aovs.variance),
+            ];
+            image::write_exr_with(image, &extra, path)
+        }
+        None => image::write(image, path, target.format, job.tone),
+    })?;
     Ok(())
 }
 
@@ -207,6 +218,7 @@ fn stats(
             non_finite_pixels: rendering.image.non_finite_count(),
         },
         spp: job.settings.spp,
+        samples: rendering.samples,
         depth: job.settings.depth,
         backend: job.backend,
         precision: effective_precision(job.backend, job.tracing.precision),

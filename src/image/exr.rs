@@ -1,4 +1,4 @@
-//! OpenEXR: 32-bit float linear RGB, uncompressed scan lines.
+//! OpenEXR: 32-bit float linear RGB and further channels beside it, in one part of uncompressed scan lines.
 //!
 //! Not compressed: rendered floats shrink little, and on this path writing plain bytes is the faster way.
 
@@ -6,11 +6,11 @@ use std::io::{self, Seek, Write};
 use std::path::Path;
 
 use exr::prelude::{
-    self as openexr, Encoding, Image, Layer, LayerAttributes, ReadChannels, ReadLayers, SpecificChannels,
-    Text, Vec2, WritableImage,
+    self as openexr, AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes,
+    ReadChannels, ReadLayers, SpecificChannels, Text, Vec2, WritableImage,
 };
 
-use super::{ImageError, LinearImage, SOFTWARE};
+use super::{ExtraChannel, ImageError, LinearImage, SOFTWARE};
 
 /// Writes `image` as an EXR file.
 pub(super) fn encode(image: &LinearImage, out: &mut (impl Write + Seek)) -> io::Result<()> {
@@ -19,16 +19,50 @@ pub(super) fn encode(image: &LinearImage, out: &mut (impl Write + Seek)) -> io::
         let [r, g, b] = image.pixels[position.y() * width + position.x()];
         (r, g, b)
     });
-    let attributes = LayerAttributes {
-        software_name: Some(Text::from(SOFTWARE)),
-        ..LayerAttributes::default()
-    };
     let size = (width, image.height as usize);
-    Image::from_layer(Layer::new(size, attributes, Encoding::UNCOMPRESSED, channels))
+    Image::from_layer(Layer::new(size, attributes(), Encoding::UNCOMPRESSED, channels))
         .write()
         .non_parallel()
         .to_buffered(out)
         .map_err(io::Error::other)
+}
+
+/// Writes `image` with further channels, which hold a value a pixel.
+pub(super) fn encode_with(
+    image: &LinearImage,
+    extra: &[ExtraChannel],
+    out: &mut (impl Write + Seek),
+) -> io::Result<()> {
+    let pixel_count = image.pixels.len();
+    if let Some(channel) = extra.iter().find(|channel| channel.values.len() != pixel_count) {
+        return Err(io::Error::other(format!(
+            "channel {} has {} values for {pixel_count} pixels",
+            channel.name,
+            channel.values.len()
+        )));
+    }
+    let plane = |channel: usize| image.pixels.iter().map(|pixel| pixel[channel]).collect();
+    let rgb = ["R", "G", "B"]
+        .into_iter()
+        .enumerate()
+        .map(|(channel, name)| AnyChannel::new(name, FlatSamples::F32(plane(channel))));
+    let others = extra
+        .iter()
+        .map(|channel| AnyChannel::new(channel.name, FlatSamples::F32(channel.values.to_vec())));
+    let channels = AnyChannels::sort(rgb.chain(others).collect());
+    let size = (image.width as usize, image.height as usize);
+    Image::from_layer(Layer::new(size, attributes(), Encoding::UNCOMPRESSED, channels))
+        .write()
+        .non_parallel()
+        .to_buffered(out)
+        .map_err(io::Error::other)
+}
+
+fn attributes() -> LayerAttributes {
+    LayerAttributes {
+        software_name: Some(Text::from(SOFTWARE)),
+        ..LayerAttributes::default()
+    }
 }
 
 /// Reads the R, G and B channels of the first layer that has them.
@@ -55,7 +89,7 @@ pub(super) fn read(path: &Path) -> Result<LinearImage, ImageError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{ImageFormat, ToneMap, write};
+    use super::super::{ImageFormat, ToneMap, write, write_exr_with};
     use super::*;
 
     #[test]
@@ -71,6 +105,34 @@ mod tests {
         let meta = exr::meta::MetaData::read_from_file(&path, true).unwrap();
         let software = meta.headers[0].own_attributes.software_name.as_ref().unwrap();
         assert_eq!(software.to_string(), SOFTWARE);
+    }
+
+    #[test]
+    fn further_channels_stand_beside_the_picture_and_leave_it_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let mut image = LinearImage::black(5, 3);
+        for (i, pixel) in image.pixels.iter_mut().enumerate() {
+            *pixel = [i as f32, 0.5, -1.0];
+        }
+        let values: Vec<f32> = (0..15).map(|i| 0.25 * i as f32).collect();
+        let channel = |name| ExtraChannel {
+            name,
+            values: &values,
+        };
+        write_exr_with(&image, &[channel("variance"), channel("a.b")], &path).unwrap();
+        assert_eq!(super::super::read_exr(&path).unwrap(), image);
+        let file = openexr::read_first_flat_layer_from_file(&path).unwrap();
+        let channels = &file.layer_data.channel_data.list;
+        let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
+        assert_eq!(names, ["B", "G", "R", "a.b", "variance"]);
+        assert_eq!(channels[4].sample_data, FlatSamples::F32(values.clone()));
+        let short = ExtraChannel {
+            name: "short",
+            values: &values[1..],
+        };
+        let message = write_exr_with(&image, &[short], &path).unwrap_err().to_string();
+        assert!(message.contains("14 values for 15 pixels"), "{message}");
     }
 
     #[test]

@@ -136,6 +136,20 @@ pub fn write(image: &LinearImage, path: &Path, format: ImageFormat, tone: ToneMa
     })
 }
 
+/// One more value a pixel, for the channels of an EXR file.
+#[derive(Clone, Copy, Debug)]
+pub struct ExtraChannel<'a> {
+    /// What the file calls it; dots in it group channels.
+    pub name: &'a str,
+    /// As many as there are pixels, row by row, the top row first.
+    pub values: &'a [f32],
+}
+
+/// Writes `image` and further channels to `path` as an EXR, whole or, on an error, not at all.
+pub fn write_exr_with(image: &LinearImage, extra: &[ExtraChannel], path: &Path) -> Result<(), ImageError> {
+    write_atomically(path, |file| exr::encode_with(image, extra, file))
+}
+
 /// Reads the linear RGB of an EXR file.
 pub fn read_exr(path: &Path) -> Result<LinearImage, ImageError> {
     exr::read(path)

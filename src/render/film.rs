@@ -3,7 +3,10 @@
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use crate::image::LinearImage;
+use super::RenderSettings;
+use super::adaptive::Estimate;
+use super::samples::{SampleFilm, pixel_of};
+use super::wave::{TilePicture, Visit};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// Side of a tile in pixels: its film (24 KB) stays in the second-level cache, and there are enough tiles to share out.
@@ -34,24 +37,49 @@ pub(super) fn tiles(width: u32, height: u32) -> Vec<Tile> {
 }
 
 /// Sums of radiance over a tile. Sums are made in one order, whoever makes them.
+///
+/// Where single samples are asked for, rays carry labels that tell their samples beside their pixels.
 pub(super) struct TileFilm {
     sums: Vec<[f64; 3]>,
+    samples: Option<SampleFilm>,
 }
 
 impl TileFilm {
-    pub(super) fn new() -> TileFilm {
+    pub(super) fn new(samples: Option<SampleFilm>) -> TileFilm {
         TileFilm {
             sums: vec![[0.0; 3]; (TILE * TILE) as usize],
+            samples,
         }
     }
 
     pub(super) fn clear(&mut self) {
         self.sums.fill([0.0; 3]);
+        if let Some(samples) = &mut self.samples {
+            samples.clear();
+        }
+    }
+
+    /// The film of single samples, where it is kept.
+    pub(super) fn samples(&mut self) -> Option<&mut SampleFilm> {
+        self.samples.as_mut()
     }
 
     /// Adds one value a lane; lanes that have nothing to add hold zero.
+    ///
+    /// Pixels get the same sums whether single samples are kept or not.
     #[inline(always)]
-    pub(super) fn add(&mut self, pixel: &Lanes<u32>, radiance: &Lanes3<f32>) {
+    pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>) {
+        match &mut self.samples {
+            None => self.add_to_pixels(label, radiance),
+            Some(samples) => {
+                samples.add(label, radiance);
+                self.add_to_pixels(&label.map(pixel_of), radiance);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn add_to_pixels(&mut self, pixel: &Lanes<u32>, radiance: &Lanes3<f32>) {
         if pixel.iter().fold(0, |differ, p| differ | (p ^ pixel[0])) == 0 {
             let sum = &mut self.sums[pixel[0] as usize];
             let added = sums_of_lanes(radiance);
@@ -68,19 +96,42 @@ impl TileFilm {
         }
     }
 
-    /// The means over `spp` samples of the tile's pixels, row by row.
-    pub(super) fn means(&self, tile: Tile, spp: u32) -> Vec<[f32; 3]> {
-        let scale = 1.0 / f64::from(spp);
-        let mut means = Vec::with_capacity((tile.width * tile.height) as usize);
-        for row in self.sums.chunks(TILE as usize).take(tile.height as usize) {
-            means.extend(
-                row[..tile.width as usize]
-                    .iter()
-                    .map(|sum| sum.map(|channel| (channel * scale) as f32)),
-            );
+    /// The picture of a tile after `settings.spp` samples of every pixel.
+    pub(super) fn picture(&self, tile: Tile, settings: RenderSettings) -> TilePicture {
+        let samples = self.samples.as_ref();
+        let estimates = samples
+            .filter(|_| settings.sample_aovs)
+            .map(SampleFilm::estimates);
+        TilePicture {
+            means: self.means(tile, settings.spp),
+            splat: samples.and_then(SampleFilm::splat).cloned(),
+            estimates: estimates.map_or(Vec::new(), |all| cut(tile, all).copied().collect()),
         }
-        means
     }
+
+    /// What the samples of the visited pixels tell.
+    pub(super) fn estimates(&self, visits: &[Visit]) -> Vec<Estimate> {
+        let all = self.samples.as_ref().map_or(&[][..], SampleFilm::estimates);
+        let of = |visit: &Visit| {
+            let estimate = all.get((visit.y * TILE + visit.x) as usize);
+            estimate.copied().unwrap_or(Estimate::NONE)
+        };
+        visits.iter().map(of).collect()
+    }
+
+    /// The means over `spp` samples of the tile's pixels, row by row.
+    fn means(&self, tile: Tile, spp: u32) -> Vec<[f32; 3]> {
+        let scale = 1.0 / f64::from(spp);
+        cut(tile, &self.sums)
+            .map(|sum| sum.map(|channel| (channel * scale) as f32))
+            .collect()
+    }
+}
+
+/// The pixels that lie in `tile` of a full tile's, row by row.
+fn cut<T>(tile: Tile, pixels: &[T]) -> impl Iterator<Item = &T> {
+    let rows = pixels.chunks(TILE as usize).take(tile.height as usize);
+    rows.flat_map(move |row| &row[..tile.width as usize])
 }
 
 /// The f64 sums of sixteen values a channel, by halves.
@@ -102,26 +153,27 @@ fn sums_of_lanes(radiance: &Lanes3<f32>) -> [f64; 3] {
     })
 }
 
-/// Puts rendered tiles together, which come in the order of [`tiles`].
-pub(super) fn assemble(width: u32, height: u32, tiles: &[(Tile, Vec<[f32; 3]>)]) -> LinearImage {
+/// Puts together what `part` picks of tiles' pictures, which come in the order of [`tiles`].
+pub(super) fn assemble<T: Copy + Default + Send + Sync>(
+    width: u32,
+    height: u32,
+    tiles: &[(Tile, TilePicture)],
+    part: impl Fn(&TilePicture) -> &Vec<T> + Sync,
+) -> Vec<T> {
     let width_in_tiles = width.div_ceil(TILE) as usize;
-    let mut pixels = vec![[0.0; 3]; width as usize * height as usize];
+    let mut pixels = vec![T::default(); width as usize * height as usize];
     pixels
         .par_chunks_mut(width as usize * TILE as usize)
         .zip(tiles.par_chunks(width_in_tiles))
         .for_each(|(band, tiles)| {
-            for (tile, means) in tiles {
-                for (row, means) in means.chunks(tile.width as usize).enumerate() {
+            for (tile, picture) in tiles {
+                for (row, part) in part(picture).chunks(tile.width as usize).enumerate() {
                     let start = row * width as usize + tile.x as usize;
-                    band[start..start + means.len()].copy_from_slice(means);
+                    band[start..start + part.len()].copy_from_slice(part);
                 }
             }
         });
-    LinearImage {
-        width,
-        height,
-        pixels,
-    }
+    pixels
 }
 
 #[cfg(test)]
@@ -146,7 +198,7 @@ mod tests {
     #[test]
     fn one_pixel_and_sixteen_pixels_sum_alike() {
         let radiance = [std::array::from_fn(|l| l as f32), [0.25; LANES], [0.0; LANES]];
-        let mut film = TileFilm::new();
+        let mut film = TileFilm::new(None);
         film.add(&[5; LANES], &radiance);
         // 0 + 1 + ... + 15 = 120.
         assert_eq!(film.sums[5], [120.0, 4.0, 0.0]);

@@ -3,11 +3,14 @@
 //! This room knows no file formats and no backend by name. A picture has the same bits for any number of threads and
 //! any order of tiles: every tile owns its pixels and sums in one order.
 
+mod adaptive;
 mod film;
+mod filter;
 mod ledger;
 mod queue;
 mod record;
 mod sampler;
+mod samples;
 mod shade;
 mod surface;
 mod wave;
@@ -17,17 +20,23 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+pub use adaptive::Adaptive;
+pub use filter::{FilterKind, PixelFilter};
 pub use ledger::{Ledger, RayTally};
 pub use record::{RecordedRays, record};
+pub use sampler::{Pattern, Purpose, sample_2d};
+pub use samples::{SampleAovs, SampleCounts};
 
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::numeric::Lanes;
 use crate::scene::{Background, Camera, CameraView, Material, Model, Scene};
 use crate::shading::MaterialFeatures;
-use sampler::{PacketShape, SampleGroup};
+use adaptive::{Estimate, ROUND};
+use film::Tile;
+use sampler::{Layout, PacketShape, SampleGroup};
 use surface::SurfaceScene;
-use wave::Wave;
+use wave::{TilePicture, Wave};
 
 /// Most tiles that one thread takes in a row: few enough that no thread is left with much when the others are done.
 const RUN: usize = 16;
@@ -39,8 +48,19 @@ pub struct RenderSettings {
     pub width: u32,
     /// Rows; at least 1.
     pub height: u32,
-    /// Samples a pixel; at least 1.
+    /// Samples a pixel; at least 1. At most, with `adaptive`.
     pub spp: u32,
+    /// How they lie in the pixel.
+    pub pattern: Pattern,
+    /// How they become the pixel.
+    pub filter: PixelFilter,
+    /// When a pixel has samples enough; `None` gives every pixel `spp`.
+    ///
+    /// Takes the filter for a box, as unequal numbers of samples would weigh a pixel's neighbours unequally. Does nothing
+    /// up to 16 samples a pixel, the least that every pixel gets; needs a pattern whose samples go on, not a regular one.
+    pub adaptive: Option<Adaptive>,
+    /// Whether [`Rendering::aovs`] are wanted. They change no bit of the picture.
+    pub sample_aovs: bool,
     /// Reflections that are followed at most; 0 for none.
     pub depth: u32,
     /// A reflected ray is not traced if its weight in every channel is under this.
@@ -53,6 +73,10 @@ impl Default for RenderSettings {
             width: 1024,
             height: 1024,
             spp: 1,
+            pattern: Pattern::default(),
+            filter: PixelFilter::default(),
+            adaptive: None,
+            sample_aovs: false,
             depth: 5,
             weight_cutoff: 1.0 / 512.0,
         }
@@ -64,6 +88,10 @@ impl Default for RenderSettings {
 pub struct Rendering {
     /// Linear RGB radiance.
     pub image: LinearImage,
+    /// How many samples it took.
+    pub samples: SampleCounts,
+    /// What each pixel's samples tell, if [`RenderSettings::sample_aovs`] asks for it.
+    pub aovs: Option<SampleAovs>,
     /// Rays and seconds.
     pub ledger: Ledger,
 }
@@ -86,6 +114,8 @@ struct Frame<'s> {
     surfaces: SurfaceScene<'s>,
     /// Width and height of a pixel as parts of the image's.
     pixel_size: [f64; 2],
+    /// Where samples lie in their pixels.
+    layout: Layout,
     shape: PacketShape,
     /// Pixels of the lanes of that shape, within its block.
     pixels: [Lanes<u32>; 2],
@@ -113,21 +143,57 @@ pub fn render(
 ) -> Option<Rendering> {
     let start = Instant::now();
     let frame = Frame::new(scene, camera, accel, settings);
-    let tiles = film::tiles(settings.width, settings.height);
+    let mut rendering = match settings.target() {
+        Some(target) => render_adaptively(&frame, target, monitor)?,
+        None => render_uniformly(&frame, monitor)?,
+    };
+    rendering.ledger.seconds = start.elapsed().as_secs_f64();
+    Some(rendering)
+}
+
+/// The same number of samples for every pixel.
+fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
+    let settings = &frame.settings;
+    let (width, height) = (settings.width, settings.height);
+    let (tiles, ledger) = render_tiles(frame, monitor)?;
+    let mut pixels = film::assemble(width, height, &tiles, |picture| &picture.means);
+    if !settings.filter.is_box() {
+        filter::assemble(width, &mut pixels, &tiles);
+    }
+    let aovs = || {
+        SampleAovs::of(&film::assemble(width, height, &tiles, |picture| {
+            &picture.estimates
+        }))
+    };
+    Some(Rendering {
+        aovs: settings.sample_aovs.then(aovs),
+        image: LinearImage {
+            width,
+            height,
+            pixels,
+        },
+        samples: SampleCounts::uniform(settings),
+        ledger,
+    })
+}
+
+/// All tiles with their pictures, in their order.
+fn render_tiles(frame: &Frame, monitor: &Monitor) -> Option<(Vec<(Tile, TilePicture)>, Ledger)> {
+    let tiles = film::tiles(frame.settings.width, frame.settings.height);
     let finished = AtomicUsize::new(0);
-    let render_tile = |wave: &mut Wave, tile: film::Tile| {
+    let render_tile = |wave: &mut Wave, tile: Tile| {
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
         }
-        let (means, ledger) = wave.render_tile(tile);
+        let (picture, ledger) = wave.render_tile(tile);
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / tiles.len() as f64);
-        Some(((tile, means), ledger))
+        Some(((tile, picture), ledger))
     };
     let rendered: Option<Vec<_>> = tiles
         .par_iter()
         .with_max_len(RUN)
-        .map_init(|| Wave::new(&frame), |wave, &tile| render_tile(wave, tile))
+        .map_init(|| Wave::new(frame), |wave, &tile| render_tile(wave, tile))
         .collect();
     let mut ledger = Ledger::default();
     let mut finished_tiles = Vec::with_capacity(tiles.len());
@@ -135,9 +201,48 @@ pub fn render(
         ledger += tile_ledger;
         finished_tiles.push(tile);
     }
-    let image = film::assemble(settings.width, settings.height, &finished_tiles);
-    ledger.seconds = start.elapsed().as_secs_f64();
-    Some(Rendering { image, ledger })
+    Some((finished_tiles, ledger))
+}
+
+/// As many samples as each pixel needs, round by round.
+fn render_adaptively(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Option<Rendering> {
+    let settings = &frame.settings;
+    let (estimates, ledger) = adaptive::render(frame, target, monitor)?;
+    let to_pixel = |estimate: &Estimate| estimate.mean().map(|channel| channel as f32);
+    Some(Rendering {
+        image: LinearImage {
+            width: settings.width,
+            height: settings.height,
+            pixels: estimates.par_iter().map(to_pixel).collect(),
+        },
+        samples: SampleCounts::of(&estimates),
+        aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),
+        ledger,
+    })
+}
+
+impl RenderSettings {
+    /// Bytes that filters, adaptive sampling and AOVs take for each pixel, beyond the picture itself.
+    pub fn sampling_bytes_per_pixel(&self) -> u64 {
+        let estimates = if self.target().is_some() || self.sample_aovs {
+            // The tiles' and the picture's.
+            2 * size_of::<Estimate>() + adaptive::LOOK_BYTES
+        } else {
+            0
+        };
+        let aovs = if self.sample_aovs {
+            // As rendered and on their way into a file, with the colours' planes.
+            2 * 2 * size_of::<f32>() + 3 * size_of::<f32>()
+        } else {
+            0
+        };
+        (estimates + aovs) as u64 + self.filter.bytes_per_pixel()
+    }
+
+    /// The target of adaptive sampling, where there is anything to adapt.
+    fn target(&self) -> Option<Adaptive> {
+        self.adaptive.filter(|_| self.spp > ROUND)
+    }
 }
 
 impl<'s> Frame<'s> {
@@ -150,6 +255,11 @@ impl<'s> Frame<'s> {
         };
         let ambient_light = scene.ambient != [0.0; 3];
         let shape = PacketShape::for_samples(settings.spp);
+        // Adaptive sampling fills the pixel evenly with every round.
+        let layout = match settings.target() {
+            Some(_) => Layout::new(settings.pattern, ROUND),
+            None => Layout::new(settings.pattern, settings.spp),
+        };
         Frame {
             scene,
             accel,
@@ -157,9 +267,10 @@ impl<'s> Frame<'s> {
             view: camera.view(settings.width, settings.height),
             surfaces: SurfaceScene::new(scene),
             pixel_size: [settings.width, settings.height].map(|size| 1.0 / f64::from(size)),
+            layout,
             shape,
             pixels: shape.pixels(),
-            groups: shape.groups(settings.spp),
+            groups: shape.groups(layout, settings.spp),
             ambient: scene.ambient,
             background: scene.background,
             features: MaterialFeatures::of(used()),
@@ -168,5 +279,11 @@ impl<'s> Frame<'s> {
                 || used().any(|material| material.emission != [0.0; 3] || material.model == Model::Unlit),
             mirrors: used().any(Material::may_mirror),
         }
+    }
+
+    /// Whether anybody wants to know what single samples saw.
+    fn keeps_samples(&self) -> bool {
+        let settings = &self.settings;
+        settings.target().is_some() || settings.sample_aovs || !settings.filter.is_box()
     }
 }

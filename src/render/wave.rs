@@ -5,14 +5,18 @@
 //! before the next few packets) and the rays of the next generation. The tree ends where no ray is left, at the depth
 //! limit, or where a ray's weight falls under the cut-off.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use multiversion::multiversion;
 
+use super::adaptive::Estimate;
 use super::film::{TILE, Tile, TileFilm};
+use super::filter::Splat;
 use super::ledger::{Ledger, RayTally};
 use super::queue::{BATCH, Feelers, Generation, PathPacket};
 use super::sampler::SampleGroup;
+use super::samples::SampleFilm;
 use super::surface::{SurfacePacket, Surfaces};
 use super::{Frame, shade};
 use crate::accel::{NO_HIT, RayOrder, RayPacket};
@@ -20,7 +24,7 @@ use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 
 /// Camera packets whose whole ray trees are finished before the next are begun, so that queues stay small at any
 /// number of samples.
-const WAVE: usize = 64;
+pub(super) const WAVE: usize = 64;
 
 /// The working memory of one thread, used for tile after tile.
 pub(super) struct Wave<'f, 's> {
@@ -29,6 +33,27 @@ pub(super) struct Wave<'f, 's> {
     current: Generation,
     surfaces: Box<Surfaces>,
     outcome: Outcome<'f, 's>,
+    /// Camera packets of this tile so far.
+    packets: usize,
+}
+
+/// A tile's pixels, row by row.
+pub(super) struct TilePicture {
+    pub(super) means: Vec<[f32; 3]>,
+    /// Filtered sums, where there is a filter.
+    pub(super) splat: Option<Splat>,
+    /// What the samples of each pixel tell, if that was asked for.
+    pub(super) estimates: Vec<Estimate>,
+}
+
+/// Packets of samples for one pixel.
+pub(super) struct Visit {
+    /// Column within the tile.
+    pub(super) x: u32,
+    /// Row within the tile.
+    pub(super) y: u32,
+    /// Which of the frame's groups of samples.
+    pub(super) groups: Range<u32>,
 }
 
 /// What shaded rays give: light on the film, feelers to lights, and the next generation.
@@ -50,13 +75,17 @@ struct Stage {
 
 impl<'f, 's> Wave<'f, 's> {
     pub(super) fn new(frame: &'f Frame<'s>) -> Wave<'f, 's> {
+        let samples = frame
+            .keeps_samples()
+            .then(|| SampleFilm::new(frame.settings.filter));
         Wave {
+            packets: 0,
             frame,
             current: Generation::default(),
             surfaces: Box::new(Surfaces::new(frame.features)),
             outcome: Outcome {
                 frame,
-                film: TileFilm::new(),
+                film: TileFilm::new(samples),
                 feelers: Feelers::new(),
                 next: Generation::default(),
                 ledger: Ledger::default(),
@@ -64,42 +93,79 @@ impl<'f, 's> Wave<'f, 's> {
         }
     }
 
-    /// The mean radiances of a tile's pixels, row by row, and what they took.
-    pub(super) fn render_tile(&mut self, tile: Tile) -> (Vec<[f32; 3]>, Ledger) {
-        let block = self.frame.shape.block as usize;
-        self.current.clear();
-        self.outcome.clear();
-        let mut packets = 0;
+    /// The picture of a tile and what it took.
+    pub(super) fn render_tile(&mut self, tile: Tile) -> (TilePicture, Ledger) {
+        let frame = self.frame;
+        let block = frame.shape.block as usize;
+        self.begin();
         for y in (0..tile.height).step_by(block) {
             for x in (0..tile.width).step_by(block) {
-                for group in &self.frame.groups {
-                    self.push_camera_packet(tile, (x, y), group);
-                    packets += 1;
-                    if self.current.len() == BATCH {
-                        self.trace_camera_batch();
-                    }
-                    if packets % WAVE == 0 {
-                        self.follow_reflections();
-                    }
+                for group in &frame.groups {
+                    self.add_camera_packet(tile, (x, y), group);
                 }
             }
         }
-        self.trace_camera_batch();
-        self.follow_reflections();
-        let means = self.outcome.film.means(tile, self.frame.settings.spp);
-        (means, self.outcome.ledger)
+        self.finish();
+        let picture = self.outcome.film.picture(tile, frame.settings);
+        (picture, self.outcome.ledger)
     }
 
-    /// Makes the camera packet of one group of samples of the block at `corner`, within the tile.
-    fn push_camera_packet(&mut self, tile: Tile, corner: (u32, u32), group: &SampleGroup) {
+    /// What the samples of each of `visits` tell, and what they took.
+    ///
+    /// Each visit is of another pixel; packets must hold samples of a single one.
+    pub(super) fn render_visits(&mut self, tile: Tile, visits: &[Visit]) -> (Vec<Estimate>, Ledger) {
+        let frame = self.frame;
+        debug_assert_eq!(frame.shape.block, 1);
+        self.begin();
+        for visit in visits {
+            for group in visit.groups.clone() {
+                self.add_camera_packet(tile, (visit.x, visit.y), &frame.groups[group as usize]);
+            }
+        }
+        self.finish();
+        let estimates = self.outcome.film.estimates(visits);
+        (estimates, self.outcome.ledger)
+    }
+
+    fn begin(&mut self) {
+        self.packets = 0;
+        self.current.clear();
+        self.outcome.clear();
+    }
+
+    /// Makes the camera packet of one group of samples of the block at `corner`, within the tile; traces what is due.
+    fn add_camera_packet(&mut self, tile: Tile, corner: (u32, u32), group: &SampleGroup) {
+        self.push_camera_packet(&Block { tile, corner }, group);
+        self.packets += 1;
+        if self.current.len() == BATCH {
+            self.trace_camera_batch();
+        }
+        if self.packets.is_multiple_of(WAVE) {
+            self.finish();
+        }
+    }
+
+    /// Follows all rays to their ends.
+    fn finish(&mut self) {
+        self.follow_reflections();
+        if let Some(samples) = self.outcome.film.samples() {
+            samples.weigh();
+        }
+    }
+
+    fn push_camera_packet(&mut self, block: &Block, group: &SampleGroup) {
+        let frame = self.frame;
         let (packet, path) = self.current.push_packet();
         path.weight = [[1.0; LANES]; 3];
-        fill_camera_packet(
-            self.frame,
-            &Block { tile, corner },
-            group,
-            (packet, &mut path.pixel),
-        );
+        let per_pixel = frame
+            .layout
+            .is_per_pixel()
+            .then(|| lane_positions(frame, block, group));
+        let position = per_pixel.as_ref().unwrap_or(&group.position);
+        fill_camera_packet(frame, block, group, position, (packet, &mut path.pixel));
+        if let Some(samples) = self.outcome.film.samples() {
+            samples.expect(&mut path.pixel, position, &packet.active);
+        }
     }
 
     fn trace_camera_batch(&mut self) {
@@ -237,6 +303,18 @@ struct Block {
     corner: (u32, u32),
 }
 
+/// Places of the samples of a packet within their pixels, where they differ from pixel to pixel.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn lane_positions(frame: &Frame, block: &Block, group: &SampleGroup) -> [Lanes<f64>; 2] {
+    let (tile, corner) = (block.tile, block.corner);
+    let x = frame.pixels[0].map(|x| tile.x + corner.0 + x);
+    let y = frame.pixels[1].map(|y| tile.y + corner.1 + y);
+    frame.layout.lane_positions(&x, &y, group)
+}
+
 /// Camera rays through sixteen film points, rounded to f32, from where on the f32 rays are the exact ones; and their
 /// pixels within the tile's film.
 #[multiversion(targets(
@@ -247,6 +325,7 @@ fn fill_camera_packet(
     frame: &Frame,
     block: &Block,
     group: &SampleGroup,
+    position: &[Lanes<f64>; 2],
     out: (&mut RayPacket, &mut Lanes<u32>),
 ) {
     let (packet, pixel) = out;
@@ -265,8 +344,8 @@ fn fill_camera_packet(
     }
     let eye = frame.view.eye();
     for l in 0..LANES {
-        let x = f64::from(tile.x + corner.0 + frame.pixels[0][l]) + group.position[0][l];
-        let y = f64::from(tile.y + corner.1 + frame.pixels[1][l]) + group.position[1][l];
+        let x = f64::from(tile.x + corner.0 + frame.pixels[0][l]) + position[0][l];
+        let y = f64::from(tile.y + corner.1 + frame.pixels[1][l]) + position[1][l];
         let ray = frame.view.ray(x * frame.pixel_size[0], y * frame.pixel_size[1]);
         for axis in 0..3 {
             if eye.is_none() {

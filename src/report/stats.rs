@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::accel::{Backend, EmbreeIdentity, Precision};
-use crate::render::{Ledger, RayTally};
+use crate::render::{Ledger, RayTally, SampleCounts};
 use crate::scene::{Geometry, Scene};
 
 use super::effects;
@@ -20,8 +20,10 @@ pub struct RenderStats {
     pub scene: SceneStats,
     /// What became of it.
     pub image: ImageStats,
-    /// Samples a pixel.
+    /// Samples a pixel; at most, if they are adaptive.
     pub spp: u32,
+    /// Samples that were taken.
+    pub samples: SampleCounts,
     /// Most generations of reflected rays.
     pub depth: u32,
     /// What found the hits.

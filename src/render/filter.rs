@@ -1,0 +1,362 @@
+//! Reconstruction: how much a sample counts for the pixels around it.
+//!
+//! A pixel is the weighted mean of the samples near its middle, `Σ w(s - p) L(s) / Σ w(s - p)`, so a constant picture
+//! stays constant whatever the weights. Each tile adds its samples to a film of its own that reaches over its edges by
+//! the filter's radius; afterwards these films are added to the picture in the order of the tiles. No sample is traced
+//! twice: a border of samples for every tile would cost (36/32)² = 1.27 times the rays at radius 2. The order of all sums
+//! is fixed by the picture alone, as tiles lie where they lie whoever renders them. Filtering by choosing sample places
+//! instead (filter importance sampling) has no answer to negative lobes, and takes neighbours' samples for noise.
+
+use rayon::prelude::*;
+
+use super::film::{TILE, Tile};
+use super::wave::TilePicture;
+
+/// Shapes of filter, each the product of one function across and down.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum FilterKind {
+    /// The mean over the pixel's own square
+    #[default]
+    Box,
+    /// Falls linearly to zero
+    Tent,
+    /// A bell of a third of the radius, lowered to reach zero
+    Gaussian,
+    /// Mitchell and Netravali's cubic: sharper, with negative lobes
+    Mitchell,
+}
+
+/// How samples become pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelFilter {
+    /// Its shape.
+    pub kind: FilterKind,
+    /// Distance from a pixel's middle, across and down, from which on samples do not count; in pixels, from
+    /// [`PixelFilter::MIN_RADIUS`] to [`PixelFilter::MAX_RADIUS`]. A box is always the pixel itself.
+    pub radius: f64,
+}
+
+impl Default for PixelFilter {
+    fn default() -> PixelFilter {
+        PixelFilter::of_kind(FilterKind::Box)
+    }
+}
+
+impl PixelFilter {
+    /// Least radius: that of a tent between neighbouring middles. A pixel's own samples then never weigh nothing.
+    pub const MIN_RADIUS: f64 = 1.0;
+    /// Greatest radius: beyond it pictures are blurred on purpose.
+    pub const MAX_RADIUS: f64 = 4.0;
+
+    /// A filter of its usual radius.
+    pub fn of_kind(kind: FilterKind) -> PixelFilter {
+        let radius = match kind {
+            FilterKind::Box => 0.5,
+            FilterKind::Tent => 1.0,
+            FilterKind::Gaussian => 1.5,
+            FilterKind::Mitchell => 2.0,
+        };
+        PixelFilter { kind, radius }
+    }
+
+    /// Bytes that the films of all tiles take for each pixel.
+    pub(super) fn bytes_per_pixel(&self) -> u64 {
+        if self.is_box() {
+            return 0;
+        }
+        let side = TILE as usize + 2 * self.reach();
+        (side * side * size_of::<[f64; 4]>()).div_ceil((TILE * TILE) as usize) as u64
+    }
+
+    /// Whether samples count for their own pixel only, all alike.
+    pub(super) fn is_box(&self) -> bool {
+        self.kind == FilterKind::Box
+    }
+
+    /// The weight of a sample at distance `x` from a pixel's middle, along one axis.
+    fn weight(&self, x: f64) -> f64 {
+        let x = x.abs();
+        if x >= self.radius {
+            return 0.0;
+        }
+        match self.kind {
+            FilterKind::Box => 1.0,
+            FilterKind::Tent => 1.0 - x / self.radius,
+            FilterKind::Gaussian => {
+                /// 1/2 (radius / sigma)² for a radius of three sigma.
+                const FALL: f64 = 4.5;
+                let ratio = x / self.radius;
+                (-FALL * ratio * ratio).exp() - (-FALL).exp()
+            }
+            FilterKind::Mitchell => mitchell(2.0 * x / self.radius),
+        }
+    }
+
+    /// How many pixels to each side of its own a sample may count for.
+    fn reach(&self) -> usize {
+        // A sample lies up to half a pixel from its pixel's middle; those exactly `radius` away do not count.
+        (self.radius.clamp(0.5, PixelFilter::MAX_RADIUS) - 0.5).ceil() as usize
+    }
+}
+
+/// Mitchell and Netravali's filter with B = C = 1/3, for `x` in [0, 2] ("Reconstruction filters in computer graphics",
+/// SIGGRAPH 1988, equation 8).
+fn mitchell(x: f64) -> f64 {
+    if x < 1.0 {
+        (7.0 * x * x * x - 12.0 * x * x + 16.0 / 3.0) / 6.0
+    } else {
+        (-7.0 / 3.0 * x * x * x + 12.0 * x * x - 20.0 * x + 32.0 / 3.0) / 6.0
+    }
+}
+
+/// Most pixels a sample counts for, along one axis.
+const MAX_SPAN: usize = 9;
+
+/// Weighted sums of a tile's samples, for its own pixels and those around it.
+#[derive(Clone)]
+pub(super) struct Splat {
+    filter: PixelFilter,
+    reach: usize,
+    /// Red, green, blue, weight; rows of `TILE + 2 reach` pixels, as many as there are columns.
+    sums: Vec<[f64; 4]>,
+}
+
+impl Splat {
+    pub(super) fn new(filter: PixelFilter) -> Splat {
+        let reach = filter.reach();
+        let side = TILE as usize + 2 * reach;
+        Splat {
+            filter,
+            reach,
+            sums: vec![[0.0; 4]; side * side],
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.sums.fill([0.0; 4]);
+    }
+
+    fn side(&self) -> usize {
+        TILE as usize + 2 * self.reach
+    }
+
+    /// Adds a sample at `position` within the tile's pixel of number `pixel`, `TILE` to a row.
+    pub(super) fn add(&mut self, pixel: u32, position: [f64; 2], radiance: [f64; 3]) {
+        let (x, y) = ((pixel % TILE) as usize, (pixel / TILE) as usize);
+        let [across, down] = position.map(|p| self.weights(p));
+        let span = 2 * self.reach + 1;
+        for (row, wy) in down.iter().enumerate().take(span) {
+            let start = (y + row) * self.side() + x;
+            for (sum, wx) in self.sums[start..start + span].iter_mut().zip(&across) {
+                let weight = wx * wy;
+                for channel in 0..3 {
+                    sum[channel] += weight * radiance[channel];
+                }
+                sum[3] += weight;
+            }
+        }
+    }
+
+    /// What a sample at `position` along an axis counts for the pixels from `reach` before its own to `reach` behind it.
+    fn weights(&self, position: f64) -> [f64; MAX_SPAN] {
+        let mut weights = [0.0; MAX_SPAN];
+        for (k, weight) in weights.iter_mut().enumerate().take(2 * self.reach + 1) {
+            let middle = k as f64 - self.reach as f64 + 0.5;
+            *weight = self.filter.weight(position - middle);
+        }
+        weights
+    }
+}
+
+/// The filtered picture of tiles that come in the order of [`super::film::tiles`].
+///
+/// `means` gives the unweighted pixels, which stand in where weights happen to cancel.
+pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, TilePicture)]) {
+    let width = width as usize;
+    let width_in_tiles = width.div_ceil(TILE as usize);
+    let rows_of_tiles: Vec<&[(Tile, TilePicture)]> = tiles.chunks(width_in_tiles).collect();
+    means
+        .par_chunks_mut(width * TILE as usize)
+        .enumerate()
+        .for_each(|(index, band)| {
+            let mut sums = vec![[0.0; 4]; band.len()];
+            let first_row = index * TILE as usize;
+            let near = index.saturating_sub(1)..(index + 2).min(rows_of_tiles.len());
+            for (tile, picture) in rows_of_tiles[near].iter().copied().flatten() {
+                if let Some(splat) = &picture.splat {
+                    splat.add_to_band(tile, &mut sums, width, first_row);
+                }
+            }
+            for (pixel, [r, g, b, weight]) in band.iter_mut().zip(sums) {
+                if weight > 0.0 {
+                    *pixel = [r, g, b].map(|sum| (sum / weight) as f32);
+                }
+            }
+        });
+}
+
+impl Splat {
+    /// Adds what of these sums falls onto the rows of `band`, the first of which is the picture's `first_row`.
+    fn add_to_band(&self, tile: &Tile, band: &mut [[f64; 4]], width: usize, first_row: usize) {
+        let rows = band.len() / width;
+        let (x, y) = (tile.x as usize, tile.y as usize);
+        for (row, sums) in self.sums.chunks(self.side()).enumerate() {
+            // Row `reach` of the sums is the tile's first.
+            let Some(row) = (y + row)
+                .checked_sub(self.reach + first_row)
+                .filter(|&row| row < rows)
+            else {
+                continue;
+            };
+            let hidden = self.reach.saturating_sub(x);
+            let start = x + hidden - self.reach;
+            let seen = (self.side() - hidden).min(width - start);
+            let target = &mut band[row * width + start..row * width + start + seen];
+            for (sum, added) in target.iter_mut().zip(&sums[hidden..hidden + seen]) {
+                for channel in 0..4 {
+                    sum[channel] += added[channel];
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::ValueEnum;
+
+    use super::super::film::tiles;
+    use super::*;
+
+    fn filters() -> Vec<PixelFilter> {
+        let usual = FilterKind::value_variants()
+            .iter()
+            .copied()
+            .map(PixelFilter::of_kind);
+        let widest = PixelFilter {
+            kind: FilterKind::Mitchell,
+            radius: PixelFilter::MAX_RADIUS,
+        };
+        usual.chain([widest]).collect()
+    }
+
+    #[test]
+    fn weights_are_those_of_the_book() {
+        let of = |kind, x| PixelFilter::of_kind(kind).weight(x);
+        assert_eq!([0.0, 0.49, 0.5].map(|x| of(FilterKind::Box, x)), [1.0, 1.0, 0.0]);
+        assert_eq!(
+            [0.0, 0.25, -0.25, 1.0].map(|x| of(FilterKind::Tent, x)),
+            [1.0, 0.75, 0.75, 0.0]
+        );
+        // exp(-1/2) - exp(-9/2) at one sigma = 0.5, half a pixel.
+        let bell = (-0.5f64).exp() - (-4.5f64).exp();
+        assert!((of(FilterKind::Gaussian, 0.5) - bell).abs() < 1e-15);
+        // B = C = 1/3: 8/9 in the middle, 1/18 at 1, and at 1.5: (-7.875 + 27 - 30 + 10.667) / 6 = -0.034722.
+        let close = |x, expected: f64| (of(FilterKind::Mitchell, x) - expected).abs() < 1e-14;
+        assert!(close(0.0, 8.0 / 9.0) && close(1.0, 1.0 / 18.0) && close(1.5, -5.0 / 144.0));
+        assert_eq!(of(FilterKind::Mitchell, 2.0), 0.0);
+    }
+
+    #[test]
+    fn a_sample_reaches_every_pixel_within_the_radius_and_no_other() {
+        for filter in filters() {
+            let splat = Splat::new(filter);
+            for position in [0.0, 0.25, 0.5, 0.999] {
+                let weights = splat.weights(position);
+                let far = |k: f64| filter.weight(position - (k + 0.5));
+                for k in 0..2 * splat.reach + 1 {
+                    assert_eq!(weights[k], far(k as f64 - splat.reach as f64));
+                }
+                let beyond = splat.reach as f64 + 1.0;
+                assert_eq!((far(-beyond), far(beyond)), (0.0, 0.0), "{filter:?} {position}");
+            }
+        }
+    }
+
+    /// The picture of the samples that `radiance` gives for places in the image, four a pixel.
+    fn picture(
+        filter: PixelFilter,
+        (width, height): (u32, u32),
+        radiance: impl Fn(f64, f64) -> [f64; 3],
+    ) -> Vec<[f32; 3]> {
+        let splatted: Vec<(Tile, TilePicture)> = tiles(width, height)
+            .into_iter()
+            .map(|tile| {
+                let mut splat = Splat::new(filter);
+                for pixel in 0..TILE * TILE {
+                    let (x, y) = (pixel % TILE, pixel / TILE);
+                    if x < tile.width && y < tile.height {
+                        for [u, v] in [[0.1, 0.3], [0.6, 0.2], [0.4, 0.9], [0.8, 0.7]] {
+                            let at = (f64::from(tile.x + x) + u, f64::from(tile.y + y) + v);
+                            splat.add(pixel, [u, v], radiance(at.0, at.1));
+                        }
+                    }
+                }
+                let picture = TilePicture {
+                    means: Vec::new(),
+                    splat: Some(splat),
+                    estimates: Vec::new(),
+                };
+                (tile, picture)
+            })
+            .collect();
+        let mut pixels = vec![[f32::NAN; 3]; (width * height) as usize];
+        assemble(width, &mut pixels, &splatted);
+        pixels
+    }
+
+    #[test]
+    fn a_constant_picture_stays_constant_under_every_filter() {
+        let constant = [0.3, 1e6, 1.0 / 3.0];
+        for filter in filters() {
+            for size in [(1, 1), (33, 40), (100, 3)] {
+                for pixel in picture(filter, size, |_, _| constant) {
+                    // Some hundred roundings of 2^-53 before the one to f32, which they nearly never tip.
+                    for channel in 0..3 {
+                        let relative = f64::from(pixel[channel]) / constant[channel] - 1.0;
+                        assert!(relative.abs() < 1.2e-7, "{filter:?} {size:?} {pixel:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn weighted_sums_of_a_constant_are_constant_to_a_trillionth() {
+        for filter in filters() {
+            let mut splat = Splat::new(filter);
+            for sample in 0..4096u32 {
+                let place = [0.618_034, 0.754_878].map(|step| (f64::from(sample) * step).fract());
+                splat.add(sample % 1024, place, [0.7; 3]);
+            }
+            for sum in splat.sums.iter().filter(|sum| sum[3].abs() > 0.1) {
+                assert!((sum[0] / sum[3] - 0.7).abs() < 1e-12, "{filter:?} {sum:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn tiles_meet_without_a_seam() {
+        // A ramp is symmetric about every pixel's middle, so filtered by weights that see both sides alike it stays a
+        // ramp but for the uneven places of its samples, which repeat from pixel to pixel: steps are all equal.
+        for filter in filters() {
+            let (width, height) = (70, 70);
+            let pixels = picture(filter, (width, height), |x, y| [x, y, x + y]);
+            let inner = 5..width - 5;
+            for y in inner.clone() {
+                for x in inner.clone() {
+                    let at = |x: u32, y: u32| pixels[(y * width + x) as usize];
+                    // Values up to 140 round by 2^-17; two of them differ by twice that.
+                    assert!(
+                        (at(x + 1, y)[0] - at(x, y)[0] - 1.0).abs() < 2e-5,
+                        "{filter:?} {x} {y}"
+                    );
+                    assert!(
+                        (at(x, y + 1)[1] - at(x, y)[1] - 1.0).abs() < 2e-5,
+                        "{filter:?} {x} {y}"
+                    );
+                }
+            }
+        }
+    }
+}

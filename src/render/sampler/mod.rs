@@ -1,0 +1,280 @@
+//! Where in its pixel each sample lies, and which sixteen samples make a packet.
+//!
+//! Samples are addressed by (pixel, sample, purpose), never drawn from a running stream, so a picture does not depend on
+//! who renders which tile when.
+
+mod packet;
+mod sobol;
+
+use crate::numeric::{LANES, Lanes};
+
+pub(super) use packet::{PacketShape, SampleGroup};
+
+/// How the samples of a pixel are spread over it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Pattern {
+    /// The middles of a grid's cells, the same in every pixel
+    Regular,
+    /// A random place in each cell of a grid
+    Jittered,
+    /// Owen-scrambled Sobol points, scrambled anew in every pixel
+    Sobol,
+    /// Roberts' R2 sequence, the same in every pixel
+    #[default]
+    R2,
+}
+
+/// What a sample's pair of random numbers is for. Pairs of different purposes are independent of each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Purpose(pub u32);
+
+impl Purpose {
+    /// The place within the pixel.
+    pub const FILM: Purpose = Purpose(0);
+}
+
+/// The two numbers in [0, 1) of sample `sample` of `pixel` (column and row) for `purpose`, of `spp` samples a pixel.
+///
+/// For [`Purpose::FILM`] they are the place within the pixel, from its top left corner, as `pattern` has it; with one
+/// sample a pixel it is the middle, in every pattern. Grids have `spp` cells, in as many rows and columns as come nearest to
+/// a square; a prime number of samples thus lies in one row. Samples beyond `spp` begin another layer of cells. For every
+/// other purpose all patterns give Owen-scrambled Sobol points in an order of the purpose's own (Burley 2020, section 4):
+/// a grid there, in step with the one on the film, would show as bands.
+pub fn sample_2d(pattern: Pattern, pixel: [u32; 2], sample: u32, spp: u32, purpose: Purpose) -> [f64; 2] {
+    let seed = sobol::seed(pixel, purpose.0);
+    if purpose != Purpose::FILM {
+        return sobol::point(sobol::shuffled(sample, seed), seed);
+    }
+    let layout = Layout::new(pattern, spp);
+    match layout.pattern {
+        Pattern::Regular | Pattern::R2 => layout.shared_position(sample),
+        Pattern::Jittered => layout.jittered(layout.cell(sample), sample, seed),
+        Pattern::Sobol => sobol::point(sample, seed),
+    }
+}
+
+/// A pattern for a number of samples: what of it is the same in every pixel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    pattern: Pattern,
+    columns: u32,
+    rows: u32,
+}
+
+impl Layout {
+    /// The pattern for `spp` samples a pixel, at least 1.
+    pub(super) fn new(pattern: Pattern, spp: u32) -> Layout {
+        let rows = (1..=spp.isqrt())
+            .rev()
+            .find(|&rows| spp.is_multiple_of(rows))
+            .unwrap_or(1);
+        Layout {
+            // The middle of the only cell, where every pattern has a single sample.
+            pattern: if spp == 1 { Pattern::Regular } else { pattern },
+            columns: spp / rows,
+            rows,
+        }
+    }
+
+    /// Whether pixels differ, so that [`SampleGroup::position`] does not tell the places.
+    pub(super) fn is_per_pixel(&self) -> bool {
+        matches!(self.pattern, Pattern::Jittered | Pattern::Sobol)
+    }
+
+    /// Column and row of the grid's cell that a sample belongs to.
+    fn cell(&self, sample: u32) -> [f64; 2] {
+        let cell = sample % (self.columns * self.rows);
+        [cell % self.columns, cell / self.columns].map(f64::from)
+    }
+
+    /// The place of a sample in every pixel, where pixels do not differ.
+    fn shared_position(&self, sample: u32) -> [f64; 2] {
+        match self.pattern {
+            Pattern::R2 => r2(sample),
+            _ => {
+                let [column, row] = self.cell(sample);
+                [
+                    (column + 0.5) / f64::from(self.columns),
+                    (row + 0.5) / f64::from(self.rows),
+                ]
+            }
+        }
+    }
+
+    /// What the packets of a frame keep of a sample: its place or, where pixels differ, its cell.
+    pub(super) fn shared(&self, sample: u32) -> [f64; 2] {
+        if self.is_per_pixel() {
+            self.cell(sample)
+        } else {
+            self.shared_position(sample)
+        }
+    }
+
+    /// A random place within `cell`.
+    #[inline(always)]
+    fn jittered(&self, cell: [f64; 2], sample: u32, seed: u32) -> [f64; 2] {
+        let across = sobol::mixed(seed ^ sobol::mixed(sample));
+        let down = sobol::mixed(across);
+        [
+            (cell[0] + sobol::fraction(across)) / f64::from(self.columns),
+            (cell[1] + sobol::fraction(down)) / f64::from(self.rows),
+        ]
+    }
+
+    /// The places of sixteen samples in pixels of columns `x` and rows `y`, for a pattern in which pixels differ.
+    #[inline(always)]
+    pub(super) fn lane_positions(
+        &self,
+        x: &Lanes<u32>,
+        y: &Lanes<u32>,
+        group: &SampleGroup,
+    ) -> [Lanes<f64>; 2] {
+        let mut position = [[0.0; LANES]; 2];
+        let seed: Lanes<u32> = std::array::from_fn(|l| sobol::seed([x[l], y[l]], Purpose::FILM.0));
+        if self.pattern == Pattern::Sobol {
+            for l in 0..LANES {
+                [position[0][l], position[1][l]] = sobol::point(group.sample[l], seed[l]);
+            }
+        } else {
+            for l in 0..LANES {
+                let cell = [group.position[0][l], group.position[1][l]];
+                [position[0][l], position[1][l]] = self.jittered(cell, group.sample[l], seed[l]);
+            }
+        }
+        position
+    }
+}
+
+/// Point `sample` of Roberts' R2 sequence, begun in the middle.
+///
+/// The plane's analogue of the golden ratio (M. Roberts, "The unreasonable effectiveness of quasirandom sequences",
+/// 2018). Any prefix of it is evenly spread.
+#[inline(always)]
+fn r2(sample: u32) -> [f64; 2] {
+    const STEP: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
+    STEP.map(|step| (0.5 + f64::from(sample) * step).fract())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::ValueEnum;
+
+    use super::*;
+    use std::collections::HashSet;
+
+    fn film(pattern: Pattern, pixel: [u32; 2], sample: u32, spp: u32) -> [f64; 2] {
+        sample_2d(pattern, pixel, sample, spp, Purpose::FILM)
+    }
+
+    #[test]
+    fn a_single_sample_is_the_middle_in_every_pattern() {
+        for pattern in Pattern::value_variants() {
+            for pixel in [[0, 0], [3, 1000]] {
+                assert_eq!(film(*pattern, pixel, 0, 1), [0.5, 0.5], "{pattern:?}");
+            }
+        }
+        assert_eq!(film(Pattern::R2, [7, 7], 0, 16), [0.5, 0.5]);
+    }
+
+    #[test]
+    fn all_samples_stay_inside() {
+        for pattern in Pattern::value_variants() {
+            for sample in 0..10_000 {
+                let place = film(*pattern, [12, 34], sample, 10_000);
+                assert!(
+                    place.iter().all(|x| (0.0..1.0).contains(x)),
+                    "{pattern:?} {sample}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn sixteen_samples_of_r2_are_nearly_even_over_the_quarters() {
+        // A sequence of low discrepancy leaves no quarter of the pixel empty and none with half of the samples.
+        let mut quarters = [0; 4];
+        for sample in 0..16 {
+            let [x, y] = r2(sample);
+            quarters[(x * 2.0) as usize + 2 * (y * 2.0) as usize] += 1;
+        }
+        assert!(
+            quarters.iter().all(|&count| (2..8).contains(&count)),
+            "{quarters:?}"
+        );
+    }
+
+    #[test]
+    fn grids_have_as_many_cells_as_samples_and_come_near_a_square() {
+        for (spp, columns, rows) in [(1, 1, 1), (2, 2, 1), (6, 3, 2), (7, 7, 1), (16, 4, 4), (48, 8, 6)] {
+            let layout = Layout::new(Pattern::Regular, spp);
+            assert_eq!((layout.columns, layout.rows), (columns, rows), "{spp}");
+        }
+        // Three by two cells: the first middle is at (1/6, 1/4), the last at (5/6, 3/4).
+        assert_eq!(film(Pattern::Regular, [9, 9], 0, 6), [0.5 / 3.0, 0.25]);
+        assert_eq!(film(Pattern::Regular, [9, 9], 5, 6), [2.5 / 3.0, 0.75]);
+    }
+
+    #[test]
+    fn every_cell_holds_one_regular_and_one_jittered_sample_of_every_layer() {
+        for pattern in [Pattern::Regular, Pattern::Jittered] {
+            for layer in 0..3 {
+                let cells: HashSet<_> = (16 * layer..16 * (layer + 1))
+                    .map(|sample| film(pattern, [5, 6], sample, 16).map(|x| (4.0 * x) as u32))
+                    .collect();
+                assert_eq!(cells.len(), 16, "{pattern:?}, layer {layer}");
+            }
+        }
+        assert_ne!(
+            film(Pattern::Jittered, [5, 6], 0, 16),
+            film(Pattern::Jittered, [5, 6], 16, 16)
+        );
+    }
+
+    #[test]
+    fn only_jittered_and_sobol_samples_differ_from_pixel_to_pixel() {
+        for pattern in Pattern::value_variants() {
+            let same = film(*pattern, [0, 0], 3, 16) == film(*pattern, [1, 0], 3, 16);
+            assert_ne!(same, Layout::new(*pattern, 16).is_per_pixel(), "{pattern:?}");
+        }
+    }
+
+    #[test]
+    fn pairs_of_different_purposes_are_not_correlated() {
+        // 4096 pairs: independent ones correlate by less than 4/64 but for one case in ten thousand.
+        let count = 4096;
+        for pattern in Pattern::value_variants() {
+            for other in [1, 2, 100] {
+                let product = |sample| {
+                    let a = film(*pattern, [8, 8], sample, count);
+                    let b = sample_2d(*pattern, [8, 8], sample, count, Purpose(other));
+                    // Centred; uniform numbers have variance 1/12.
+                    12.0 * (a[0] - 0.5) * (b[0] - 0.5)
+                };
+                let correlation = (0..count).map(product).sum::<f64>() / f64::from(count);
+                assert!(
+                    correlation.abs() < 4.0 / 64.0,
+                    "{pattern:?} {other}: {correlation}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn sixteen_lanes_have_the_places_that_samples_have_one_by_one() {
+        for pattern in [Pattern::Jittered, Pattern::Sobol] {
+            for spp in [2, 5, 16, 40] {
+                let shape = PacketShape::for_samples(spp);
+                let layout = Layout::new(pattern, spp);
+                let [dx, dy] = shape.pixels();
+                let (x, y) = (dx.map(|d| 96 + d), dy.map(|d| 640 + d));
+                for group in shape.groups(layout, spp) {
+                    let position = layout.lane_positions(&x, &y, &group);
+                    for l in (0..LANES).filter(|&l| group.exists[l]) {
+                        let one = film(pattern, [x[l], y[l]], group.sample[l], spp);
+                        assert_eq!([position[0][l], position[1][l]], one, "{pattern:?} {spp} {l}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,316 @@
+//! What patterns, filters and adaptive sampling promise, on whole pictures.
+//!
+//! The measurements that defaults rest on are ignored tests: `cargo test --release --test sampling -- --ignored
+//! --nocapture`.
+
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
+
+    pub mod meshes;
+    pub mod sampling_scenes;
+    pub mod wave_scenes;
+}
+
+use std::sync::atomic::AtomicBool;
+
+use clap::ValueEnum;
+use common::sampling_scenes::{self, scenes};
+use whit::accel::{self, AccelOptions, Backend};
+use whit::image::LinearImage;
+use whit::render::{Adaptive, FilterKind, Monitor, Pattern, PixelFilter, RenderSettings, Rendering, render};
+use whit::scene::Scene;
+
+const SIZE: (u32, u32) = (96, 72);
+
+fn settings(spp: u32) -> RenderSettings {
+    RenderSettings {
+        width: SIZE.0,
+        height: SIZE.1,
+        spp,
+        ..RenderSettings::default()
+    }
+}
+
+fn adaptive(error: f64, spp: u32) -> RenderSettings {
+    RenderSettings {
+        adaptive: Some(Adaptive { error, gain: 1.0 }),
+        ..settings(spp)
+    }
+}
+
+fn rendered(scene: &Scene, settings: RenderSettings) -> Rendering {
+    let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &AtomicBool::new(false),
+    };
+    render(scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap()
+}
+
+/// Jittered, so that no sequence under test is a part of it.
+fn reference(scene: &Scene, spp: u32) -> LinearImage {
+    let settings = RenderSettings {
+        pattern: Pattern::Jittered,
+        ..settings(spp)
+    };
+    rendered(scene, settings).image
+}
+
+/// Root mean square difference of sRGB values, black 0 and white 1.
+fn rmse(image: &LinearImage, reference: &LinearImage) -> f64 {
+    let pairs = image
+        .pixels
+        .as_flattened()
+        .iter()
+        .zip(reference.pixels.as_flattened());
+    let squares: f64 = pairs.map(|(a, b)| (srgb(*a) - srgb(*b)).powi(2)).sum();
+    (squares / (3 * image.pixels.len()) as f64).sqrt()
+}
+
+fn srgb(radiance: f32) -> f64 {
+    let radiance = f64::from(radiance).clamp(0.0, 1.0);
+    if radiance <= 0.003_130_8 {
+        12.92 * radiance
+    } else {
+        1.055 * radiance.powf(1.0 / 2.4) - 0.055
+    }
+}
+
+/// All bits of a picture and of its sample counts.
+fn bits(rendering: &Rendering) -> Vec<u32> {
+    let aovs = rendering
+        .aovs
+        .iter()
+        .flat_map(|a| a.samples.iter().chain(&a.variance));
+    let values = rendering.image.pixels.as_flattened().iter().chain(aovs);
+    values.map(|value| value.to_bits()).collect()
+}
+
+#[test]
+fn patterns_filters_and_adaptive_rounds_give_the_same_bits_with_any_number_of_threads() {
+    let scene = sampling_scenes::mirrored_spheres();
+    let filtered = |kind| RenderSettings {
+        filter: PixelFilter::of_kind(kind),
+        pattern: Pattern::Jittered,
+        ..settings(5)
+    };
+    let mut variants: Vec<RenderSettings> = FilterKind::value_variants()
+        .iter()
+        .copied()
+        .map(filtered)
+        .collect();
+    variants.extend(Pattern::value_variants().iter().map(|&pattern| RenderSettings {
+        pattern,
+        ..settings(3)
+    }));
+    for pattern in [Pattern::R2, Pattern::Jittered, Pattern::Sobol] {
+        variants.push(RenderSettings {
+            pattern,
+            ..adaptive(0.01, 100)
+        });
+    }
+    for settings in variants {
+        let settings = RenderSettings {
+            sample_aovs: true,
+            ..settings
+        };
+        let mut first = None;
+        for threads in [1, 2, 7] {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            let bits = bits(&pool.install(|| rendered(&scene, settings)));
+            assert!(
+                *first.get_or_insert_with(|| bits.clone()) == bits,
+                "{threads} threads, {settings:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn every_pixel_gets_the_least_number_of_samples_and_none_more_than_the_most() {
+    for spp in [17, 40, 100] {
+        let settings = RenderSettings {
+            sample_aovs: true,
+            ..adaptive(0.004, spp)
+        };
+        let rendering = rendered(&sampling_scenes::mirrored_spheres(), settings);
+        let counts = rendering.aovs.unwrap().samples;
+        let whole_rounds = |count: f32| count % 16.0 == 0.0 || count == spp as f32;
+        assert!(
+            counts
+                .iter()
+                .all(|&count| (16.0..=spp as f32).contains(&count) && whole_rounds(count))
+        );
+        let total: f64 = counts.iter().copied().map(f64::from).sum();
+        assert_eq!(rendering.samples.total as f64, total);
+        assert_eq!(rendering.ledger.camera.rays, rendering.samples.total);
+        assert_eq!(rendering.samples.max, spp);
+        let mean = total / counts.len() as f64;
+        assert!((rendering.samples.mean - mean).abs() < 1e-9 && mean > 16.0 && mean < f64::from(spp));
+    }
+}
+
+#[test]
+fn a_picture_without_edges_gets_no_more_than_the_least() {
+    let mut scene = sampling_scenes::mostly_empty();
+    // All balls behind the camera.
+    scene.cameras[0].world_from_camera.translation.z = -9.0;
+    let rendering = rendered(&scene, adaptive(1e-6, 1024));
+    assert_eq!((rendering.samples.mean, rendering.samples.max), (16.0, 16));
+    assert!(rendering.image.pixels.iter().all(|&pixel| pixel == scene.ambient));
+}
+
+#[test]
+fn up_to_sixteen_samples_there_is_nothing_to_adapt() {
+    let scene = sampling_scenes::mirrored_spheres();
+    for spp in [1, 5, 16] {
+        let uniform = rendered(&scene, settings(spp)).image;
+        assert_eq!(rendered(&scene, adaptive(0.01, spp)).image, uniform);
+    }
+}
+
+#[test]
+fn sample_channels_change_no_bit_of_the_picture() {
+    let scene = sampling_scenes::mirrored_spheres();
+    for settings in [settings(1), settings(5), settings(33), adaptive(0.01, 48)] {
+        let plain = rendered(&scene, settings);
+        assert!(plain.aovs.is_none());
+        let told = rendered(
+            &scene,
+            RenderSettings {
+                sample_aovs: true,
+                ..settings
+            },
+        );
+        assert_eq!(plain.image, told.image);
+        assert_eq!(plain.samples, told.samples);
+    }
+}
+
+#[test]
+fn a_constant_picture_stays_constant_under_every_filter_and_pattern() {
+    let mut scene = sampling_scenes::mostly_empty();
+    scene.cameras[0].world_from_camera.translation.z = -9.0;
+    for kind in FilterKind::value_variants() {
+        for pattern in Pattern::value_variants() {
+            let filter = PixelFilter::of_kind(*kind);
+            let settings = RenderSettings {
+                filter,
+                pattern: *pattern,
+                ..settings(6)
+            };
+            for pixel in rendered(&scene, settings).image.pixels {
+                for channel in 0..3 {
+                    // The mean in f64 is constant to 1e-12 (see the filters' own tests); one rounding to f32 remains.
+                    let relative = f64::from(pixel[channel]) / f64::from(scene.ambient[channel]) - 1.0;
+                    assert!(relative.abs() < 1.2e-7, "{kind:?} {pattern:?} {pixel:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn adaptive_sampling_needs_two_fifths_of_the_samples_where_edges_are_few() {
+    for scene in [
+        sampling_scenes::mostly_empty(),
+        sampling_scenes::mirrored_spheres(),
+    ] {
+        let reference = reference(&scene, 1024);
+        let adaptive = rendered(
+            &scene,
+            RenderSettings {
+                pattern: Pattern::Sobol,
+                ..adaptive(0.005, 256)
+            },
+        );
+        let spp = (adaptive.samples.mean / 0.4) as u32;
+        let uniform = rendered(
+            &scene,
+            RenderSettings {
+                pattern: Pattern::Sobol,
+                ..settings(spp)
+            },
+        );
+        let (with, without) = (
+            rmse(&adaptive.image, &reference),
+            rmse(&uniform.image, &reference),
+        );
+        println!(
+            "{:.1} samples a pixel: {with:.5}; {spp}: {without:.5}",
+            adaptive.samples.mean
+        );
+        assert!(with <= without);
+    }
+}
+
+#[test]
+#[ignore = "a measurement of some minutes"]
+fn errors_of_the_patterns() {
+    println!("sRGB error in thousandths; jittered reference of 4096 samples");
+    for (name, scene) in scenes() {
+        let reference = reference(&scene, 4096);
+        for spp in [4, 16, 64, 256] {
+            print!("{name:17} {spp:4} spp:");
+            for pattern in Pattern::value_variants() {
+                let settings = RenderSettings {
+                    pattern: *pattern,
+                    ..settings(spp)
+                };
+                let error = rmse(&rendered(&scene, settings).image, &reference);
+                print!("  {pattern:?} {:.3}", 1e3 * error);
+            }
+            println!();
+        }
+    }
+}
+
+/// The uniform number of samples that has this error, by the power law between the measured ones.
+fn equivalent_spp(curve: &[(f64, f64)], error: f64) -> f64 {
+    let at = curve.windows(2).find(|pair| pair[1].1 <= error);
+    let [(n0, e0), (n1, e1)] = at.map_or([curve[curve.len() - 2], curve[curve.len() - 1]], |p| [p[0], p[1]]);
+    let slope = (n1 / n0).ln() / (e1 / e0).ln();
+    n0 * ((error / e0).ln() * slope).exp()
+}
+
+/// What adaptive sampling takes of the samples that uniform sampling needs for the same error, on most scenes with a target
+/// of about one 8-bit code.
+const SAVING: f64 = 0.4;
+/// What it takes at most, on any.
+const COST: f64 = 1.05;
+
+#[test]
+#[ignore = "a measurement of a few minutes"]
+fn adaptive_sampling_takes_fewer_samples_for_the_same_error() {
+    let pattern = Pattern::Sobol;
+    let mut saving = 0;
+    for (name, scene) in scenes() {
+        let reference = reference(&scene, 4096);
+        let measured = |settings| {
+            let rendering = rendered(&scene, RenderSettings { pattern, ..settings });
+            (rendering.samples.mean, rmse(&rendering.image, &reference))
+        };
+        let curve: Vec<(f64, f64)> = [16, 32, 64, 128, 256, 512]
+            .map(|spp| measured(settings(spp)))
+            .into();
+        let mut ratios = Vec::new();
+        for error in [0.01, 0.005] {
+            let (mean, found) = measured(adaptive(error, 1024));
+            let uniform = equivalent_spp(&curve, found);
+            ratios.push(mean / uniform);
+            println!(
+                "{name:17} target {error}: {mean:.1} samples a pixel, sRGB error {:.3} thousandths, as of {uniform:.1} \
+                 uniform ones: {:.2}",
+                1e3 * found,
+                mean / uniform
+            );
+        }
+        assert!(ratios.iter().all(|&ratio| ratio <= COST), "{name}: {ratios:?}");
+        saving += usize::from(ratios[1] <= SAVING);
+    }
+    assert!(saving >= 3, "{saving} scenes");
+}

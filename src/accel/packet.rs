@@ -89,6 +89,13 @@ impl RayPacket {
         self.active = [0; LANES];
     }
 
+    /// Forgets the hit of one lane; the ray stays, but for its `t_far`.
+    #[inline(always)]
+    pub fn forget_hit(&mut self, lane: usize) {
+        self.instance[lane] = NO_HIT;
+        self.level[lane] = NO_HIT;
+    }
+
     /// Makes lane `lane` an active ray without a hit.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, ray: &Ray) {

@@ -22,12 +22,37 @@ pub struct Ledger {
     pub shadow: RayTally,
     /// From mirrors.
     pub reflection: RayTally,
+    /// Through surfaces: refracted, or where a surface is not there.
+    pub refraction: RayTally,
+    /// Rays that were not followed because of the depth limit of transparent scenes or the weight cut-off.
+    pub lost_rays: u64,
+    /// The sum of their weights: by so many times the largest radiance, at most, is the sum of all samples too dark.
+    pub lost_weight: f64,
 }
 
 impl Ledger {
     /// Seconds inside the backend, summed over threads.
     pub fn trace_seconds(&self) -> f64 {
-        self.camera.seconds + self.shadow.seconds + self.reflection.seconds
+        self.camera.seconds + self.shadow.seconds + self.reflection.seconds + self.refraction.seconds
+    }
+
+    /// Books rays that left surfaces, of which `refracted` went through; they shared packets, and so share the time.
+    pub(super) fn book(&mut self, all: RayTally, refracted: u64) {
+        let share = refracted as f64 / all.rays.max(1) as f64;
+        self.reflection += RayTally {
+            rays: all.rays.saturating_sub(refracted),
+            seconds: all.seconds * (1.0 - share),
+        };
+        self.refraction += RayTally {
+            rays: refracted,
+            seconds: all.seconds * share,
+        };
+    }
+
+    /// Books a ray that is not followed.
+    pub(super) fn lose(&mut self, weight: f32) {
+        self.lost_rays += 1;
+        self.lost_weight += f64::from(weight);
     }
 }
 
@@ -44,5 +69,8 @@ impl AddAssign for Ledger {
         self.camera += other.camera;
         self.shadow += other.shadow;
         self.reflection += other.reflection;
+        self.refraction += other.refraction;
+        self.lost_rays += other.lost_rays;
+        self.lost_weight += other.lost_weight;
     }
 }

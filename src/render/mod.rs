@@ -7,17 +7,21 @@ mod adaptive;
 mod film;
 mod filter;
 mod ledger;
+mod outcome;
 mod queue;
 mod record;
 mod sampler;
 mod samples;
 mod shade;
 mod surface;
+mod tinted;
+mod transparent;
 mod wave;
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 pub use adaptive::Adaptive;
@@ -27,19 +31,24 @@ pub use record::{RecordedRays, record};
 pub use sampler::{Pattern, Purpose, sample_2d};
 pub use samples::{SampleAovs, SampleCounts};
 
-use crate::accel::Accel;
+use crate::accel::{Accel, RayOrder, RayPacket};
 use crate::image::LinearImage;
-use crate::numeric::Lanes;
+use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+use crate::optics::{Body, MediaStack, SpectralSampler};
 use crate::scene::{Background, Camera, CameraView, Material, Model, Scene};
 use crate::shading::MaterialFeatures;
 use adaptive::{Estimate, ROUND};
 use film::Tile;
+use outcome::Traced;
 use sampler::{Layout, PacketShape, SampleGroup};
-use surface::SurfaceScene;
+use surface::{SurfaceScene, Surfaces};
 use wave::{TilePicture, Wave};
 
 /// Most tiles that one thread takes in a row: few enough that no thread is left with much when the others are done.
 const RUN: usize = 16;
+
+/// Surfaces that are looked through for the bodies around the camera.
+const MOST_BOUNDARIES: usize = 4096;
 
 /// What picture is made of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,8 +70,10 @@ pub struct RenderSettings {
     pub adaptive: Option<Adaptive>,
     /// Whether [`Rendering::aovs`] are wanted. They change no bit of the picture.
     pub sample_aovs: bool,
-    /// Reflections that are followed at most; 0 for none.
+    /// Reflections and refractions that are followed at most; 0 for none.
     pub depth: u32,
+    /// Wavelengths that a path splits into where a body disperses it; at least 1.
+    pub wavelengths: u32,
     /// A reflected ray is not traced if its weight in every channel is under this.
     pub weight_cutoff: f32,
 }
@@ -78,6 +89,7 @@ impl Default for RenderSettings {
             adaptive: None,
             sample_aovs: false,
             depth: 5,
+            wavelengths: 16,
             weight_cutoff: 1.0 / 512.0,
         }
     }
@@ -129,6 +141,10 @@ struct Frame<'s> {
     glows: bool,
     /// Whether any material may reflect as a mirror.
     mirrors: bool,
+    /// Into which wavelengths a path splits.
+    spectrum: SpectralSampler,
+    /// The bodies around the camera.
+    media_at_eye: MediaStack,
 }
 
 /// Renders `scene` as `camera` sees it, in the current rayon pool. `None` if it was cancelled.
@@ -260,7 +276,7 @@ impl<'s> Frame<'s> {
             Some(_) => Layout::new(settings.pattern, ROUND),
             None => Layout::new(settings.pattern, settings.spp),
         };
-        Frame {
+        let mut frame = Frame {
             scene,
             accel,
             settings: *settings,
@@ -278,6 +294,71 @@ impl<'s> Frame<'s> {
                 || scene.background != Background::default()
                 || used().any(|material| material.emission != [0.0; 3] || material.model == Model::Unlit),
             mirrors: used().any(Material::may_mirror),
+            spectrum: SpectralSampler::new(settings.wavelengths as usize),
+            media_at_eye: MediaStack::EMPTY,
+        };
+        frame.media_at_eye = frame.media_around(frame.view.ray(0.5, 0.5).origin);
+        frame
+    }
+
+    /// Whether paths go through surfaces and keep what that takes.
+    fn travels(&self) -> bool {
+        self.features.transmits || self.features.covers
+    }
+
+    /// The bodies around `p`, by the surfaces that a ray from there meets: a body that is left before it is entered is
+    /// one of them.
+    fn media_around(&self, p: DVec3) -> MediaStack {
+        let mut around = MediaStack::EMPTY;
+        if !self.features.transmits {
+            return around;
+        }
+        let mut met = Vec::new();
+        let mut surfaces = Surfaces::new(self.features);
+        let mut packet = [RayPacket::EMPTY];
+        // Slanted, so that it runs along no edges of what is built along the axes.
+        let mut ray = Ray::new(p.as_vec3(), Vec3::new(0.236_068, 0.854_102, 0.463_525));
+        for _ in 0..MOST_BOUNDARIES {
+            packet[0].recycle();
+            packet[0].set(0, &ray);
+            self.accel.intersect(&mut packet, RayOrder::Incoherent);
+            let Some(hit) = packet[0].hit(0) else { break };
+            self.surfaces.meet(&packet[0], &mut surfaces);
+            let index = self.scene.instances[hit.instance as usize].material;
+            let material = &self.scene.materials[index as usize];
+            let has_inside = material.interior.is_some_and(|inside| !inside.is_thin);
+            if material.transmits() && has_inside && !met.contains(&index) {
+                met.push(index);
+                if !surfaces.points.front[0] {
+                    let priority = material.interior.map_or(0, |inside| inside.priority);
+                    around.enter(Body { id: index, priority });
+                }
+            }
+            ray.t_near = hit.t.next_up();
+        }
+        around
+    }
+
+    /// What lies behind everything in the directions of a packet's rays.
+    fn background_seen(&self, traced: &Traced) -> Lanes3<f32> {
+        match self.background {
+            Background::Uniform(color) => color.map(|channel| [channel; LANES]),
+            Background::Gradient { horizon, up, down } => {
+                let mut seen = [[0.0; LANES]; 3];
+                for l in 0..LANES {
+                    let direction = match traced.travels {
+                        Some(travels) => travels[l].direction,
+                        None => traced.packet.ray(l).direction.as_dvec3().normalize(),
+                    };
+                    let pole = if direction.y < 0.0 { down } else { up };
+                    let height = direction.y.abs();
+                    for c in 0..3 {
+                        let (level, pole) = (f64::from(horizon[c]), f64::from(pole[c]));
+                        seen[c][l] = (level + (pole - level) * height) as f32;
+                    }
+                }
+                seen
+            }
         }
     }
 

@@ -2,8 +2,11 @@
 //!
 //! Memory is kept from tile to tile; packets are filled again rather than made anew.
 
+use glam::DVec3;
+
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+use crate::optics::MediaStack;
 
 /// Packets that are traced and shaded together: 24 KB of rays, half of a first-level cache.
 pub(super) const BATCH: usize = 16;
@@ -24,11 +27,48 @@ impl PathPacket {
     };
 }
 
-/// Rays of equal depth in the tree. Packets are kept to be filled again.
+/// What a path has behind it that may go through surfaces, beyond its weight.
+#[derive(Clone, Copy)]
+pub(super) struct Travel {
+    /// Reflections and refractions.
+    pub(super) depth: u32,
+    /// The wavelength that it follows, nanometres; 0 for all.
+    pub(super) wavelength: f32,
+    /// Unit direction, before it was rounded to the ray's.
+    pub(super) direction: DVec3,
+    /// The bodies around it.
+    pub(super) media: MediaStack,
+}
+
+/// The travels of a packet's lanes.
+pub(super) type TravelPacket = Lanes<Travel>;
+
+impl Travel {
+    /// Of a path that has not begun.
+    pub(super) const NONE: Travel = Travel {
+        depth: 0,
+        wavelength: 0.0,
+        direction: DVec3::ZERO,
+        media: MediaStack::EMPTY,
+    };
+}
+
+/// A ray to trace and what it is for.
+pub(super) struct Sent {
+    pub(super) ray: Ray,
+    pub(super) pixel: u32,
+    pub(super) weight: [f32; 3],
+    /// In scenes whose paths keep one.
+    pub(super) travel: Option<Travel>,
+}
+
+/// Rays of one step of the tree. Packets are kept to be filled again.
 #[derive(Default)]
 pub(super) struct Generation {
     packets: Vec<RayPacket>,
     paths: Vec<PathPacket>,
+    /// One a packet, in scenes whose paths keep them.
+    travels: Vec<TravelPacket>,
     /// Packets in use.
     count: usize,
     /// Lanes in use of the last of them.
@@ -40,6 +80,7 @@ impl Generation {
     pub(super) fn clear(&mut self) {
         self.count = 0;
         self.filled = LANES;
+        self.travels.clear();
     }
 
     /// Packets in use.
@@ -48,8 +89,18 @@ impl Generation {
     }
 
     /// The packets in use and their paths.
-    pub(super) fn parts(&mut self) -> (&mut [RayPacket], &[PathPacket]) {
-        (&mut self.packets[..self.count], &self.paths[..self.count])
+    pub(super) fn parts(&mut self) -> (&mut [RayPacket], Paths<'_>) {
+        let paths = Paths {
+            paths: &self.paths[..self.count],
+            travels: &self.travels,
+        };
+        (&mut self.packets[..self.count], paths)
+    }
+
+    /// The travels of the packet pushed last.
+    pub(super) fn last_travels(&mut self) -> &mut TravelPacket {
+        self.travels.resize(self.count, [Travel::NONE; LANES]);
+        &mut self.travels[self.count - 1]
     }
 
     /// A fresh packet with its paths.
@@ -67,18 +118,44 @@ impl Generation {
 
     /// One more ray, behind the last.
     #[inline(always)]
-    pub(super) fn push(&mut self, ray: &Ray, pixel: u32, weight: [f32; 3]) {
+    pub(super) fn push(&mut self, sent: &Sent) {
         if self.filled == LANES {
             self.push_packet();
             self.filled = 0;
         }
         let (last, lane) = (self.count - 1, self.filled);
-        self.packets[last].set(lane, ray);
-        self.paths[last].pixel[lane] = pixel;
+        self.packets[last].set(lane, &sent.ray);
+        self.paths[last].pixel[lane] = sent.pixel;
         for channel in 0..3 {
-            self.paths[last].weight[channel][lane] = weight[channel];
+            self.paths[last].weight[channel][lane] = sent.weight[channel];
+        }
+        if let Some(travel) = sent.travel {
+            self.last_travels()[lane] = travel;
         }
         self.filled += 1;
+    }
+}
+
+/// The paths of some packets.
+#[derive(Clone, Copy)]
+pub(super) struct Paths<'a> {
+    paths: &'a [PathPacket],
+    travels: &'a [TravelPacket],
+}
+
+impl<'a> Paths<'a> {
+    /// Those of packet `index`.
+    #[inline(always)]
+    pub(super) fn at(&self, index: usize) -> (&'a PathPacket, Option<&'a TravelPacket>) {
+        (&self.paths[index], self.travels.get(index))
+    }
+
+    /// Those from packet `first` on.
+    pub(super) fn from(&self, first: usize) -> Paths<'a> {
+        Paths {
+            paths: &self.paths[first..],
+            travels: self.travels.get(first..).unwrap_or_default(),
+        }
     }
 }
 
@@ -86,6 +163,8 @@ impl Generation {
 pub(super) struct Feelers {
     packets: [RayPacket; BATCH],
     lights: [Feeler; BATCH],
+    /// The bodies around the points that feel, one entry a packet, in scenes where light goes through surfaces.
+    media: Vec<Lanes<MediaStack>>,
     /// Packets in use.
     count: usize,
 }
@@ -104,6 +183,7 @@ impl Feelers {
                 pixel: [0; LANES],
                 radiance: [[0.0; LANES]; 3],
             }),
+            media: Vec::new(),
             count: 0,
         })
     }
@@ -121,6 +201,23 @@ impl Feelers {
     /// Counts the packet last written.
     pub(super) fn keep(&mut self) {
         self.count += 1;
+    }
+
+    /// Says what bodies are around the points of the packet last kept.
+    pub(super) fn keep_media(&mut self, travels: &TravelPacket) {
+        self.media.resize(self.count, [MediaStack::EMPTY; LANES]);
+        self.media[self.count - 1] = travels.map(|travel| travel.media);
+    }
+
+    /// As [`Feelers::take`], with the bodies around the points.
+    pub(super) fn take_with_media(&mut self) -> (&mut [RayPacket], &mut [Feeler], &mut [Lanes<MediaStack>]) {
+        let count = std::mem::take(&mut self.count);
+        self.media.resize(count, [MediaStack::EMPTY; LANES]);
+        (
+            &mut self.packets[..count],
+            &mut self.lights[..count],
+            &mut self.media,
+        )
     }
 
     /// Hands all packets over and is empty again.

@@ -9,7 +9,7 @@ use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Light, LightKind};
-use crate::shading::{MaterialPacket, direct, illuminate, mirror};
+use crate::shading::{MaterialPacket, direct, illuminate, lecture_direct, mirror};
 
 /// Surfaces to light, and the rays that found them.
 pub(super) struct Lit<'a> {
@@ -29,12 +29,24 @@ pub(super) struct Mirrored {
     pub(super) leaves: Lanes<bool>,
 }
 
+/// Light that no lamp causes.
+pub(super) struct Uncaused<'a> {
+    /// What surfaces get from all around.
+    pub(super) ambient: [f32; 3],
+    /// What is seen behind everything.
+    pub(super) background: &'a Lanes3<f32>,
+}
+
 /// What the lanes that hit nothing bring home.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-pub(super) fn surroundings(packet: &RayPacket, weight: &Lanes3<f32>, ambient: [f32; 3]) -> Lanes3<f32> {
+pub(super) fn surroundings(
+    packet: &RayPacket,
+    weight: &Lanes3<f32>,
+    background: &Lanes3<f32>,
+) -> Lanes3<f32> {
     let mut share = [0.0; LANES];
     for l in 0..LANES {
         let missed = (packet.active[l] != 0) & (packet.instance[l] == NO_HIT);
@@ -43,7 +55,7 @@ pub(super) fn surroundings(packet: &RayPacket, weight: &Lanes3<f32>, ambient: [f
     let mut radiance = [[0.0; LANES]; 3];
     for channel in 0..3 {
         for l in 0..LANES {
-            radiance[channel][l] = weight[channel][l] * ambient[channel] * share[l];
+            radiance[channel][l] = weight[channel][l] * background[channel][l] * share[l];
         }
     }
     radiance
@@ -58,9 +70,9 @@ pub(super) fn glow(
     packet: &RayPacket,
     surfaces: &Surfaces,
     weight: &Lanes3<f32>,
-    ambient: [f32; 3],
+    light: &Uncaused,
 ) -> Lanes3<f32> {
-    let glow = surfaces.materials.ambient(ambient);
+    let glow = surfaces.materials.ambient(light.ambient);
     let (mut share, mut hit) = ([0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
         share[l] = if packet.active[l] != 0 { 1.0 } else { 0.0 };
@@ -69,7 +81,7 @@ pub(super) fn glow(
     let mut radiance = [[0.0; LANES]; 3];
     for channel in 0..3 {
         for l in 0..LANES {
-            let seen = glow[channel][l] * hit[l] + ambient[channel] * (1.0 - hit[l]);
+            let seen = glow[channel][l] * hit[l] + light.background[channel][l] * (1.0 - hit[l]);
             radiance[channel][l] = weight[channel][l] * seen * share[l];
         }
     }
@@ -86,7 +98,20 @@ pub(super) fn glow(
 pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
     let surfaces = lit.points;
     let arriving = illuminate(light, &surfaces.p);
-    let reflected = direct(lit.materials, &surfaces.ns, &surfaces.wo, &arriving.wi);
+    let mut reflected = direct(lit.materials, &surfaces.ns, &surfaces.wo, &arriving.wi);
+    if lit.materials.features.lecture {
+        let lecture = lecture_direct(lit.materials, &surfaces.ns, &surfaces.wo, &arriving.wi);
+        for channel in 0..3 {
+            for l in 0..LANES {
+                let is_lecture = lit.materials.rich.is_lecture[l];
+                reflected[channel][l] = if is_lecture {
+                    lecture[channel][l]
+                } else {
+                    reflected[channel][l]
+                };
+            }
+        }
+    }
     let mut any = 0;
     for l in 0..LANES {
         let mut above = 0.0;
@@ -156,8 +181,11 @@ pub(super) fn reflection(lit: &Lit) -> Mirrored {
             above += surfaces.ng[axis][l] * direction[axis][l];
         }
         leaves[l] = above > 0.0;
+        // What lets light through is divided by Fresnel's equations elsewhere.
+        let divides = lit.materials.features.transmits & lit.materials.transmits(l);
         for channel in 0..3 {
-            reflectance[channel][l] *= lit.weight[channel][l];
+            let weight = if divides { 0.0 } else { lit.weight[channel][l] };
+            reflectance[channel][l] *= weight;
         }
     }
     Mirrored {

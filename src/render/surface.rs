@@ -242,6 +242,22 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
+    /// The unit normal of a hit that counts for optics, on the side that the ray came from: interpolated where the mesh
+    /// has normals, otherwise to f64 accuracy.
+    pub(super) fn interface_normal(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> DVec3 {
+        let points = &surfaces.points;
+        let shading = lane(&points.ns, l).as_dvec3().normalize();
+        if surfaces.gathered.smooth[l] || points.ns_differs(l) {
+            return shading;
+        }
+        if self.views[packet.instance[l] as usize].is_odd() {
+            return points.exact_normal[l];
+        }
+        let [a, b, c] = std::array::from_fn(|corner| lane(&surfaces.gathered.corners[corner], l).as_dvec3());
+        let n = (b - a).cross(c - a).normalize();
+        if n.dot(shading) < 0.0 { -n } else { n }
+    }
+
     /// Multiplies textures and vertex colours into lane `l`.
     #[cold]
     fn vary(&self, view: &InstanceView, packet: &RayPacket, l: usize, materials: &mut MaterialPacket) {
@@ -436,6 +452,26 @@ impl Surfaces {
 }
 
 impl SurfacePacket {
+    /// Whether the shading normal of lane `l` is another than the geometric one.
+    fn ns_differs(&self, l: usize) -> bool {
+        (0..3).any(|axis| self.ns[axis][l] != self.ng[axis][l])
+    }
+
+    /// The point of lane `l`.
+    pub(super) fn point(&self, l: usize) -> DVec3 {
+        DVec3::new(self.p[0][l], self.p[1][l], self.p[2][l])
+    }
+
+    /// The unit geometric normal of lane `l` on the side that the ray came from.
+    pub(super) fn geometric_normal(&self, l: usize) -> DVec3 {
+        lane(&self.ng, l).as_dvec3()
+    }
+
+    /// The bound on the distance between the point of lane `l` and the surface that a traversal sees.
+    pub(super) fn error(&self, l: usize) -> f64 {
+        self.error[l]
+    }
+
     /// Works out where rays start that leave on the side of `ng`.
     #[inline(always)]
     fn spawn(&mut self) {

@@ -6,25 +6,29 @@
 //! limit, or where a ray's weight falls under the cut-off.
 
 use std::ops::Range;
-use std::time::Instant;
 
+use glam::DVec3;
 use multiversion::multiversion;
 
+use super::Frame;
 use super::adaptive::Estimate;
 use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
 use super::ledger::{Ledger, RayTally};
-use super::queue::{BATCH, Feelers, Generation, PathPacket};
+use super::outcome::{Outcome, Stage, timed};
+use super::queue::{BATCH, Generation, Travel};
 use super::sampler::SampleGroup;
 use super::samples::SampleFilm;
-use super::surface::{SurfacePacket, Surfaces};
-use super::{Frame, shade};
-use crate::accel::{NO_HIT, RayOrder, RayPacket};
-use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+use super::surface::Surfaces;
+use crate::accel::{RayOrder, RayPacket};
+use crate::numeric::{LANES, Lanes};
 
 /// Camera packets whose whole ray trees are finished before the next are begun, so that queues stay small at any
 /// number of samples.
 pub(super) const WAVE: usize = 64;
+
+/// Steps after which any path ends: what passes through a thousand surfaces that are not there is a trap for renderers.
+const LONGEST_PATH: u32 = 1024;
 
 /// The working memory of one thread, used for tile after tile.
 pub(super) struct Wave<'f, 's> {
@@ -56,23 +60,6 @@ pub(super) struct Visit {
     pub(super) groups: Range<u32>,
 }
 
-/// What shaded rays give: light on the film, feelers to lights, and the next generation.
-struct Outcome<'f, 's> {
-    frame: &'f Frame<'s>,
-    film: TileFilm,
-    feelers: Box<Feelers>,
-    next: Generation,
-    ledger: Ledger,
-}
-
-/// What the rays of a batch have in common.
-#[derive(Clone, Copy)]
-struct Stage {
-    order: RayOrder,
-    /// Reflections behind them.
-    depth: u32,
-}
-
 impl<'f, 's> Wave<'f, 's> {
     pub(super) fn new(frame: &'f Frame<'s>) -> Wave<'f, 's> {
         let samples = frame
@@ -83,13 +70,7 @@ impl<'f, 's> Wave<'f, 's> {
             frame,
             current: Generation::default(),
             surfaces: Box::new(Surfaces::new(frame.features)),
-            outcome: Outcome {
-                frame,
-                film: TileFilm::new(samples),
-                feelers: Feelers::new(),
-                next: Generation::default(),
-                ledger: Ledger::default(),
-            },
+            outcome: Outcome::new(frame, TileFilm::new(samples)),
         }
     }
 
@@ -166,6 +147,17 @@ impl<'f, 's> Wave<'f, 's> {
         if let Some(samples) = self.outcome.film.samples() {
             samples.expect(&mut path.pixel, position, &packet.active);
         }
+        if frame.travels() {
+            let directions = exact_directions(frame, block, position);
+            let travels = self.current.last_travels();
+            for l in 0..LANES {
+                travels[l] = Travel {
+                    direction: directions[l],
+                    media: frame.media_at_eye,
+                    ..Travel::NONE
+                };
+            }
+        }
     }
 
     fn trace_camera_batch(&mut self) {
@@ -188,7 +180,7 @@ impl<'f, 's> Wave<'f, 's> {
     /// Traces what mirrors sent out, generation by generation.
     fn follow_reflections(&mut self) {
         self.trace_camera_batch();
-        for depth in 1.. {
+        for depth in 1..=LONGEST_PATH {
             if self.outcome.next.len() == 0 {
                 return;
             }
@@ -199,99 +191,18 @@ impl<'f, 's> Wave<'f, 's> {
                 order: RayOrder::Incoherent,
                 depth,
             };
+            let refracted = std::mem::take(&mut self.outcome.refracted);
+            let mut all = RayTally::default();
             let (packets, paths) = self.current.parts();
-            for (packets, paths) in packets.chunks_mut(BATCH).zip(paths.chunks(BATCH)) {
-                self.outcome.ledger.reflection += timed(packets, |packets| {
+            for (batch, packets) in packets.chunks_mut(BATCH).enumerate() {
+                all += timed(packets, |packets| {
                     self.frame.accel.intersect(packets, stage.order)
                 });
                 self.outcome
-                    .shade_batch(&mut self.surfaces, packets, paths, stage);
+                    .shade_batch(&mut self.surfaces, packets, paths.from(batch * BATCH), stage);
             }
+            self.outcome.ledger.book(all, refracted);
             self.current.clear();
-        }
-    }
-}
-
-impl Outcome<'_, '_> {
-    fn clear(&mut self) {
-        self.film.clear();
-        self.next.clear();
-        self.ledger = Ledger::default();
-    }
-
-    /// Adds what traced rays have met to the film, and sends out what follows from it.
-    fn shade_batch(
-        &mut self,
-        surfaces: &mut Surfaces,
-        packets: &[RayPacket],
-        paths: &[PathPacket],
-        stage: Stage,
-    ) {
-        for (packet, path) in packets.iter().zip(paths) {
-            let any_hit = packet.instance.iter().any(|&instance| instance != NO_HIT);
-            if any_hit {
-                self.frame.surfaces.meet(packet, surfaces);
-                self.shade(packet, path, surfaces, stage);
-            } else if self.frame.glows {
-                let radiance = shade::surroundings(packet, &path.weight, self.frame.ambient);
-                self.film.add(&path.pixel, &radiance);
-            }
-        }
-        self.answer_feelers(stage.order);
-    }
-
-    fn shade(&mut self, packet: &RayPacket, path: &PathPacket, surfaces: &Surfaces, stage: Stage) {
-        let frame = self.frame;
-        let (points, materials) = (&surfaces.points, &surfaces.materials);
-        if frame.glows {
-            let radiance = shade::glow(packet, surfaces, &path.weight, frame.ambient);
-            self.film.add(&path.pixel, &radiance);
-        }
-        let lit = shade::Lit {
-            points,
-            materials,
-            weight: &path.weight,
-        };
-        for light in &frame.scene.lights {
-            if self.feelers.is_full() {
-                self.answer_feelers(stage.order);
-            }
-            let (packet, feeler) = self.feelers.next();
-            if shade::feel(light, &lit, packet, &mut feeler.radiance) {
-                feeler.pixel = path.pixel;
-                self.feelers.keep();
-            }
-        }
-        if frame.mirrors && stage.depth < frame.settings.depth {
-            self.reflect(points, &shade::reflection(&lit), path);
-        }
-    }
-
-    /// Queues the mirror rays that still matter.
-    fn reflect(&mut self, points: &SurfacePacket, mirrored: &shade::Mirrored, path: &PathPacket) {
-        let cutoff = self.frame.settings.weight_cutoff;
-        for l in 0..LANES {
-            let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
-            let largest = weight[0].max(weight[1]).max(weight[2]);
-            if points.hit[l] && mirrored.leaves[l] && largest > 0.0 && largest >= cutoff {
-                let vector = |v: &Lanes3<f32>| glam::Vec3::new(v[0][l], v[1][l], v[2][l]);
-                let ray = Ray::new(vector(&points.origin), vector(&mirrored.direction));
-                self.next.push(&ray, path.pixel[l], weight);
-            }
-        }
-    }
-
-    /// Asks which of the waiting feelers reach their lights, and lets those lights in.
-    fn answer_feelers(&mut self, order: RayOrder) {
-        let (packets, feelers) = self.feelers.take();
-        if packets.is_empty() {
-            return;
-        }
-        let accel = self.frame.accel;
-        self.ledger.shadow += timed(packets, |packets| accel.occluded(packets, order));
-        for (packet, feeler) in packets.iter().zip(feelers) {
-            shade::block(packet, &mut feeler.radiance);
-            self.film.add(&feeler.pixel, &feeler.radiance);
         }
     }
 }
@@ -313,6 +224,17 @@ fn lane_positions(frame: &Frame, block: &Block, group: &SampleGroup) -> [Lanes<f
     let x = frame.pixels[0].map(|x| tile.x + corner.0 + x);
     let y = frame.pixels[1].map(|y| tile.y + corner.1 + y);
     frame.layout.lane_positions(&x, &y, group)
+}
+
+/// Unit directions of the camera rays of a packet, before they are rounded.
+fn exact_directions(frame: &Frame, block: &Block, position: &[Lanes<f64>; 2]) -> Lanes<DVec3> {
+    let (tile, corner) = (block.tile, block.corner);
+    std::array::from_fn(|l| {
+        let x = f64::from(tile.x + corner.0 + frame.pixels[0][l]) + position[0][l];
+        let y = f64::from(tile.y + corner.1 + frame.pixels[1][l]) + position[1][l];
+        let ray = frame.view.ray(x * frame.pixel_size[0], y * frame.pixel_size[1]);
+        ray.direction.normalize()
+    })
 }
 
 /// Camera rays through sixteen film points, rounded to f32, from where on the f32 rays are the exact ones; and their
@@ -359,16 +281,4 @@ fn fill_camera_packet(
     }
     packet.t_near = [frame.view.t_near() as f32; LANES];
     packet.t_far = [frame.view.t_far() as f32; LANES];
-}
-
-/// Runs a trace and books its active rays and its time.
-#[inline(always)]
-fn timed(packets: &mut [RayPacket], trace: impl FnOnce(&mut [RayPacket])) -> RayTally {
-    let rays: i32 = packets.iter().flat_map(|packet| &packet.active).sum();
-    let start = Instant::now();
-    trace(packets);
-    RayTally {
-        rays: u64::from(rays.unsigned_abs()),
-        seconds: start.elapsed().as_secs_f64(),
-    }
 }

@@ -106,6 +106,13 @@ impl MaterialPacket {
         }
     }
 
+    /// Whether the surface in lane `l` lets light through.
+    #[inline(always)]
+    pub fn transmits(&self, l: usize) -> bool {
+        let through = &self.rich.transmission;
+        through[0][l] + through[1][l] + through[2][l] > 0.0
+    }
+
     #[inline(always)]
     fn set_plain(&mut self, l: usize, factors: &Factors) {
         let material = factors.material;

@@ -1,0 +1,219 @@
+//! What shaded rays give: light on the film, feelers to lights, and the rays of the next generation.
+
+use std::time::Instant;
+
+use glam::Vec3;
+
+use super::film::TileFilm;
+use super::ledger::{Ledger, RayTally};
+use super::queue::{Feelers, Generation, Paths, Sent, Travel, TravelPacket};
+use super::surface::{SurfacePacket, Surfaces};
+use super::{Frame, shade};
+use crate::accel::{NO_HIT, RayOrder, RayPacket};
+use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+
+/// The working memory of one thread for what follows from hits.
+pub(super) struct Outcome<'f, 's> {
+    pub(super) frame: &'f Frame<'s>,
+    pub(super) film: TileFilm,
+    pub(super) feelers: Box<Feelers>,
+    pub(super) next: Generation,
+    /// Rays of `next` that went through a surface.
+    pub(super) refracted: u64,
+    pub(super) ledger: Ledger,
+    /// Surfaces that feelers meet, in scenes where light goes through some.
+    pub(super) sheets: Option<Box<Surfaces>>,
+}
+
+/// What the rays of a batch have in common.
+#[derive(Clone, Copy)]
+pub(super) struct Stage {
+    pub(super) order: RayOrder,
+    /// Steps behind them. In scenes where light goes through surfaces each ray has its own depth.
+    pub(super) depth: u32,
+}
+
+/// A traced packet with what it is for.
+#[derive(Clone, Copy)]
+pub(super) struct Traced<'a> {
+    pub(super) packet: &'a RayPacket,
+    pub(super) pixel: &'a Lanes<u32>,
+    /// Weights at the surfaces: what the way there swallowed is taken off.
+    pub(super) weight: &'a Lanes3<f32>,
+    pub(super) travels: Option<&'a TravelPacket>,
+}
+
+impl<'f, 's> Outcome<'f, 's> {
+    pub(super) fn new(frame: &'f Frame<'s>, film: TileFilm) -> Outcome<'f, 's> {
+        Outcome {
+            frame,
+            film,
+            feelers: Feelers::new(),
+            next: Generation::default(),
+            refracted: 0,
+            ledger: Ledger::default(),
+            sheets: frame.travels().then(|| Box::new(Surfaces::new(frame.features))),
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.film.clear();
+        self.next.clear();
+        self.refracted = 0;
+        self.ledger = Ledger::default();
+    }
+
+    /// Adds what traced rays have met to the film, and sends out what follows from it.
+    pub(super) fn shade_batch(
+        &mut self,
+        surfaces: &mut Surfaces,
+        packets: &[RayPacket],
+        paths: Paths,
+        stage: Stage,
+    ) {
+        for (index, packet) in packets.iter().enumerate() {
+            let (path, travels) = paths.at(index);
+            let dimmed = travels.map(|travels| self.dimmed(packet, path, travels));
+            let traced = Traced {
+                packet,
+                pixel: &path.pixel,
+                weight: dimmed.as_ref().unwrap_or(&path.weight),
+                travels,
+            };
+            let any_hit = packet.instance.iter().any(|&instance| instance != NO_HIT);
+            if any_hit {
+                self.frame.surfaces.meet(packet, surfaces);
+                self.shade(&traced, surfaces, stage);
+            } else if self.frame.glows {
+                self.add_surroundings(&traced);
+            }
+        }
+        self.answer_feelers(stage.order);
+    }
+
+    fn add_surroundings(&mut self, traced: &Traced) {
+        let background = self.frame.background_seen(traced);
+        let radiance = shade::surroundings(traced.packet, traced.weight, &background);
+        self.film.add(traced.pixel, &radiance);
+    }
+
+    fn shade(&mut self, traced: &Traced, surfaces: &mut Surfaces, stage: Stage) {
+        match traced.travels {
+            None => self.shade_surfaces(traced, surfaces, stage),
+            Some(travels) => {
+                let present = self.pass_through(traced, travels, surfaces);
+                let traced = Traced {
+                    weight: &present,
+                    ..*traced
+                };
+                self.shade_surfaces(&traced, surfaces, stage);
+                if self.frame.features.transmits {
+                    self.cross_surfaces(&traced, travels, surfaces);
+                }
+            }
+        }
+    }
+
+    fn shade_surfaces(&mut self, traced: &Traced, surfaces: &Surfaces, stage: Stage) {
+        let frame = self.frame;
+        let (points, materials) = (&surfaces.points, &surfaces.materials);
+        if frame.glows {
+            let background = frame.background_seen(traced);
+            let light = shade::Uncaused {
+                ambient: frame.ambient,
+                background: &background,
+            };
+            let radiance = shade::glow(traced.packet, surfaces, traced.weight, &light);
+            self.film.add(traced.pixel, &radiance);
+        }
+        let lit = shade::Lit {
+            points,
+            materials,
+            weight: traced.weight,
+        };
+        for light in &frame.scene.lights {
+            if self.feelers.is_full() {
+                self.answer_feelers(stage.order);
+            }
+            let (packet, feeler) = self.feelers.next();
+            if shade::feel(light, &lit, packet, &mut feeler.radiance) {
+                feeler.pixel = *traced.pixel;
+                self.feelers.keep();
+                if let Some(travels) = traced.travels {
+                    self.feelers.keep_media(travels);
+                }
+            }
+        }
+        if frame.mirrors && (traced.travels.is_some() || stage.depth < frame.settings.depth) {
+            self.reflect(points, &shade::reflection(&lit), traced);
+        }
+    }
+
+    /// Queues the mirror rays that still matter. Surfaces that let light through send theirs elsewhere.
+    fn reflect(&mut self, points: &SurfacePacket, mirrored: &shade::Mirrored, traced: &Traced) {
+        for l in 0..LANES {
+            let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
+            if !(points.hit[l] && mirrored.leaves[l]) {
+                continue;
+            }
+            let vector = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
+            let direction = vector(&mirrored.direction);
+            let sent = Sent {
+                ray: Ray::new(vector(&points.origin), direction),
+                pixel: traced.pixel[l],
+                weight,
+                travel: traced.travels.map(|travels| Travel {
+                    depth: travels[l].depth + 1,
+                    direction: direction.as_dvec3().normalize(),
+                    ..travels[l]
+                }),
+            };
+            self.send(&sent);
+        }
+    }
+
+    /// Queues a ray if it still matters; otherwise its weight is booked as lost. Returns whether it was queued.
+    pub(super) fn send(&mut self, sent: &Sent) -> bool {
+        let settings = &self.frame.settings;
+        let largest = sent.weight.into_iter().fold(0.0, f32::max);
+        if !(largest > 0.0) {
+            return false;
+        }
+        let too_deep = sent.travel.is_some_and(|travel| travel.depth > settings.depth);
+        if too_deep || largest < settings.weight_cutoff {
+            self.ledger.lose(largest);
+            return false;
+        }
+        self.next.push(sent);
+        true
+    }
+
+    /// Asks which of the waiting feelers reach their lights, and lets those lights in.
+    fn answer_feelers(&mut self, order: RayOrder) {
+        if self.frame.travels() {
+            return self.answer_through_sheets(order);
+        }
+        let (packets, feelers) = self.feelers.take();
+        if packets.is_empty() {
+            return;
+        }
+        let accel = self.frame.accel;
+        self.ledger.shadow += timed(packets, |packets| accel.occluded(packets, order));
+        for (packet, feeler) in packets.iter().zip(feelers) {
+            shade::block(packet, &mut feeler.radiance);
+            self.film.add(&feeler.pixel, &feeler.radiance);
+        }
+    }
+}
+
+/// Runs a trace and books its active rays and its time.
+#[inline(always)]
+pub(super) fn timed(packets: &mut [RayPacket], trace: impl FnOnce(&mut [RayPacket])) -> RayTally {
+    let rays: i32 = packets.iter().flat_map(|packet| &packet.active).sum();
+    let start = Instant::now();
+    trace(packets);
+    RayTally {
+        rays: u64::from(rays.unsigned_abs()),
+        seconds: start.elapsed().as_secs_f64(),
+    }
+}

@@ -1,0 +1,118 @@
+//! Shadow feelers in scenes where light goes through surfaces: they are followed straight on, surface by surface, and
+//! take the colour of what they pass.
+//!
+//! The lecture's rule: a transparent occluder tints the light and does not bend it. Each surface takes off what Fresnel's
+//! equations reflect there and multiplies by its colour, each body on the way swallows its part. A feeler goes on as the
+//! same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
+
+use super::outcome::{Outcome, timed};
+use super::queue::Feeler;
+use super::surface::Surfaces;
+use super::transparent::Tints;
+use super::{Frame, shade};
+use crate::accel::{NO_HIT, RayOrder, RayPacket};
+use crate::numeric::{LANES, Lanes};
+use crate::optics::{LINE_D, MediaStack};
+
+/// Surfaces after which a feeler counts as blocked: no light is left behind so many of any real material.
+const MOST_SHEETS: usize = 256;
+
+impl Outcome<'_, '_> {
+    /// Lets in the light that reaches the waiting feelers' points, in whatever colour is left of it.
+    pub(super) fn answer_through_sheets(&mut self, order: RayOrder) {
+        let frame = self.frame;
+        let Some(sheets) = &mut self.sheets else { return };
+        let (packets, feelers, media) = self.feelers.take_with_media();
+        let reaches: Vec<Lanes<f32>> = packets.iter().map(|packet| packet.t_far).collect();
+        for _ in 0..MOST_SHEETS {
+            if !packets.iter().any(RayPacket::any_active) {
+                break;
+            }
+            self.ledger.shadow += timed(packets, |packets| frame.accel.intersect(packets, order));
+            for (index, packet) in packets.iter_mut().enumerate() {
+                if packet.any_active() {
+                    let way = Way {
+                        reach: &reaches[index],
+                        media: &mut media[index],
+                    };
+                    way.pass_next(frame, packet, &mut feelers[index], sheets);
+                }
+            }
+        }
+        for (packet, feeler) in packets.iter_mut().zip(feelers) {
+            // Whoever is still on the way counts as blocked.
+            for l in 0..LANES {
+                packet.t_far[l] = if packet.active[l] != 0 {
+                    f32::NEG_INFINITY
+                } else {
+                    0.0
+                };
+            }
+            shade::block(packet, &mut feeler.radiance);
+            self.film.add(&feeler.pixel, &feeler.radiance);
+        }
+    }
+}
+
+/// The rest of the way of sixteen feelers.
+struct Way<'a> {
+    /// Where the lights are, as ray parameters.
+    reach: &'a Lanes<f32>,
+    /// The bodies around.
+    media: &'a mut Lanes<MediaStack>,
+}
+
+impl Way<'_> {
+    /// Takes each lane to the light or behind the surface that it has met.
+    fn pass_next(mut self, frame: &Frame, packet: &mut RayPacket, feeler: &mut Feeler, sheets: &mut Surfaces) {
+        let any_hit = (0..LANES).any(|l| packet.active[l] != 0 && packet.instance[l] != NO_HIT);
+        if any_hit {
+            frame.surfaces.meet(packet, sheets);
+        }
+        for l in (0..LANES).filter(|&l| packet.active[l] != 0).collect::<Vec<_>>() {
+            let is_hit = packet.instance[l] != NO_HIT;
+            let end = if is_hit { packet.t_far[l] } else { self.reach[l] };
+            let ray = packet.ray(l);
+            let length = ray.direction.as_dvec3().length();
+            let distance = (f64::from(end) - f64::from(ray.t_near)) * length;
+            let mut left = frame.transmittance(&self.media[l], distance);
+            if is_hit {
+                let through = self.tint(frame, packet, sheets, l);
+                (0..3).for_each(|c| left[c] *= through[c]);
+            }
+            (0..3).for_each(|c| feeler.radiance[c][l] *= left[c]);
+            let is_dark = (0..3).all(|c| feeler.radiance[c][l] == 0.0);
+            if !is_hit || is_dark {
+                packet.active[l] = 0;
+                continue;
+            }
+            packet.t_near[l] = end.next_up();
+            packet.t_far[l] = self.reach[l];
+            packet.forget_hit(l);
+            if !(packet.t_near[l] <= packet.t_far[l]) {
+                packet.active[l] = 0;
+            }
+        }
+    }
+
+    /// What the surface that lane `l` has met leaves of the light; the lane's bodies become those behind it.
+    fn tint(&mut self, frame: &Frame, packet: &RayPacket, sheets: &Surfaces, l: usize) -> [f32; 3] {
+        let points = &sheets.points;
+        let boundary = frame.boundary(packet.instance[l], points.front[l], &self.media[l]);
+        let is_hidden = boundary.is_hidden();
+        let coverage = sheets.materials.alpha[l];
+        let mut through = [0.0; 3];
+        if is_hidden {
+            through = [1.0; 3];
+        } else if boundary.material.transmits() {
+            let d = packet.ray(l).direction.as_dvec3().normalize();
+            let n = frame.surfaces.interface_normal(packet, sheets, l);
+            let cos_i = (-d.dot(n)).clamp(0.0, 1.0);
+            let (reflectance, transmittance) = frame.shares(&boundary, cos_i, LINE_D);
+            let tints = Tints::of(&boundary.material.model, &sheets.materials, l);
+            through = tints.weights(reflectance, transmittance).1;
+        }
+        self.media[l] = boundary.crossing.through;
+        through.map(|c| 1.0 - coverage + coverage * c)
+    }
+}

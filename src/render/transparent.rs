@@ -1,0 +1,352 @@
+//! Rays that go through surfaces: those that are only partly there, and those of transparent bodies.
+//!
+//! A path keeps the bodies around it (nested dielectrics by priority), its exact direction, and the wavelength that it
+//! follows once a dispersive body has split it. At a boundary Fresnel's equations divide its weight between a reflected
+//! and a refracted ray; on its way through a body Beer and Lambert's law takes off what the body swallows. Lane by
+//! lane and in f64: packets pay for it only in scenes with such materials.
+
+use glam::DVec3;
+
+use super::Frame;
+use super::outcome::{Outcome, Traced};
+use super::queue::{PathPacket, Sent, Travel, TravelPacket};
+use super::surface::{SurfacePacket, Surfaces};
+use crate::accel::{NO_HIT, RayPacket};
+use crate::numeric::{LANES, Lanes3, Ray, spawn_point};
+use crate::optics::{
+    Body, Crossing, LINE_D, MediaStack, Passage, Polarised, dielectric, reflect, refract, thin_slab,
+};
+use crate::scene::{Lecture, Material, Model};
+use crate::shading::MaterialPacket;
+
+/// A boundary that a ray meets.
+pub(super) struct Boundary<'m> {
+    pub(super) material: &'m Material,
+    pub(super) crossing: Crossing,
+}
+
+impl Boundary<'_> {
+    /// Whether bodies of higher priority hide it: the ray does not notice.
+    pub(super) fn is_hidden(&self) -> bool {
+        !self.material.is_wall() && !self.crossing.is_real()
+    }
+}
+
+impl Material {
+    /// Whether it has no inside that a ray could be in.
+    fn is_wall(&self) -> bool {
+        self.interior.is_none_or(|inside| inside.is_thin)
+    }
+}
+
+impl Frame<'_> {
+    /// What instance `instance` means to a ray with these bodies around, which comes from its outside if `from_outside`.
+    pub(super) fn boundary(&self, instance: u32, from_outside: bool, media: &MediaStack) -> Boundary<'_> {
+        let index = self.scene.instances[instance as usize].material;
+        let material = &self.scene.materials[index as usize];
+        let passage = if from_outside {
+            Passage::Enter
+        } else {
+            Passage::Leave
+        };
+        let crossing = if material.is_wall() || !material.transmits() {
+            Crossing {
+                before: media.current(),
+                after: media.current(),
+                through: *media,
+            }
+        } else {
+            let priority = material.interior.map_or(0, |inside| inside.priority);
+            media.crossing(Body { id: index, priority }, passage)
+        };
+        Boundary { material, crossing }
+    }
+
+    fn body_material(&self, body: Option<Body>) -> Option<&Material> {
+        body.and_then(|body| self.scene.materials.get(body.id as usize))
+    }
+
+    /// Index of refraction inside `body`, or of the surroundings.
+    fn ior(&self, body: Option<Body>, wavelength: f64) -> f64 {
+        self.body_material(body)
+            .map_or(1.0, |material| material.ior(wavelength))
+    }
+
+    fn disperses(&self, body: Option<Body>) -> bool {
+        let interior = self.body_material(body).and_then(|material| material.interior);
+        interior.is_some_and(|inside| inside.ior.spread() != 0.0)
+    }
+
+    /// What is left of light after `distance` with these bodies around.
+    pub(super) fn transmittance(&self, media: &MediaStack, distance: f64) -> [f32; 3] {
+        match self.body_material(media.current()).and_then(|m| m.interior) {
+            Some(inside) => inside.absorption.transmittance(distance).map(|x| x as f32),
+            None => [1.0; 3],
+        }
+    }
+
+    /// The weights of light reflected and let through by a boundary, per channel; the indices may be those of a wall's
+    /// material and its surroundings.
+    pub(super) fn shares(&self, boundary: &Boundary, cos_i: f64, wavelength: f64) -> (f64, f64) {
+        let material = boundary.material;
+        let outside = self.ior(boundary.crossing.before, wavelength);
+        let mean = |r: Polarised, t: Polarised| (r.mean(), t.mean());
+        if material.is_wall() {
+            if material.interior.is_none() {
+                return (0.0, 1.0);
+            }
+            let slab = thin_slab(cos_i, outside, material.ior(wavelength));
+            mean(slab.reflectance, slab.transmittance)
+        } else {
+            let inside = self.ior(boundary.crossing.after, wavelength);
+            let fresnel = dielectric(cos_i, outside, inside);
+            mean(fresnel.reflectance, fresnel.transmittance)
+        }
+    }
+}
+
+/// What a surface's material does to light that it reflects and lets through, apart from Fresnel's division.
+pub(super) struct Tints {
+    pub(super) reflected: [f32; 3],
+    pub(super) through: [f32; 3],
+    /// Whether Fresnel's equations apply.
+    fresnel: bool,
+}
+
+impl Tints {
+    pub(super) fn of(model: &Model, materials: &MaterialPacket, l: usize) -> Tints {
+        let rich = &materials.rich;
+        let lane = |lanes: &Lanes3<f32>| [lanes[0][l], lanes[1][l], lanes[2][l]];
+        match model {
+            Model::Lecture(Lecture { fresnel, .. }) => Tints {
+                reflected: lane(&rich.reflection),
+                through: lane(&rich.transmission),
+                fresnel: *fresnel,
+            },
+            _ => {
+                let color = lane(&materials.base_color);
+                let share = lane(&rich.transmission);
+                let dielectric = 1.0 - materials.metallic[l];
+                Tints {
+                    reflected: lane(&rich.specular_color).map(|c| c * rich.specular[l]),
+                    through: std::array::from_fn(|c| color[c] * share[c] * dielectric),
+                    fresnel: true,
+                }
+            }
+        }
+    }
+
+    /// The weights of the reflected and the refracted ray. Where nothing gets through, all is reflected.
+    pub(super) fn weights(&self, reflectance: f64, transmittance: f64) -> ([f32; 3], [f32; 3]) {
+        let total = !(transmittance > 0.0);
+        let (r, t) = if self.fresnel {
+            (reflectance as f32, transmittance as f32)
+        } else {
+            (1.0, 1.0)
+        };
+        if total && !self.fresnel {
+            let all = std::array::from_fn(|c| (self.reflected[c] + self.through[c]).min(1.0));
+            return (all, [0.0; 3]);
+        }
+        (self.reflected.map(|c| c * r), self.through.map(|c| c * t))
+    }
+}
+
+impl Outcome<'_, '_> {
+    /// The weights of a packet where it arrives: what the bodies on its way swallow is taken off.
+    pub(super) fn dimmed(
+        &self,
+        packet: &RayPacket,
+        path: &PathPacket,
+        travels: &TravelPacket,
+    ) -> Lanes3<f32> {
+        let mut weight = path.weight;
+        for l in 0..LANES {
+            if packet.active[l] == 0 || travels[l].media.current().is_none() {
+                continue;
+            }
+            let length = packet.ray(l).direction.as_dvec3().length();
+            let is_hit = packet.instance[l] != NO_HIT;
+            let t = if is_hit {
+                f64::from(packet.t_far[l])
+            } else {
+                f64::INFINITY
+            };
+            let left = self.frame.transmittance(&travels[l].media, t * length);
+            for channel in 0..3 {
+                weight[channel][l] *= left[channel];
+            }
+        }
+        weight
+    }
+
+    /// Sends rays on through whatever is not there, and returns the weights of what is.
+    pub(super) fn pass_through(
+        &mut self,
+        traced: &Traced,
+        travels: &TravelPacket,
+        surfaces: &mut Surfaces,
+    ) -> Lanes3<f32> {
+        let mut present = *traced.weight;
+        for l in 0..LANES {
+            if traced.packet.instance[l] == NO_HIT || traced.packet.active[l] == 0 {
+                continue;
+            }
+            let from_outside = surfaces.points.front[l];
+            let boundary = self
+                .frame
+                .boundary(traced.packet.instance[l], from_outside, &travels[l].media);
+            let mut coverage = surfaces.materials.alpha[l];
+            let mut media = travels[l].media;
+            if boundary.is_hidden() {
+                coverage = 0.0;
+                media = boundary.crossing.through;
+            }
+            if coverage == 1.0 {
+                continue;
+            }
+            let weight = std::array::from_fn(|c| present[c][l] * (1.0 - coverage));
+            (0..3).for_each(|c| present[c][l] *= coverage);
+            let ray = traced.packet.ray(l);
+            let sent = Sent {
+                // The same ray further on: no surface can be met twice or lost.
+                ray: Ray {
+                    t_near: ray.t_far.next_up(),
+                    t_far: f32::INFINITY,
+                    ..ray
+                },
+                pixel: traced.pixel[l],
+                weight,
+                travel: Some(Travel { media, ..travels[l] }),
+            };
+            self.refracted += u64::from(self.send(&sent));
+        }
+        present
+    }
+
+    /// Divides the rays that have met transparent bodies into reflected and refracted ones.
+    pub(super) fn cross_surfaces(&mut self, traced: &Traced, travels: &TravelPacket, surfaces: &Surfaces) {
+        let rich = &surfaces.materials.rich;
+        for l in 0..LANES {
+            let transmission = rich.transmission[0][l] + rich.transmission[1][l] + rich.transmission[2][l];
+            let seen = traced.weight[0][l] + traced.weight[1][l] + traced.weight[2][l];
+            if surfaces.points.hit[l] && transmission > 0.0 && seen != 0.0 {
+                self.cross(traced, &travels[l], surfaces, l);
+            }
+        }
+    }
+
+    fn cross(&mut self, traced: &Traced, arrival: &Travel, surfaces: &Surfaces, l: usize) {
+        let frame = self.frame;
+        let points = &surfaces.points;
+        let instance = traced.packet.instance[l];
+        let boundary = frame.boundary(instance, points.front[l], &arrival.media);
+        let tints = Tints::of(&boundary.material.model, &surfaces.materials, l);
+        let bend = Bend {
+            d: arrival.direction,
+            n: frame.surfaces.interface_normal(traced.packet, surfaces, l),
+            side: points.geometric_normal(l),
+        };
+        let disperses = arrival.wavelength == 0.0
+            && !boundary.material.is_wall()
+            && (frame.disperses(boundary.crossing.before) || frame.disperses(boundary.crossing.after));
+        let mut reflected = [0.0; 3];
+        let colors: &[[f32; 3]] = if disperses {
+            frame.spectrum.weights()
+        } else {
+            &[[1.0; 3]]
+        };
+        for (index, color) in colors.iter().enumerate() {
+            let wavelength = if disperses {
+                frame.spectrum.wavelength(index, 0.5)
+            } else {
+                f64::from(arrival.wavelength)
+            };
+            let nanometres = if wavelength > 0.0 { wavelength } else { LINE_D };
+            let (reflectance, transmittance) = frame.shares(&boundary, bend.cos_i(), nanometres);
+            let (mirrored, through) = tints.weights(reflectance, transmittance);
+            (0..3).for_each(|c| reflected[c] += color[c] * mirrored[c]);
+            let weight: [f32; 3] = std::array::from_fn(|c| traced.weight[c][l] * color[c] * through[c]);
+            let etas =
+                [boundary.crossing.before, boundary.crossing.after].map(|body| frame.ior(body, nanometres));
+            let Some(direction) = bend.refracted(&boundary, etas) else {
+                continue;
+            };
+            let travel = Travel {
+                depth: arrival.depth + 1,
+                wavelength: wavelength as f32,
+                direction,
+                media: boundary.crossing.through,
+            };
+            self.refracted += u64::from(self.send_from(points, l, traced.pixel[l], weight, travel));
+        }
+        let is_smooth = surfaces.materials.rich.is_lecture[l]
+            || surfaces.materials.roughness[l] <= crate::scene::MIRROR_ROUGHNESS;
+        if is_smooth {
+            let travel = Travel {
+                depth: arrival.depth + 1,
+                direction: bend.reflected(),
+                ..*arrival
+            };
+            let weight = std::array::from_fn(|c| traced.weight[c][l] * reflected[c]);
+            self.send_from(points, l, traced.pixel[l], weight, travel);
+        }
+    }
+
+    /// Sends a ray off the surface of lane `l`, on the side that it goes to.
+    fn send_from(
+        &mut self,
+        points: &SurfacePacket,
+        l: usize,
+        pixel: u32,
+        weight: [f32; 3],
+        travel: Travel,
+    ) -> bool {
+        let ng = points.geometric_normal(l);
+        let side = if travel.direction.dot(ng) < 0.0 { -ng } else { ng };
+        let origin = spawn_point(points.point(l), side, points.error(l));
+        self.send(&Sent {
+            ray: Ray::new(origin, travel.direction.as_vec3()),
+            pixel,
+            weight,
+            travel: Some(travel),
+        })
+    }
+}
+
+/// A direction that meets a boundary.
+struct Bend {
+    /// Unit direction of travel.
+    d: DVec3,
+    /// Unit normal that counts for optics, on the side that the ray came from.
+    n: DVec3,
+    /// Unit geometric normal on that side: an interpolated `n` may not send a ray to the wrong side of it.
+    side: DVec3,
+}
+
+impl Bend {
+    fn cos_i(&self) -> f64 {
+        (-self.d.dot(self.n)).clamp(0.0, 1.0)
+    }
+
+    fn reflected(&self) -> DVec3 {
+        let mirrored = reflect(self.d, self.n);
+        if mirrored.dot(self.side) > 0.0 {
+            mirrored
+        } else {
+            reflect(self.d, self.side)
+        }
+    }
+
+    /// Where the ray goes on behind the boundary; `None` where it is reflected whole.
+    fn refracted(&self, boundary: &Boundary, [eta_i, eta_t]: [f64; 2]) -> Option<DVec3> {
+        if boundary.material.is_wall() || eta_i == eta_t {
+            return Some(self.d);
+        }
+        let bent = refract(self.d, self.n, eta_i, eta_t)?.direction;
+        if bent.dot(self.side) < 0.0 {
+            return Some(bent);
+        }
+        refract(self.d, self.side, eta_i, eta_t).map(|refraction| refraction.direction)
+    }
+}

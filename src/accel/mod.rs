@@ -4,8 +4,9 @@
 //! * [`bsp`]: an axis-aligned BSP tree of our own.
 //! * [`brute`]: a loop over everything, the referee.
 //!
-//! Ties go to the smallest `t`, then the lowest instance, then the lowest primitive; only between two of its own
-//! triangles at the same `t` Embree decides, and [`agreement`] tells such ties from wrong answers.
+//! Ties go to the smallest `t`, then the lowest instance, then the lowest primitive, also between triangles that coincide.
+//! Only between two different triangles of its own that a ray meets at the same `t`, at a shared edge or where they overlap
+//! in part in one plane, Embree decides, and [`agreement`] counts such answers as ties, not as wrong.
 
 pub mod agreement;
 pub mod brute;

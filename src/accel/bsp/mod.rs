@@ -156,7 +156,7 @@ fn report<T: Layout>(levels: &Levels<T>) -> AccelReport {
 }
 
 /// Runs `work` on `threads` threads of its own, or on the current pool for 0.
-fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+pub(super) fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     if threads == 0 || threads == rayon::current_num_threads() {
         return work();
     }

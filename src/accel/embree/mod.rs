@@ -7,9 +7,12 @@
 //! it in f64. Embree's own instances would round the inverse to f32, and on 3.13.5 a coherent `rtcOccluded16` over them
 //! never returns.
 //!
-//! Ties go to the smallest `t`, then instance, then primitive, wherever a callback decides. Between two native triangles at
-//! the same `t` Embree decides, by the order in which it meets them.
+//! Ties go to the smallest `t`, then instance, then primitive, wherever a callback decides. Of native triangles that
+//! coincide, in all three corners, Embree is given only the first by that rule. Between different native triangles that a
+//! ray meets at the same `t`, at an edge they share or where they overlap in one plane, Embree decides, by the order in
+//! which it meets them.
 
+mod coincident;
 mod device;
 mod lanes;
 mod raw;
@@ -20,7 +23,7 @@ mod user;
 use std::sync::Arc;
 
 use self::device::Device;
-use self::scene::EmbreeScene;
+use self::scene::{Built, EmbreeScene};
 use self::trace::Width;
 use self::user::UserGeometry;
 use super::{Accel, AccelError, AccelOptions, AccelReport, RayOrder, RayPacket};
@@ -50,14 +53,21 @@ impl<'s> EmbreeAccel<'s> {
     pub fn build(scene: &'s Scene, options: &AccelOptions) -> Result<EmbreeAccel<'s>, AccelError> {
         let device = Device::new(options)?;
         let width = Width::of(&device, options.kernel);
-        let (world, user) = scene::build(scene, &device, options)?;
-        let summary = format!(
+        let Built {
+            world,
+            user,
+            held_back_count,
+        } = scene::build(scene, &device, options)?;
+        let mut summary = format!(
             "Embree {}, {}, {width}, {} triangles native, {} shapes and placed meshes as user geometry",
             device.identity().version,
             options.precision,
             scene::native_triangle_count(scene),
             user.primitive_count(),
         );
+        if held_back_count > 0 {
+            summary += &format!(", {held_back_count} triangles held back that coincide with earlier ones");
+        }
         Ok(EmbreeAccel {
             world,
             user,

@@ -9,8 +9,10 @@ use std::sync::{Arc, Mutex};
 use bytemuck::Pod;
 use embree_sys as sys;
 
+use super::coincident::later_duplicates;
 use super::device::Device;
 use super::user::{self, UserGeometry};
+use crate::accel::bsp::in_pool;
 use crate::accel::{AccelError, AccelOptions, Precision};
 use crate::mesh::{Mesh, Slab};
 use crate::scene::{Geometry, Instance, Scene};
@@ -53,24 +55,34 @@ impl Drop for EmbreeScene<'_> {
     }
 }
 
+/// What Embree was given.
+pub(super) struct Built<'s> {
+    /// The scene that rays start in.
+    pub(super) world: EmbreeScene<'s>,
+    /// What the callbacks answer.
+    pub(super) user: Arc<UserGeometry<'s>>,
+    /// Triangles that were held back because they coincide with an earlier one.
+    pub(super) held_back_count: usize,
+}
+
 /// Builds the world and the user geometry in it.
 pub(super) fn build<'s>(
     scene: &'s Scene,
     device: &Device,
     options: &AccelOptions,
-) -> Result<(EmbreeScene<'s>, Arc<UserGeometry<'s>>), AccelError> {
+) -> Result<Built<'s>, AccelError> {
     if options.precision == Precision::Watertight {
         return Err(AccelError::NotWatertight);
     }
     let mut progress = Progress::new(scene, options);
-    let parts = placed_meshes(scene, device, options, &mut progress)?;
+    let plan = in_pool(options.threads, || Plan::new(scene));
+    let held_back_count = plan.held_back_count(scene);
+    let parts = plan.build_placed(device, options, &mut progress)?;
     let user = Arc::new(UserGeometry::new(scene, parts));
 
     let world = EmbreeScene::new(device, options.precision)?;
-    for (index, instance) in scene.instances.iter().enumerate() {
-        if let Some(mesh) = native_mesh(scene, instance) {
-            world.attach_mesh(device, mesh, index as u32)?;
-        }
+    for (instance, part) in &plan.native {
+        world.attach_mesh(device, part, *instance)?;
     }
     if user.primitive_count() > 0 {
         // Instances have the numbers below it, and their hits carry the number that the callback writes.
@@ -80,7 +92,11 @@ pub(super) fn build<'s>(
         device,
         &progress.stage(native_triangle_count(scene) + user.primitive_count()),
     )?;
-    Ok((world, user))
+    Ok(Built {
+        world,
+        user,
+        held_back_count,
+    })
 }
 
 /// Triangles that Embree tests itself at the top level.
@@ -109,24 +125,90 @@ fn placed_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
     }
 }
 
-/// One Embree scene for each mesh with placed instances, by the number of its geometry.
-fn placed_meshes<'s>(
-    scene: &'s Scene,
-    device: &Device,
-    options: &AccelOptions,
-    progress: &mut Progress,
-) -> Result<Vec<Option<EmbreeScene<'s>>>, AccelError> {
-    let mut parts: Vec<Option<EmbreeScene>> = scene.geometries.iter().map(|_| None).collect();
-    for instance in &scene.instances {
-        let part = &mut parts[instance.geometry as usize];
-        if let (None, Some(mesh)) = (&part, placed_mesh(scene, instance)) {
-            let built = EmbreeScene::new(device, options.precision)?;
-            built.attach_mesh(device, mesh, 0)?;
-            built.commit(device, &progress.stage(mesh.triangles.len()))?;
-            *part = Some(built);
+/// A mesh for Embree.
+struct Part<'s> {
+    mesh: &'s Mesh,
+    /// Triangles, in rising order, that coincide with an earlier one of the same Embree scene and can never be the answer.
+    held_back: Vec<u32>,
+}
+
+/// Which meshes go where.
+struct Plan<'s> {
+    /// Meshes in the world, each with the first instance that has it there.
+    native: Vec<(u32, Part<'s>)>,
+    /// Meshes with scenes of their own, by geometry.
+    placed: Vec<Option<Part<'s>>>,
+}
+
+impl<'s> Plan<'s> {
+    fn new(scene: &'s Scene) -> Plan<'s> {
+        let mut is_native = vec![false; scene.geometries.len()];
+        let mut is_placed = vec![false; scene.geometries.len()];
+        let mut native = Vec::new();
+        for (index, instance) in (0u32..).zip(&scene.instances) {
+            let geometry = instance.geometry as usize;
+            if let Some(mesh) = native_mesh(scene, instance) {
+                // A second instance in the same place would coincide with the first in every triangle.
+                if !std::mem::replace(&mut is_native[geometry], true) {
+                    native.push((index, mesh));
+                }
+            }
+            is_placed[geometry] |= placed_mesh(scene, instance).is_some();
+        }
+        let meshes: Vec<&Mesh> = native.iter().map(|&(_, mesh)| mesh).collect();
+        let held_back = later_duplicates(&meshes);
+        let native = native.into_iter().zip(held_back);
+        let placed = scene.geometries.iter().zip(is_placed);
+        Plan {
+            native: native
+                .map(|((instance, mesh), held_back)| (instance, Part { mesh, held_back }))
+                .collect(),
+            placed: placed
+                .map(|(geometry, is_placed)| match geometry {
+                    Geometry::Mesh(mesh) if is_placed => Some(Part::alone(mesh)),
+                    _ => None,
+                })
+                .collect(),
         }
     }
-    Ok(parts)
+
+    /// Triangles that Embree is not given, those of repeated instances included.
+    fn held_back_count(&self, scene: &Scene) -> usize {
+        let native = self.native.iter().map(|(_, part)| part);
+        let given: usize = native.clone().map(|part| part.mesh.triangles.len()).sum();
+        let held_back = native.chain(self.placed.iter().flatten());
+        let held_back: usize = held_back.map(|part| part.held_back.len()).sum();
+        native_triangle_count(scene) - given + held_back
+    }
+
+    /// One Embree scene for each mesh with placed instances, by the number of its geometry.
+    fn build_placed(
+        &self,
+        device: &Device,
+        options: &AccelOptions,
+        progress: &mut Progress,
+    ) -> Result<Vec<Option<EmbreeScene<'s>>>, AccelError> {
+        let mut build = |part: &Part<'s>| {
+            let built = EmbreeScene::new(device, options.precision)?;
+            built.attach_mesh(device, part, 0)?;
+            built.commit(device, &progress.stage(part.mesh.triangles.len()))?;
+            Ok(built)
+        };
+        let parts = self.placed.iter();
+        parts
+            .map(|part| part.as_ref().map(&mut build).transpose())
+            .collect()
+    }
+}
+
+impl<'s> Part<'s> {
+    /// A mesh in a scene of its own.
+    fn alone(mesh: &'s Mesh) -> Part<'s> {
+        Part {
+            mesh,
+            held_back: later_duplicates(&[mesh]).pop().unwrap_or_default(),
+        }
+    }
 }
 
 impl<'s> EmbreeScene<'s> {
@@ -161,14 +243,19 @@ impl<'s> EmbreeScene<'s> {
         }
     }
 
-    fn attach_mesh(&self, device: &Device, mesh: &'s Mesh, id: u32) -> Result<(), AccelError> {
+    fn attach_mesh(&self, device: &Device, part: &Part<'s>, id: u32) -> Result<(), AccelError> {
+        let mesh = part.mesh;
         let geometry = NewGeometry::of_kind(device, sys::RTC_GEOMETRY_TYPE_TRIANGLE)?;
         geometry.set_array(
             &mesh.positions,
             sys::RTC_BUFFER_TYPE_VERTEX,
             sys::RTC_FORMAT_FLOAT3,
         );
-        geometry.set_array(&mesh.triangles, sys::RTC_BUFFER_TYPE_INDEX, sys::RTC_FORMAT_UINT3);
+        if part.held_back.is_empty() {
+            geometry.set_array(&mesh.triangles, sys::RTC_BUFFER_TYPE_INDEX, sys::RTC_FORMAT_UINT3);
+        } else {
+            geometry.set_triangles_without(&mesh.triangles, &part.held_back);
+        }
         geometry.attach(self, id);
         device.check("take a mesh")
     }
@@ -232,11 +319,34 @@ impl NewGeometry {
             unsafe { sys::rtcSetSharedGeometryBuffer(self.0, kind, 0, format, data, 0, row, slab.len()) };
             return;
         }
+        self.set_copy(slab, kind, format);
+    }
+
+    /// Gives Embree a copy of an array. Null, and an error of the device, where there is no memory for it.
+    fn set_copy<T: Pod>(&self, rows: &[T], kind: sys::RTCBufferType, format: sys::RTCFormat) -> *mut T {
         // SAFETY: the geometry is live.
-        let copy = unsafe { sys::rtcSetNewGeometryBuffer(self.0, kind, 0, format, row, slab.len()) };
+        let copy =
+            unsafe { sys::rtcSetNewGeometryBuffer(self.0, kind, 0, format, size_of::<T>(), rows.len()) };
+        let copy = copy.cast::<T>();
         if !copy.is_null() {
-            // SAFETY: Embree made room for `slab.len()` rows of `row` bytes, which nobody else knows yet.
-            unsafe { std::ptr::copy_nonoverlapping(slab.as_ptr(), copy.cast::<T>(), slab.len()) };
+            // SAFETY: Embree made room for `rows.len()` rows of `T`'s size, which nobody else knows yet.
+            unsafe { std::ptr::copy_nonoverlapping(rows.as_ptr(), copy, rows.len()) };
+        }
+        copy
+    }
+
+    /// Gives Embree a copy of the indices in which some triangles are points, which no ray meets; the others keep their
+    /// numbers.
+    fn set_triangles_without(&self, triangles: &[[u32; 3]], held_back: &[u32]) {
+        let copy = self.set_copy(triangles, sys::RTC_BUFFER_TYPE_INDEX, sys::RTC_FORMAT_UINT3);
+        if copy.is_null() {
+            return;
+        }
+        // SAFETY: all rows have just been filled, nobody else knows them, and Embree reads them only in the commit.
+        let copy = unsafe { std::slice::from_raw_parts_mut(copy, triangles.len()) };
+        for &number in held_back {
+            let [corner, ..] = copy[number as usize];
+            copy[number as usize] = [corner; 3];
         }
     }
 

@@ -1,0 +1,414 @@
+//! Which triangles lie exactly where an earlier one lies.
+//!
+//! Ties go to the lowest instance, then the lowest primitive, so of triangles with the same three corners only the first
+//! can be the answer. Embree does not know that rule and cannot be taught it: a filter function is asked only about the
+//! triangle that Embree has picked from a block. So Embree is not given the later ones. They are found at a few per cent
+//! of the cost of Embree's build:
+//!
+//! 1. The bits of the three corners of each triangle are hashed to a key that does not depend on their order. The upper
+//!    bits of the key choose a bin, the lower half goes into it.
+//! 2. A bin fits a processor's own cache. There its keys pass a Bloom filter (Bloom, Space/time trade-offs in hash coding
+//!    with allowable errors, 1970) whose bits for one key lie in one word (Putze, Sanders, Singler, Cache-, hash- and
+//!    space-efficient Bloom filters, 2007). Those that seem to come twice are few, and sorting tells those that do.
+//! 3. Pieces of meshes with a key that came twice are swept again; their triangles with such a key are sorted by their
+//!    corners: exact, and of no worse order when all triangles are alike.
+
+use rayon::prelude::*;
+
+use crate::mesh::Mesh;
+
+/// For each mesh, in rising order, its triangles that have the same corners as an earlier triangle: of an earlier mesh, or
+/// of the same one with a lower number.
+///
+/// Corners are compared as numbers, -0 equals 0, in any order. Runs on the current pool; the answer does not depend on it.
+pub(super) fn later_duplicates(meshes: &[&Mesh]) -> Vec<Vec<u32>> {
+    let mut duplicates = vec![Vec::new(); meshes.len()];
+    let runs = runs_of(meshes);
+    let suspects = suspects(&runs);
+    if suspects.is_empty() {
+        return duplicates;
+    }
+    let mut candidates = candidates(&runs, &suspects);
+    candidates.par_sort_unstable();
+    for pair in candidates.windows(2) {
+        if pair[0].corners == pair[1].corners {
+            duplicates[pair[1].mesh as usize].push(pair[1].triangle);
+        }
+    }
+    duplicates
+        .iter_mut()
+        .for_each(|of_mesh| of_mesh.par_sort_unstable());
+    duplicates
+}
+
+/// Triangles in one piece of work: few enough that their keys stay in a processor's own cache while they are dealt out.
+const RUN: usize = 1 << 15;
+
+/// Keys in a bin, about: few enough that the filter stays in the first-level cache.
+const KEYS_PER_BIN: usize = 1 << 13;
+
+/// Bits of the filter for each key: of the keys without a double, about one in 2000 is suspect.
+const BITS_PER_KEY: usize = 32;
+
+/// A piece of one mesh.
+struct Run<'s> {
+    mesh: u32,
+    positions: &'s [[f32; 3]],
+    first: u32,
+    triangles: &'s [[u32; 3]],
+}
+
+/// A triangle that may have a double. The order is that of its corners first, then the one in which ties are broken.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Candidate {
+    corners: [[u32; 3]; 3],
+    mesh: u32,
+    triangle: u32,
+}
+
+fn runs_of<'s>(meshes: &[&'s Mesh]) -> Vec<Run<'s>> {
+    let runs = (0u32..).zip(meshes).flat_map(|(index, mesh)| {
+        let positions = &mesh.positions[..];
+        let pieces = (0u32..).step_by(RUN).zip(mesh.triangles.chunks(RUN));
+        pieces.map(move |(first, triangles)| Run {
+            mesh: index,
+            positions,
+            first,
+            triangles,
+        })
+    });
+    runs.collect()
+}
+
+/// A key that comes more than once in its bin, and a run that has it.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Suspect {
+    key: u32,
+    run: u32,
+}
+
+/// At least the keys of all triangles that coincide, in each run that has one.
+fn suspects(runs: &[Run]) -> Vec<Suspect> {
+    let triangle_count: usize = runs.iter().map(|run| run.triangles.len()).sum();
+    let bin_bits = (triangle_count / KEYS_PER_BIN).max(1).ilog2();
+    let deal = |scratch: &mut Vec<u64>, run: &Run| Dealt::new(run, bin_bits, scratch);
+    let dealt: Vec<Dealt> = runs.par_iter().map_init(Vec::new, deal).collect();
+    let bins = (0..1usize << bin_bits).into_par_iter();
+    bins.flat_map_iter(|bin| suspects_of_bin(&dealt, bin)).collect()
+}
+
+/// The lower halves of the keys of one run, by bins.
+struct Dealt {
+    keys: Vec<u32>,
+    /// Where each bin begins, and the end.
+    begins: Vec<u32>,
+}
+
+impl Dealt {
+    /// Sorts by the upper `bin_bits` bits, by counting.
+    fn new(run: &Run, bin_bits: u32, scratch: &mut Vec<u64>) -> Dealt {
+        // A shift in two steps, because there may be nothing left to tell bins by.
+        let bin = |key: u64| (key >> 1 >> (u64::BITS - 1 - bin_bits)) as usize;
+        scratch.clear();
+        let mut begins = vec![0u32; (1 << bin_bits) + 1];
+        for triangle in run.triangles {
+            let key = run.key(triangle);
+            begins[bin(key) + 1] += 1;
+            scratch.push(key);
+        }
+        for i in 1..begins.len() {
+            begins[i] += begins[i - 1];
+        }
+        let mut keys = vec![0; scratch.len()];
+        let mut next = begins.clone();
+        for &key in &*scratch {
+            let place = &mut next[bin(key)];
+            keys[*place as usize] = key as u32;
+            *place += 1;
+        }
+        Dealt { keys, begins }
+    }
+
+    fn bin(&self, bin: usize) -> &[u32] {
+        &self.keys[self.begins[bin] as usize..self.begins[bin + 1] as usize]
+    }
+}
+
+/// The keys that come more than once in a bin.
+fn suspects_of_bin(dealt: &[Dealt], bin: usize) -> Vec<Suspect> {
+    let key_count: usize = dealt.iter().map(|of_run| of_run.bin(bin).len()).sum();
+    let mut seen = KeySet::new((key_count * BITS_PER_KEY).div_ceil(u64::BITS as usize));
+    let mut again = Vec::new();
+    for of_run in dealt {
+        for &key in of_run.bin(bin) {
+            if !seen.insert(key) {
+                again.push(key);
+            }
+        }
+    }
+    if again.is_empty() {
+        return Vec::new();
+    }
+    let again = KeySet::of(again.iter().copied(), again.len());
+    let mut suspects = Vec::new();
+    for (run, of_run) in (0u32..).zip(dealt) {
+        for &key in of_run.bin(bin) {
+            if again.contains(key) {
+                suspects.push(Suspect { key, run });
+            }
+        }
+    }
+    suspects.sort_unstable();
+    let groups = suspects.chunk_by(|a, b| a.key == b.key);
+    let repeated = groups.filter(|group| group.len() > 1).flatten();
+    repeated
+        .map(|&Suspect { key, run }| Suspect { key, run })
+        .collect()
+}
+
+/// All triangles with a suspect key, and a few others.
+fn candidates(runs: &[Run], suspects: &[Suspect]) -> Vec<Candidate> {
+    let keys = KeySet::of(suspects.iter().map(|suspect| suspect.key), suspects.len());
+    let mut is_suspect = vec![false; runs.len()];
+    suspects
+        .iter()
+        .for_each(|suspect| is_suspect[suspect.run as usize] = true);
+    let runs = runs
+        .par_iter()
+        .zip(is_suspect)
+        .filter(|(_, is_suspect)| *is_suspect);
+    let candidates = runs.flat_map_iter(|(run, _)| {
+        let numbered = (run.first..).zip(run.triangles);
+        let found = numbered.filter(|(_, triangle)| keys.contains(run.key(triangle) as u32));
+        found.map(|(number, triangle)| Candidate {
+            corners: run.sorted_corners(triangle),
+            mesh: run.mesh,
+            triangle: number,
+        })
+    });
+    candidates.collect()
+}
+
+impl Run<'_> {
+    /// A hash of a triangle's corners, the same for any order of them.
+    #[inline(always)]
+    fn key(&self, triangle: &[u32; 3]) -> u64 {
+        let [a, b, c] = *triangle;
+        self.hash(a).wrapping_add(self.hash(b)).wrapping_add(self.hash(c))
+    }
+
+    #[inline(always)]
+    fn hash(&self, vertex: u32) -> u64 {
+        hash(bits_of(self.positions[vertex as usize]))
+    }
+
+    fn sorted_corners(&self, triangle: &[u32; 3]) -> [[u32; 3]; 3] {
+        let mut corners = triangle.map(|v| bits_of(self.positions[v as usize]));
+        corners.sort_unstable();
+        corners
+    }
+}
+
+/// The bits of a position; equal numbers have equal bits.
+#[inline(always)]
+fn bits_of([x, y, z]: [f32; 3]) -> [u32; 3] {
+    // -0 + 0 is 0; nothing else changes.
+    [(x + 0.0).to_bits(), (y + 0.0).to_bits(), (z + 0.0).to_bits()]
+}
+
+/// Odd words of evenly mixed bits: the fractions of the golden ratio and of the square root of 2.
+const SALTS: [u64; 2] = [0x9e37_79b9_7f4a_7c15, 0x6a09_e667_f3bc_c909];
+
+/// Mixes a position by one long product, folded (Wang Yi, wyhash, 2019). Sums of it are as good as random.
+#[inline(always)]
+fn hash([x, y, z]: [u32; 3]) -> u64 {
+    let xy = u64::from(x) | u64::from(y) << 32;
+    let product = u128::from(xy ^ SALTS[0]) * u128::from(u64::from(z) ^ SALTS[1]);
+    (product >> 64) as u64 ^ product as u64
+}
+
+/// A Bloom filter: holds every key that was inserted, and seems to hold a few others.
+struct KeySet {
+    words: Vec<u64>,
+}
+
+impl KeySet {
+    fn new(word_count: usize) -> KeySet {
+        KeySet {
+            words: vec![0; word_count],
+        }
+    }
+
+    fn of(keys: impl Iterator<Item = u32>, word_count: usize) -> KeySet {
+        let mut set = KeySet::new(word_count);
+        keys.for_each(|key| {
+            set.insert(key);
+        });
+        set
+    }
+
+    /// False if the key was, or seemed to be, in it before.
+    #[inline(always)]
+    fn insert(&mut self, key: u32) -> bool {
+        let (word, bits) = self.place(key);
+        let before = self.words[word];
+        self.words[word] = before | bits;
+        before & bits != bits
+    }
+
+    #[inline(always)]
+    fn contains(&self, key: u32) -> bool {
+        let (word, bits) = self.place(key);
+        self.words[word] & bits == bits
+    }
+
+    /// The word from the upper half of a product, four bits in it from the lower one.
+    #[inline(always)]
+    fn place(&self, key: u32) -> (usize, u64) {
+        let mixed = u64::from(key).wrapping_mul(SALTS[0]);
+        let word = ((mixed >> 32) * self.words.len() as u64) >> 32;
+        let bit = |n: u32| 1u64 << (mixed >> (8 + 6 * n) & 63);
+        (word as usize, bit(0) | bit(1) | bit(2) | bit(3))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Slab;
+
+    fn mesh(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Mesh {
+        Mesh {
+            positions: Slab::from(positions),
+            triangles: Slab::from(triangles),
+            ..Mesh::default()
+        }
+    }
+
+    /// A strip of `n` triangles with corners of its own each; no two coincide.
+    fn strip(n: u32) -> Mesh {
+        let corner = |i: u32| [i as f32, (i % 2) as f32, (i / 7) as f32];
+        let positions = (0..n).flat_map(|i| [corner(i), corner(i + 1), corner(i + 2)]);
+        mesh(
+            positions.collect(),
+            (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+        )
+    }
+
+    /// By comparing each triangle with each earlier one.
+    fn referee(meshes: &[&Mesh]) -> Vec<Vec<u32>> {
+        let same = |a: [[f32; 3]; 3], b: [[f32; 3]; 3]| {
+            let orders = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
+            orders.iter().any(|order| order.map(|i| a[i]) == b)
+        };
+        let mut earlier = Vec::new();
+        let mut duplicates = vec![Vec::new(); meshes.len()];
+        for (of_mesh, mesh) in duplicates.iter_mut().zip(meshes) {
+            for number in 0..mesh.triangles.len() as u32 {
+                let corners = mesh.corners(number).map(|p| p.to_array());
+                if earlier.iter().any(|&other| same(other, corners)) {
+                    of_mesh.push(number);
+                }
+                earlier.push(corners);
+            }
+        }
+        duplicates
+    }
+
+    fn in_pool_of<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap()
+            .install(work)
+    }
+
+    #[test]
+    fn doubles_are_found_in_any_order_winding_and_sign_of_zero() {
+        let corners = vec![
+            [0.0, 0.0, 1.0],
+            [1.0, 0.0, 1.0],
+            [0.0, 1.0, 1.0],
+            [-0.0, -0.0, 1.0],
+        ];
+        let first = mesh(corners.clone(), vec![[0, 1, 2], [1, 2, 0]]);
+        let second = mesh(
+            corners,
+            vec![[2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2], [3, 1, 2]],
+        );
+        assert_eq!(
+            later_duplicates(&[&first, &second]),
+            [vec![1], vec![0, 1, 2, 3, 4]]
+        );
+    }
+
+    #[test]
+    fn triangles_that_share_two_corners_are_no_doubles() {
+        // The second differs in one corner by one unit in the last place, the third uses a corner twice.
+        let next = 1f32.next_up();
+        let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, next, 0.0]];
+        let alike = mesh(corners, vec![[0, 1, 2], [0, 1, 3], [0, 1, 1]]);
+        assert_eq!(later_duplicates(&[&alike]), [Vec::<u32>::new()]);
+    }
+
+    #[test]
+    fn random_triangles_agree_with_comparing_all_pairs_on_any_number_of_threads() {
+        // Marsaglia's xorshift; five values a coordinate, so that doubles are common.
+        let mut state = 0x1234_5678_9abc_def1u64;
+        let mut random = |n: u64| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            state % n
+        };
+        let mut random_mesh = |n: usize| {
+            let value = |i: u64| [-1.0, -0.0, 0.0, 1.0, 2.5][i as usize];
+            let positions: Vec<[f32; 3]> = (0..24).map(|_| [(); 3].map(|()| value(random(5)))).collect();
+            let triangles: Vec<[u32; 3]> = (0..n).map(|_| [(); 3].map(|()| random(24) as u32)).collect();
+            mesh(positions, triangles)
+        };
+        let meshes = [random_mesh(700), random_mesh(0), random_mesh(900)];
+        let meshes: Vec<&Mesh> = meshes.iter().collect();
+        let expected = referee(&meshes);
+        assert!(expected[0].len() > 10 && expected[2].len() > 100);
+        for threads in 1..=4 {
+            assert_eq!(
+                in_pool_of(threads, || later_duplicates(&meshes)),
+                expected,
+                "{threads} threads"
+            );
+        }
+    }
+
+    #[test]
+    fn a_double_far_from_its_first_is_found_across_the_pieces_of_work() {
+        let n = 3 * RUN as u32 + 5;
+        let long = strip(n);
+        let mut triangles = long.triangles.to_vec();
+        triangles.push([1, 0, 2]);
+        triangles.insert(RUN - 1, [5, 4, 3]);
+        let doubled = mesh(long.positions.to_vec(), triangles);
+        assert_eq!(later_duplicates(&[&doubled]), [vec![RUN as u32 - 1, n + 1]]);
+        assert_eq!(
+            later_duplicates(&[&long, &long]),
+            [vec![], (0..n).collect::<Vec<_>>()]
+        );
+    }
+
+    #[test]
+    fn few_triangles_without_a_double_are_suspect() {
+        let long = strip(1 << 17);
+        // Of 2^17 keys of 36 bits, 2^34 / 2 / 2^36 = 1/8 pairs are equal by chance.
+        let count = suspects(&runs_of(&[&long])).len();
+        assert!(count <= 2, "{count}");
+    }
+
+    #[test]
+    fn a_hundred_thousand_equal_triangles_all_but_the_first_are_doubles() {
+        let equal = mesh(
+            vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            vec![[0, 1, 2]; 100_000],
+        );
+        assert_eq!(later_duplicates(&[&equal]), [(1..100_000).collect::<Vec<_>>()]);
+    }
+}

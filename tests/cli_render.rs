@@ -141,7 +141,7 @@ fn statistics_have_every_key_that_scripts_rely_on() {
     for key in ["load", "build", "render", "write", "total", "trace"] {
         assert!(stats["seconds"][key].is_f64(), "seconds.{key} in {stats}");
     }
-    for effect in ["shadow", "reflection"] {
+    for effect in ["shadow", "reflection", "refraction"] {
         assert!(stats["rays"][effect].is_u64(), "rays.{effect} in {stats}");
         assert_eq!(stats["effects"][effect]["rays"], stats["rays"][effect]);
         assert!(

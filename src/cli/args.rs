@@ -14,6 +14,8 @@ use crate::render::{FilterKind, Pattern, PixelFilter};
 const MAX_SPP: i64 = 1 << 16;
 /// Most generations of reflection.
 const MAX_DEPTH: i64 = 255;
+/// Beyond it neighbouring wavelengths are under a nanometre apart, finer than any index of refraction is known.
+const MAX_WAVELENGTHS: i64 = 400;
 /// More threads than any machine that this is likely to meet.
 const MAX_THREADS: i64 = 1024;
 /// Most repetitions of a benchmark.
@@ -156,9 +158,13 @@ pub(super) struct FrameArgs {
     #[arg(long, value_name = "WxH", default_value = "1024x1024")]
     pub(super) size: ImageSize,
 
-    /// Generations of reflected rays; 0 for none
+    /// Generations of reflected and refracted rays; 0 for none
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
     pub(super) depth: u32,
+
+    /// Wavelengths that a path splits into where glass disperses it
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=MAX_WAVELENGTHS))]
+    pub(super) wavelengths: u32,
 }
 
 /// How hits are found.

@@ -257,6 +257,7 @@ pub(super) fn settings(frame: FrameArgs, spp: u32) -> Result<RenderSettings, Fai
         height: frame.size.height,
         spp,
         depth: frame.depth,
+        wavelengths: frame.wavelengths,
         ..RenderSettings::default()
     };
     check_memory(&settings)?;

@@ -9,7 +9,7 @@ use crate::image::{self, ExtraChannel};
 use crate::render::{self, Monitor, Rendering};
 use crate::report::memory;
 use crate::report::stats::{
-    AccelStats, ImageStats, PhaseSeconds, RayCounts, RenderStats, SceneStats, effect_stats,
+    AccelStats, CutoffStats, ImageStats, PhaseSeconds, RayCounts, RenderStats, SceneStats, effect_stats,
 };
 use crate::scene::{Background, Camera, Scene};
 
@@ -220,6 +220,7 @@ fn stats(
         spp: job.settings.spp,
         samples: rendering.samples,
         depth: job.settings.depth,
+        cutoff: CutoffStats::of(&rendering.ledger, rendering.samples.total),
         backend: job.backend,
         precision: effective_precision(job.backend, job.tracing.precision),
         threads: job.tracing.threads,

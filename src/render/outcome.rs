@@ -144,13 +144,13 @@ impl<'f, 's> Outcome<'f, 's> {
                 }
             }
         }
-        if frame.mirrors && (traced.travels.is_some() || stage.depth < frame.settings.depth) {
-            self.reflect(points, &shade::reflection(&lit), traced);
+        if frame.mirrors {
+            self.reflect(points, &shade::reflection(&lit), traced, stage);
         }
     }
 
     /// Queues the mirror rays that still matter. Surfaces that let light through send theirs elsewhere.
-    fn reflect(&mut self, points: &SurfacePacket, mirrored: &shade::Mirrored, traced: &Traced) {
+    fn reflect(&mut self, points: &SurfacePacket, mirrored: &shade::Mirrored, traced: &Traced, stage: Stage) {
         for l in 0..LANES {
             let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
             if !(points.hit[l] && mirrored.leaves[l]) {
@@ -168,19 +168,21 @@ impl<'f, 's> Outcome<'f, 's> {
                     ..travels[l]
                 }),
             };
-            self.send(&sent);
+            self.send(&sent, stage.depth + 1);
         }
     }
 
     /// Queues a ray if it still matters; otherwise its weight is booked as lost. Returns whether it was queued.
-    pub(super) fn send(&mut self, sent: &Sent) -> bool {
+    ///
+    /// `steps` are those behind it, where the path itself does not count them.
+    pub(super) fn send(&mut self, sent: &Sent, steps: u32) -> bool {
         let settings = &self.frame.settings;
         let largest = sent.weight.into_iter().fold(0.0, f32::max);
         if !(largest > 0.0) {
             return false;
         }
-        let too_deep = sent.travel.is_some_and(|travel| travel.depth > settings.depth);
-        if too_deep || largest < settings.weight_cutoff {
+        let depth = sent.travel.map_or(steps, |travel| travel.depth);
+        if depth > settings.depth || largest < settings.weight_cutoff {
             self.ledger.lose(largest);
             return false;
         }

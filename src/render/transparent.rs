@@ -219,7 +219,7 @@ impl Outcome<'_, '_> {
                 weight,
                 travel: Some(Travel { media, ..travels[l] }),
             };
-            self.refracted += u64::from(self.send(&sent));
+            self.refracted += u64::from(self.send(&sent, 0));
         }
         present
     }
@@ -305,12 +305,13 @@ impl Outcome<'_, '_> {
         let ng = points.geometric_normal(l);
         let side = if travel.direction.dot(ng) < 0.0 { -ng } else { ng };
         let origin = spawn_point(points.point(l), side, points.error(l));
-        self.send(&Sent {
+        let sent = Sent {
             ray: Ray::new(origin, travel.direction.as_vec3()),
             pixel,
             weight,
             travel: Some(travel),
-        })
+        };
+        self.send(&sent, 0)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Why each kind of secondary ray is traced or not, as the scene tells it.
 
-use crate::scene::MIRROR_ROUGHNESS;
-use crate::scene::{Model, Scene};
+use crate::optics::LINE_D;
+use crate::scene::{AlphaMode, MIRROR_ROUGHNESS, Model, Scene};
 
 /// Why shadow rays are asked, or why none are.
 pub fn shadow_reason(scene: &Scene) -> String {
@@ -30,6 +30,23 @@ pub fn reflection_reason(scene: &Scene) -> String {
     match mirrors.count() {
         0 => reason,
         more => format!("{reason}, and {more} more may be as smooth"),
+    }
+}
+
+/// Why rays are followed through surfaces, or why none are.
+pub fn refraction_reason(scene: &Scene) -> String {
+    let transparent = scene.materials.iter().find(|material| material.transmits());
+    let covering = scene.materials.iter().find(|m| m.alpha != AlphaMode::Opaque);
+    match (transparent, covering) {
+        (Some(material), _) => {
+            let ior = material.ior(LINE_D);
+            format!(
+                "material `{}` lets light through, index of refraction {ior:.3}",
+                material.name
+            )
+        }
+        (None, Some(material)) => format!("material `{}` is only partly there", material.name),
+        (None, None) => "no material lets light through".into(),
     }
 }
 

@@ -100,6 +100,8 @@ pub struct EffectReasons {
     pub shadow: String,
     /// Rays from mirrors.
     pub reflection: String,
+    /// Rays through surfaces.
+    pub refraction: String,
 }
 
 impl SceneInfo {
@@ -133,6 +135,7 @@ impl SceneInfo {
             effects: EffectReasons {
                 shadow: effects::shadow_reason(scene),
                 reflection: effects::reflection_reason(scene),
+                refraction: effects::refraction_reason(scene),
             },
             warnings: scene.warnings.clone(),
         }
@@ -254,6 +257,7 @@ impl fmt::Display for SceneInfo {
         )?;
         line("shadow rays", self.effects.shadow.clone())?;
         line("reflected rays", self.effects.reflection.clone())?;
+        line("refracted rays", self.effects.refraction.clone())?;
         let memory = &self.memory;
         line(
             "memory",

@@ -24,8 +24,10 @@ pub struct RenderStats {
     pub spp: u32,
     /// Samples that were taken.
     pub samples: SampleCounts,
-    /// Most generations of reflected rays.
+    /// Most generations of reflected and refracted rays.
     pub depth: u32,
+    /// What was not followed.
+    pub cutoff: CutoffStats,
     /// What found the hits.
     pub backend: Backend,
     /// Which Embree, where it is the backend.
@@ -123,6 +125,28 @@ pub struct RayCounts {
     pub shadow: u64,
     /// From mirrors.
     pub reflection: u64,
+    /// Through surfaces.
+    pub refraction: u64,
+}
+
+/// Rays that were not followed because they hardly matter, or because of the depth limit.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct CutoffStats {
+    /// How many.
+    pub rays: u64,
+    /// The sum of their weights over all samples: a pixel is on average darker by at most so many times the largest
+    /// radiance in the scene.
+    pub mean_weight: f64,
+}
+
+impl CutoffStats {
+    /// Those of a ledger, for so many samples.
+    pub fn of(ledger: &Ledger, samples: u64) -> CutoffStats {
+        CutoffStats {
+            rays: ledger.lost_rays,
+            mean_weight: ledger.lost_weight / samples.max(1) as f64,
+        }
+    }
 }
 
 impl RayCounts {
@@ -132,6 +156,7 @@ impl RayCounts {
             camera: ledger.camera.rays,
             shadow: ledger.shadow.rays,
             reflection: ledger.reflection.rays,
+            refraction: ledger.refraction.rays,
         }
     }
 }
@@ -159,6 +184,10 @@ pub fn effect_stats(scene: &Scene, ledger: &Ledger) -> BTreeMap<&'static str, Ef
         (
             "reflection",
             entry(&ledger.reflection, effects::reflection_reason(scene)),
+        ),
+        (
+            "refraction",
+            entry(&ledger.refraction, effects::refraction_reason(scene)),
         ),
     ])
 }

@@ -57,7 +57,7 @@ fn f0_of(ior: f64) -> f32 {
 }
 
 /// glTF's default index of refraction, 1.5, written as the specification does.
-const DEFAULT_F0: f32 = 0.04;
+pub(super) const DEFAULT_F0: f32 = 0.04;
 
 impl MaterialPacket {
     /// Black everywhere.
@@ -237,7 +237,8 @@ impl MaterialFeatures {
             features.transmits |= transmits;
             features.covers |= material.alpha != crate::scene::AlphaMode::Opaque;
             features.disperses |= disperses;
-            features.rich |= lecture || specular || transmits || material.has_rich_layer();
+            let ior = material.interior.is_some();
+            features.rich |= lecture || specular || transmits || ior || material.has_rich_layer();
         }
         features
     }

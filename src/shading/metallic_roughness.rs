@@ -5,35 +5,56 @@
 
 use std::f32::consts::PI;
 
-use super::material::MaterialPacket;
+use super::material::{DEFAULT_F0, MaterialPacket};
 use crate::numeric::{LANES, Lanes3};
 use crate::scene::MIRROR_ROUGHNESS;
 
 impl MaterialPacket {
     /// Diffuse albedo.
     #[inline(always)]
-    fn c_diff(&self, channel: usize, l: usize) -> f32 {
-        let through = self.rich.transmission[channel][l];
-        self.base_color[channel][l] * ((1.0 - self.metallic[l]) * (1.0 - through))
+    fn c_diff<const RICH: bool>(&self, channel: usize, l: usize) -> f32 {
+        let scattered = self.base_color[channel][l] * (1.0 - self.metallic[l]);
+        if RICH {
+            scattered * (1.0 - self.rich.transmission[channel][l])
+        } else {
+            scattered
+        }
     }
 
     /// Reflectance at normal incidence.
     #[inline(always)]
-    fn f0(&self, channel: usize, l: usize) -> f32 {
-        let dielectric = (self.f0[l] * self.rich.specular_color[channel][l]).min(1.0) * self.rich.specular[l];
+    fn f0<const RICH: bool>(&self, channel: usize, l: usize) -> f32 {
+        let dielectric = if RICH {
+            (self.f0[l] * self.rich.specular_color[channel][l]).min(1.0) * self.rich.specular[l]
+        } else {
+            DEFAULT_F0
+        };
         dielectric * (1.0 - self.metallic[l]) + self.base_color[channel][l] * self.metallic[l]
     }
 
     /// Reflectance at grazing incidence.
     #[inline(always)]
-    fn f90(&self, l: usize) -> f32 {
-        self.rich.specular[l] * (1.0 - self.metallic[l]) + self.metallic[l]
+    fn f90<const RICH: bool>(&self, l: usize) -> f32 {
+        if RICH {
+            self.rich.specular[l] * (1.0 - self.metallic[l]) + self.metallic[l]
+        } else {
+            1.0
+        }
     }
 
     /// Radiance that leaves without any light's help: emission, and the surroundings `ambient` seen diffusely, and
     /// specularly where no mirror ray brings them.
     #[inline(always)]
     pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
+        if self.features.rich {
+            self.ambient_of::<true>(ambient)
+        } else {
+            self.ambient_of::<false>(ambient)
+        }
+    }
+
+    #[inline(always)]
+    fn ambient_of<const RICH: bool>(&self, ambient: [f32; 3]) -> Lanes3<f32> {
         let rich = &self.rich;
         let mut rough = [0.0; LANES];
         for l in 0..LANES {
@@ -46,10 +67,13 @@ impl MaterialPacket {
         let mut radiance = self.emission;
         for channel in 0..3 {
             for l in 0..LANES {
-                let gltf = self.c_diff(channel, l) + self.f0(channel, l) * rough[l];
-                let lecture = rich.ambient[channel][l] * self.base_color[channel][l];
-                let albedo = if rich.is_lecture[l] { lecture } else { gltf };
-                radiance[channel][l] += ambient[channel] * (albedo * rich.occlusion[l]);
+                let mut albedo = self.c_diff::<RICH>(channel, l) + self.f0::<RICH>(channel, l) * rough[l];
+                if RICH {
+                    let lecture = rich.ambient[channel][l] * self.base_color[channel][l];
+                    albedo = if rich.is_lecture[l] { lecture } else { albedo };
+                    albedo *= rich.occlusion[l];
+                }
+                radiance[channel][l] += ambient[channel] * albedo;
             }
         }
         radiance
@@ -61,6 +85,20 @@ impl MaterialPacket {
 /// `ns`, `wo` and `wi` are unit vectors; lanes with n·wi <= 0 give zero.
 #[inline(always)]
 pub fn direct(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+) -> Lanes3<f32> {
+    if material.features.rich {
+        direct_of::<true>(material, ns, wo, wi)
+    } else {
+        direct_of::<false>(material, ns, wo, wi)
+    }
+}
+
+#[inline(always)]
+fn direct_of<const RICH: bool>(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
     wo: &Lanes3<f32>,
@@ -99,9 +137,9 @@ pub fn direct(
         };
         let grazing = fifth_power(1.0 - v_dot_h);
         for channel in 0..3 {
-            let f0 = material.f0(channel, l);
-            let fresnel = f0 + (material.f90(l) - f0) * grazing;
-            let diffuse = (1.0 - fresnel) * material.c_diff(channel, l) * (1.0 / PI);
+            let f0 = material.f0::<RICH>(channel, l);
+            let fresnel = f0 + (material.f90::<RICH>(l) - f0) * grazing;
+            let diffuse = (1.0 - fresnel) * material.c_diff::<RICH>(channel, l) * (1.0 / PI);
             reflected[channel][l] = (diffuse + fresnel * lobe) * n_dot_l;
         }
     }
@@ -126,8 +164,8 @@ pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> 
         };
         let grazing = fifth_power(1.0 - cosine.abs());
         for channel in 0..3 {
-            let f0 = material.f0(channel, l);
-            let polished = smooth * (f0 + (material.f90(l) - f0) * grazing);
+            let f0 = material.f0::<true>(channel, l);
+            let polished = smooth * (f0 + (material.f90::<true>(l) - f0) * grazing);
             reflectance[channel][l] = if material.rich.is_lecture[l] {
                 material.rich.reflection[channel][l]
             } else {

@@ -5,8 +5,10 @@
 
 mod light;
 mod metallic_roughness;
+pub mod normal_map;
+pub mod ray_cone;
 mod texture;
 
 pub use light::{Illumination, illuminate};
 pub use metallic_roughness::{MaterialPacket, direct, mirror};
-pub use texture::sample;
+pub use texture::{Footprint, TexturePoint, TextureSet};

@@ -1,4 +1,4 @@
-//! Images: linear radiance in memory, PNG and EXR on disk.
+//! Images: linear radiance in memory, PNG and EXR on disk; and reading those that become textures.
 //!
 //! Everything up to here is linear RGB radiance; exposure and the sRGB curve happen only on the way into a PNG
 //! ([`ToneMap`]). Files appear whole or not at all: they are written beside their place and renamed into it.
@@ -6,13 +6,15 @@
 mod atomic;
 mod exr;
 mod png;
+mod read;
 mod tone;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 pub use atomic::{check_writable, write_atomically};
-pub use tone::ToneMap;
+pub use read::{ReadImage, ReadPixels, TransferCurve, read};
+pub use tone::{ToneMap, linear_from_srgb};
 
 /// Linear RGB radiance.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -115,6 +117,16 @@ pub enum ImageError {
         path: PathBuf,
         /// What the system or the encoder said.
         message: String,
+    },
+    /// A file is no image that could be used.
+    #[error("{}: {fault}: {remedy}", .path.display())]
+    Unusable {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        fault: String,
+        /// What to do.
+        remedy: &'static str,
     },
     /// Reading failed.
     #[error("could not read {} as an EXR image: {message}", .path.display())]

@@ -39,7 +39,7 @@ impl ToneMap {
 }
 
 /// The radiance of an sRGB value in [0, 1] (IEC 61966-2-1).
-fn linear_from_srgb(encoded: f64) -> f64 {
+pub fn linear_from_srgb(encoded: f64) -> f64 {
     if encoded <= 0.040_45 {
         encoded / 12.92
     } else {

@@ -12,13 +12,13 @@ use crate::numeric::{
     LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_bound,
     triangle_spawn_error,
 };
-use crate::scene::{Geometry, Layer, Material, Model, Parameter, Scene, Texture};
-use crate::shading::{MaterialFeatures, MaterialPacket, RichLanes, sample};
+use crate::scene::{Geometry, Layer, Material, Model, Parameter, Scene};
+use crate::shading::{MaterialFeatures, MaterialPacket, RichLanes, TexturePoint, TextureSet};
 use crate::shape::Sphere;
 
 /// The scene, seen from its hits: one entry an instance.
 pub(super) struct SurfaceScene<'s> {
-    scene: &'s Scene,
+    textures: TextureSet<'s>,
     views: Vec<InstanceView<'s>>,
 }
 
@@ -123,7 +123,7 @@ impl<'s> SurfaceScene<'s> {
             }
         });
         SurfaceScene {
-            scene,
+            textures: TextureSet::new(scene),
             views: views.collect(),
         }
     }
@@ -265,16 +265,8 @@ impl<'s> SurfaceScene<'s> {
         for layer in &view.material.layers {
             let encoding = layer.parameter.encoding();
             let coordinates = view.tex_coord(layer.texture.tex_coord, packet, l);
-            let Texture::Image { image, sampler } = self.scene.textures[layer.texture.texture as usize]
-            else {
-                continue;
-            };
-            let texel = sample(
-                &self.scene.images[image as usize],
-                sampler,
-                encoding,
-                layer.texture.transform.apply(coordinates),
-            );
+            let at = TexturePoint::sharp(layer.texture.transform.apply(coordinates), DVec3::ZERO);
+            let texel = self.textures.sample(layer.texture.texture, encoding, &at);
             match layer.parameter {
                 Parameter::BaseColor => {
                     (0..3).for_each(|c| materials.base_color[c][l] *= texel[c]);

@@ -1,5 +1,9 @@
 //! Textures: images and procedures, how they are looked up, and which parameter of a material they change.
 
+use std::path::Path;
+
+use crate::image::{self, ImageError, ReadPixels, TransferCurve};
+
 /// A texture on a parameter of a material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layer {
@@ -218,12 +222,34 @@ pub struct Image {
     pub texels: Texels,
 }
 
+impl Image {
+    /// Reads the file at `path`: PNG, JPEG, Radiance HDR or EXR, of at most `max_texels` pixels.
+    ///
+    /// `encoding` says how images of 16 bits a channel are meant, which become floats; those of 8 bits keep their codes.
+    pub fn read(path: &Path, encoding: Encoding, max_texels: u64) -> Result<Image, ImageError> {
+        let curve = match encoding {
+            Encoding::Srgb => TransferCurve::Srgb,
+            Encoding::Linear => TransferCurve::Linear,
+        };
+        let read = image::read(path, curve, max_texels)?;
+        Ok(Image {
+            name: path.display().to_string(),
+            width: read.width,
+            height: read.height,
+            texels: match read.pixels {
+                ReadPixels::Bytes(texels) => Texels::Bytes(texels),
+                ReadPixels::Floats(texels) => Texels::Floats(texels),
+            },
+        })
+    }
+}
+
 /// The pixels of an image.
 #[derive(Clone, Debug)]
 pub enum Texels {
     /// RGBA, 8 bits each, as stored.
     Bytes(Vec<[u8; 4]>),
-    /// Linear RGBA (EXR, Radiance HDR).
+    /// Linear RGBA (EXR, Radiance HDR, 16 bits a channel).
     Floats(Vec<[f32; 4]>),
 }
 

@@ -8,10 +8,12 @@ mod lecture;
 mod light;
 mod material;
 mod metallic_roughness;
+pub mod normal_map;
+pub mod ray_cone;
 mod texture;
 
 pub use lecture::lecture_direct;
 pub use light::{Illumination, illuminate};
 pub use material::{MaterialFeatures, MaterialPacket, RichLanes};
 pub use metallic_roughness::{direct, mirror};
-pub use texture::sample;
+pub use texture::{Footprint, TexturePoint, TextureSet};

@@ -1,0 +1,231 @@
+//! Normals bent by textures: normal maps (glTF 2.0, 3.9.3) and bump maps (Blinn, "Simulation of wrinkled surfaces",
+//! SIGGRAPH 1978), and the guard that keeps what they bend visible.
+//!
+//! All vectors are in one space, of the caller's choice. The order is: frame or derivatives with the outward normal, bend,
+//! turn to the viewer's side, guard.
+
+use glam::DVec3;
+
+use crate::scene::UvTransform;
+
+/// An orthonormal frame on a surface: glTF's tangent space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TangentFrame {
+    /// Where u grows: right in the image.
+    pub tangent: DVec3,
+    /// Up in the image, where v shrinks: the frame is left-handed where the image is mirrored on the surface.
+    pub bitangent: DVec3,
+    /// The shading normal.
+    pub n: DVec3,
+}
+
+impl TangentFrame {
+    /// The frame around the unit normal `n` that the point's derivatives by u and v give; `None` where they do not span
+    /// the surface, as at a pole.
+    pub fn from_derivatives(n: DVec3, [dpdu, dpdv]: [DVec3; 2]) -> Option<TangentFrame> {
+        let up = dpdv.try_normalize()?;
+        let handedness = -n.cross(dpdu.try_normalize()?).dot(up);
+        (handedness != 0.0)
+            .then(|| TangentFrame::new(n, dpdu, handedness))
+            .flatten()
+    }
+
+    /// The frame around the unit normal `n` of a mesh tangent: XYZ the tangent, W the handedness, by its sign. `None`
+    /// where the tangent is along the normal.
+    pub fn from_tangent(n: DVec3, tangent: DVec3, handedness: f32) -> Option<TangentFrame> {
+        TangentFrame::new(n, tangent, handedness.into())
+    }
+
+    fn new(n: DVec3, tangent: DVec3, handedness: f64) -> Option<TangentFrame> {
+        let along = tangent.try_normalize()?;
+        let tangent = (along - n * n.dot(along)).try_normalize()?;
+        Some(TangentFrame {
+            tangent,
+            bitangent: n.cross(tangent) * handedness.signum(),
+            n,
+        })
+    }
+
+    /// The normal of a normal map's linear RGB `texel`, with glTF's `scale` of its X and Y: (2 texel - 1) in this frame,
+    /// brought to unit length. A texel that says nothing leaves the normal.
+    pub fn perturbed(&self, texel: [f32; 3], scale: f32) -> DVec3 {
+        let [x, y, z] = texel.map(|c| 2.0 * f64::from(c) - 1.0);
+        let scale = f64::from(scale);
+        let n = self.tangent * (scale * x) + self.bitangent * (scale * y) + self.n * z;
+        n.try_normalize().unwrap_or(self.n)
+    }
+}
+
+/// The point's derivatives by the coordinates after `transform`, from those before it; `None` where it is singular.
+///
+/// What a transformed normal map calls right and up is along these.
+pub fn transformed_derivatives([dpdu, dpdv]: [DVec3; 2], transform: &UvTransform) -> Option<[DVec3; 2]> {
+    let [[a, b], [c, d]] = transform.matrix.map(|row| row.map(f64::from));
+    let determinant = a * d - b * c;
+    // dp/duv' = dp/duv times the inverse of the matrix.
+    let derivatives = [
+        (dpdu * d - dpdv * c) / determinant,
+        (dpdv * a - dpdu * b) / determinant,
+    ];
+    derivatives.iter().all(|p| p.is_finite()).then_some(derivatives)
+}
+
+/// The unit normal of a surface raised along its unit normal `n` by a height whose derivatives by u and v are
+/// `gradient`, in units of length.
+///
+/// With the gradient on the surface, g = (h_u dpdv x n + h_v n x dpdu) / (n . dpdu x dpdv), it is n - g, normalised.
+/// Left as it is where the derivatives do not span the surface.
+pub fn bumped(n: DVec3, [dpdu, dpdv]: [DVec3; 2], [h_u, h_v]: [f32; 2]) -> DVec3 {
+    let rise = dpdv.cross(n) * f64::from(h_u) + n.cross(dpdu) * f64::from(h_v);
+    let area = n.dot(dpdu.cross(dpdv));
+    if area == 0.0 {
+        return n;
+    }
+    // Multiplied by the area, which keeps the direction and divides by nothing.
+    (n * area.abs() - rise * area.signum())
+        .try_normalize()
+        .unwrap_or(n)
+}
+
+/// The least sine of the elevation at which a mirror sends its ray off the surface, where the viewer stands higher.
+const LEAST_ELEVATION: f64 = 0.01;
+
+/// Bends the unit normal `n` no further than keeps both the viewer and the mirror image above the surface.
+///
+/// `wo` points to the viewer and `ng` is the geometric normal on the viewer's side, both of unit length. Where the ray
+/// reflected by `n` would go into the surface, or barely off it, that ray is raised to an elevation whose sine is 0.01,
+/// or the viewer's own where that is lower; the result is the normal half-way between it and the viewer, so that
+/// `n . wo > 0` too (after Keller et al., "The Iray light transport simulation and rendering system", 2017, A.3). It is
+/// a continuous function of `n`.
+pub fn kept_visible(n: DVec3, ng: DVec3, wo: DVec3) -> DVec3 {
+    let least = LEAST_ELEVATION.min(ng.dot(wo));
+    // A normal that the viewer sees from behind counts as one seen edge on: it sends the ray straight on.
+    let reflected = n * (2.0 * n.dot(wo).max(0.0)) - wo;
+    if reflected.dot(ng) >= least {
+        return n;
+    }
+    let level = reflected - ng * reflected.dot(ng);
+    let Some(level) = level.try_normalize() else {
+        return ng;
+    };
+    let raised = level * (1.0 - least * least).sqrt() + ng * least;
+    (wo + raised).try_normalize().unwrap_or(ng)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Unit vectors all around.
+    fn directions() -> impl Iterator<Item = DVec3> {
+        const COUNT: i32 = 200;
+        (0..COUNT).map(|i| {
+            let z = (2.0 * f64::from(i) + 1.0) / f64::from(COUNT) - 1.0;
+            let (sin, cos) = (2.399_963 * f64::from(i)).sin_cos();
+            let rho = (1.0 - z * z).sqrt();
+            DVec3::new(rho * cos, rho * sin, z)
+        })
+    }
+
+    fn is_near(a: DVec3, b: DVec3) -> bool {
+        (a - b).length() < 1e-12
+    }
+
+    #[test]
+    fn the_green_of_a_normal_map_points_up_in_the_image() {
+        // An image on a wall, seen from +z: u to the right, v downwards.
+        let frame = TangentFrame::from_derivatives(DVec3::Z, [DVec3::X * 3.0, -DVec3::Y]).unwrap();
+        assert!(is_near(frame.perturbed([0.5, 1.0, 0.5], 1.0), DVec3::Y));
+        assert!(is_near(frame.perturbed([1.0, 0.5, 0.5], 1.0), DVec3::X));
+        assert!(is_near(frame.perturbed([0.5, 0.5, 1.0], 1.0), DVec3::Z));
+        // Mirrored: u to the left.
+        let frame = TangentFrame::from_derivatives(DVec3::Z, [-DVec3::X, -DVec3::Y]).unwrap();
+        assert!(is_near(frame.perturbed([1.0, 0.5, 0.5], 1.0), -DVec3::X));
+        assert!(is_near(frame.perturbed([0.5, 1.0, 0.5], 1.0), DVec3::Y));
+    }
+
+    #[test]
+    fn a_mesh_tangent_gives_the_frame_of_the_same_derivatives() {
+        let n = DVec3::new(0.6, 0.0, 0.8);
+        let (dpdu, dpdv) = (DVec3::new(0.8, 0.1, -0.6), DVec3::new(0.1, -2.0, 0.0));
+        let derived = TangentFrame::from_derivatives(n, [dpdu, dpdv]).unwrap();
+        let stored = TangentFrame::from_tangent(n, dpdu * 7.0, 1.0).unwrap();
+        assert!(is_near(derived.tangent, stored.tangent) && is_near(derived.bitangent, stored.bitangent));
+        assert!(derived.tangent.dot(n).abs() < 1e-15);
+        let mirrored = TangentFrame::from_tangent(n, dpdu, -1.0).unwrap();
+        assert!(is_near(mirrored.bitangent, -stored.bitangent));
+    }
+
+    #[test]
+    fn the_scale_of_a_normal_map_scales_its_slope() {
+        let frame = TangentFrame::from_tangent(DVec3::Z, DVec3::X, 1.0).unwrap();
+        // (0.6, 0, 0.8) has the slope 3/4; twice that is 3/2.
+        let n = frame.perturbed([0.8, 0.5, 0.9], 2.0);
+        assert!((n.x / n.z - 1.5).abs() < 1e-6);
+        assert_eq!(frame.perturbed([0.5; 3], 1.0), DVec3::Z);
+    }
+
+    #[test]
+    fn no_frame_is_made_of_derivatives_that_span_nothing() {
+        let none = |dpdu, dpdv| TangentFrame::from_derivatives(DVec3::Z, [dpdu, dpdv]).is_none();
+        assert!(none(DVec3::ZERO, DVec3::Y));
+        assert!(none(DVec3::X, DVec3::ZERO));
+        assert!(none(DVec3::X, DVec3::X));
+        assert!(none(DVec3::Z, DVec3::Y));
+        assert!(none(DVec3::NAN, DVec3::Y));
+        assert!(TangentFrame::from_tangent(DVec3::Z, DVec3::Z, 1.0).is_none());
+    }
+
+    #[test]
+    fn a_bumped_normal_is_that_of_the_raised_surface() {
+        // A plane with oblique derivatives, raised by 0.3 u - 0.2 v: its tangents are dpdu + 0.3 n and dpdv - 0.2 n.
+        let (dpdu, dpdv) = (DVec3::new(1.0, 0.5, 0.0), DVec3::new(-0.25, 2.0, 0.0));
+        let exact = (dpdu + 0.3 * DVec3::Z).cross(dpdv - 0.2 * DVec3::Z).normalize();
+        let n = bumped(DVec3::Z, [dpdu, dpdv], [0.3, -0.2]);
+        // The slopes are f32.
+        assert!((n - exact).length() < 1e-7, "{n}, not {exact}");
+        // Mirrored derivatives: the height still goes along the normal.
+        let n = bumped(DVec3::Z, [dpdv, dpdu], [-0.2, 0.3]);
+        assert!((n - exact).length() < 1e-7, "{n}, not {exact}");
+        assert_eq!(bumped(DVec3::Z, [DVec3::ZERO, dpdv], [0.3, -0.2]), DVec3::Z);
+    }
+
+    #[test]
+    fn a_rotated_map_turns_its_frame_along() {
+        // u' = 2 v, v' = -u: right in the image is dp/dv / 2.
+        let transform = UvTransform {
+            matrix: [[0.0, 2.0], [-1.0, 0.0]],
+            offset: [0.3, 0.1],
+        };
+        let [right, down] = transformed_derivatives([DVec3::X, DVec3::Y], &transform).unwrap();
+        assert!(is_near(right, 0.5 * DVec3::Y) && is_near(down, -DVec3::X));
+        let singular = UvTransform {
+            matrix: [[1.0, 2.0], [2.0, 4.0]],
+            ..transform
+        };
+        assert!(transformed_derivatives([DVec3::X, DVec3::Y], &singular).is_none());
+    }
+
+    #[test]
+    fn every_normal_that_is_kept_sees_the_viewer_and_reflects_off_the_surface() {
+        let ng = DVec3::Z;
+        for wo in directions().filter(|wo| wo.z > 0.0) {
+            for n in directions() {
+                let kept = kept_visible(n, ng, wo);
+                let reflected = kept * (2.0 * kept.dot(wo)) - wo;
+                assert!((kept.length() - 1.0).abs() < 1e-12);
+                assert!(kept.dot(wo) > 0.0 && kept.dot(ng) > 0.0, "{n} {wo}: {kept}");
+                assert!(reflected.dot(ng) > 0.0, "{n} {wo}: {kept}");
+                let fine = (n * (2.0 * n.dot(wo)) - wo).dot(ng) >= LEAST_ELEVATION && n.dot(wo) > 0.0;
+                assert!(!fine || kept == n);
+            }
+        }
+    }
+
+    #[test]
+    fn the_geometric_normal_is_always_kept() {
+        for wo in directions().filter(|wo| wo.z > 0.0) {
+            assert!(is_near(kept_visible(DVec3::Z, DVec3::Z, wo), DVec3::Z));
+        }
+    }
+}

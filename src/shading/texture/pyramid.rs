@@ -1,0 +1,273 @@
+//! Mip pyramids: an image halved again and again (Williams, "Pyramidal parametrics", SIGGRAPH 1983).
+//!
+//! Every level is the exact area average of the one before, in linear light. A side of 2m + 1 texels becomes m, of
+//! which texel i covers the sources 2i, 2i + 1 and 2i + 2 with weights (m - i, m, i + 1) / (2m + 1): each source counts
+//! m / (2m + 1) in all, so the mean stays.
+//!
+//! Levels are linear f32, so a look-up decodes nothing and rounding does not add up over the levels. They take a third
+//! of 16 bytes a texel of the image; the finest level stays the image itself.
+//!
+//! Colours (sRGB) are averaged by their alpha, so that what cannot be seen does not bleed into what can; where all of
+//! it is invisible, they count alike. In other images the channels have nothing to do with each other.
+
+use rayon::prelude::*;
+
+use super::grid::{Grid, mix};
+use crate::scene::{Encoding, Sampler};
+
+/// The levels of an image above its finest one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Pyramid {
+    levels: Vec<Level>,
+}
+
+#[derive(Clone, Debug)]
+struct Level {
+    width: u32,
+    height: u32,
+    texels: Vec<[f32; 4]>,
+}
+
+impl Level {
+    fn grid(&self) -> Grid<'_> {
+        Grid::of_floats(self.width, self.height, &self.texels)
+    }
+}
+
+impl Pyramid {
+    /// Halves `finest` until one texel is left.
+    pub(super) fn new(finest: Grid, encoding: Encoding) -> Pyramid {
+        let mut levels: Vec<Level> = Vec::new();
+        loop {
+            let source = levels.last().map_or(finest, Level::grid);
+            if source.width == 1 && source.height == 1 {
+                return Pyramid { levels };
+            }
+            levels.push(halved(source, encoding));
+        }
+    }
+
+    /// The trilinear look-up where the ray is `width` texels of the finest level wide: the level is log2 of that.
+    pub(super) fn trilinear(&self, finest: Grid, sampler: Sampler, uv: [f64; 2], width: f64) -> [f32; 4] {
+        let level = width.log2();
+        if !(level > 0.0) || self.levels.is_empty() {
+            return finest.bilinear(sampler, uv);
+        }
+        let at = |level: usize| match level.checked_sub(1) {
+            None => finest.bilinear(sampler, uv),
+            Some(above) => self.levels[above].grid().bilinear(sampler, uv),
+        };
+        let coarsest = self.levels.len();
+        if level >= coarsest as f64 {
+            return at(coarsest);
+        }
+        let below = level as usize;
+        mix(at(below), at(below + 1), level.fract() as f32)
+    }
+}
+
+fn halved(source: Grid, encoding: Encoding) -> Level {
+    let [width, height] = [source.width, source.height].map(|side| (side / 2).max(1));
+    let mut texels = vec![[0.0; 4]; width as usize * height as usize];
+    texels
+        .par_chunks_mut(width as usize)
+        .enumerate()
+        .for_each(|(y, row)| {
+            let down = Taps::new(y, source.height as usize);
+            for (x, texel) in row.iter_mut().enumerate() {
+                *texel = average(source, Taps::new(x, source.width as usize), down, encoding);
+            }
+        });
+    Level {
+        width,
+        height,
+        texels,
+    }
+}
+
+/// Up to three neighbouring source texels that one texel of the next level covers, with their shares.
+#[derive(Clone, Copy)]
+struct Taps {
+    first: usize,
+    count: usize,
+    weights: [f64; 3],
+}
+
+impl Taps {
+    /// What texel `i` of the next level covers of a side of `size` texels.
+    fn new(i: usize, size: usize) -> Taps {
+        if size == 1 {
+            return Taps {
+                first: 0,
+                count: 1,
+                weights: [1.0, 0.0, 0.0],
+            };
+        }
+        if size.is_multiple_of(2) {
+            return Taps {
+                first: 2 * i,
+                count: 2,
+                weights: [0.5, 0.5, 0.0],
+            };
+        }
+        let half = size / 2;
+        Taps {
+            first: 2 * i,
+            count: 3,
+            weights: [half - i, half, i + 1].map(|share| share as f64 / size as f64),
+        }
+    }
+}
+
+/// The mean of the texels that `across` and `down` cover. Summed in f64: equal texels come out as they went in.
+fn average(source: Grid, across: Taps, down: Taps, encoding: Encoding) -> [f32; 4] {
+    let mut sum = [0.0; 4];
+    let mut seen = [0.0; 3];
+    for j in 0..down.count {
+        for i in 0..across.count {
+            let weight = across.weights[i] * down.weights[j];
+            let texel = source.texel(across.first + i, down.first + j).map(f64::from);
+            for channel in 0..3 {
+                sum[channel] += weight * texel[channel];
+                seen[channel] += weight * texel[3] * texel[channel];
+            }
+            sum[3] += weight * texel[3];
+        }
+    }
+    if encoding == Encoding::Srgb && sum[3] > 0.0 {
+        for channel in 0..3 {
+            sum[channel] = seen[channel] / sum[3];
+        }
+    }
+    sum.map(|x| x as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Filter, Image, Texels, Wrap};
+
+    const CLAMPED: Sampler = Sampler {
+        wrap_u: Wrap::ClampToEdge,
+        wrap_v: Wrap::ClampToEdge,
+        filter: Filter::Mipmap,
+    };
+
+    fn image(width: u32, height: u32, texel: impl Fn(u32, u32) -> [u8; 4]) -> Image {
+        let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        Image {
+            name: String::new(),
+            width,
+            height,
+            texels: Texels::Bytes(texels.map(|(x, y)| texel(x, y)).collect()),
+        }
+    }
+
+    /// Opaque, without any order.
+    fn scrambled(width: u32, height: u32) -> Image {
+        image(width, height, |x, y| {
+            let h = (x * 73 + y * 151).wrapping_mul(2_654_435_761);
+            [(h >> 24) as u8, (h >> 16) as u8, (h >> 8) as u8, 255]
+        })
+    }
+
+    #[test]
+    fn a_constant_image_is_the_same_on_every_level() {
+        for (width, height) in [(1, 1), (2, 2), (7, 5), (1, 9), (33, 6), (255, 3)] {
+            let image = image(width, height, |_, _| [200, 100, 3, 77]);
+            let finest = Grid::of_image(&image, Encoding::Srgb);
+            let expected = finest.texel(0, 0);
+            for level in Pyramid::new(finest, Encoding::Srgb).levels {
+                for texel in level.texels {
+                    for channel in 0..4 {
+                        let ulps = texel[channel].to_bits().abs_diff(expected[channel].to_bits());
+                        assert!(ulps <= 1, "{width} x {height}: {texel:?}, not {expected:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_coarsest_level_is_the_mean_of_the_image_in_linear_light() {
+        for (width, height) in [(64, 64), (63, 65), (100, 7), (1, 31), (5, 3)] {
+            let image = scrambled(width, height);
+            let finest = Grid::of_image(&image, Encoding::Srgb);
+            let mut mean = [0.0; 4];
+            for y in 0..height as usize {
+                for x in 0..width as usize {
+                    let texel = finest.texel(x, y);
+                    (0..4).for_each(|c| mean[c] += f64::from(texel[c]) / f64::from(width * height));
+                }
+            }
+            let pyramid = Pyramid::new(finest, Encoding::Srgb);
+            let coarsest = pyramid.levels.last().unwrap();
+            assert_eq!((coarsest.width, coarsest.height), (1, 1));
+            for c in 0..4 {
+                // One f32 rounding a level, of a number below 1.
+                let tolerance = pyramid.levels.len() as f64 * f64::from(f32::EPSILON);
+                assert!(
+                    (f64::from(coarsest.texels[0][c]) - mean[c]).abs() <= tolerance,
+                    "{width} x {height}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn three_texels_become_one_of_equal_shares_and_five_become_two() {
+        assert_eq!(Taps::new(0, 3).weights, [1.0 / 3.0; 3]);
+        // 2½ texels each: (1, 1, ½) and (½, 1, 1) of 2½.
+        assert_eq!(Taps::new(0, 5).weights, [0.4, 0.4, 0.2]);
+        assert_eq!(Taps::new(1, 5).weights, [0.2, 0.4, 0.4]);
+        assert_eq!(Taps::new(1, 5).first, 2);
+    }
+
+    #[test]
+    fn a_wider_ray_changes_the_colour_without_a_jump() {
+        let image = scrambled(61, 35);
+        let finest = Grid::of_image(&image, Encoding::Srgb);
+        let pyramid = Pyramid::new(finest, Encoding::Srgb);
+        let look = |width: f64| pyramid.trilinear(finest, CLAMPED, [0.37, 0.61], width);
+        const STEPS: usize = 4000;
+        let widths = |i: usize| 0.05 * 4000f64.powf(i as f64 / STEPS as f64);
+        for i in 0..STEPS {
+            let (a, b) = (look(widths(i)), look(widths(i + 1)));
+            // log2(4000) = 12 levels in 4000 steps: no step is more than 0.003 levels of at most 1 each.
+            assert!(
+                (0..4).all(|c| (a[c] - b[c]).abs() <= 0.0031),
+                "width {}",
+                widths(i)
+            );
+        }
+        assert_eq!(look(0.0), finest.bilinear(CLAMPED, [0.37, 0.61]));
+        assert_eq!(look(f64::INFINITY), pyramid.levels.last().unwrap().texels[0]);
+        assert_eq!(look(f64::NAN), look(0.0));
+    }
+
+    #[test]
+    fn a_whole_level_is_taken_where_the_ray_is_a_power_of_two_texels_wide() {
+        let image = scrambled(64, 64);
+        let finest = Grid::of_image(&image, Encoding::Linear);
+        let pyramid = Pyramid::new(finest, Encoding::Linear);
+        let second = pyramid.levels[1].grid().bilinear(CLAMPED, [0.3, 0.8]);
+        assert_eq!(pyramid.trilinear(finest, CLAMPED, [0.3, 0.8], 4.0), second);
+    }
+
+    #[test]
+    fn invisible_texels_lend_no_colour_to_visible_ones() {
+        let image = image(
+            2,
+            1,
+            |x, _| {
+                if x == 0 { [255, 0, 0, 255] } else { [0, 255, 0, 0] }
+            },
+        );
+        let coarsest = |encoding| {
+            let pyramid = Pyramid::new(Grid::of_image(&image, encoding), encoding);
+            pyramid.levels[0].texels[0]
+        };
+        assert_eq!(coarsest(Encoding::Srgb), [1.0, 0.0, 0.0, 0.5]);
+        assert_eq!(coarsest(Encoding::Linear), [0.5, 0.5, 0.0, 0.5]);
+    }
+}

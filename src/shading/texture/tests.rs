@@ -1,0 +1,279 @@
+//! Look-ups through a prepared scene.
+
+use super::*;
+use crate::scene::{AlphaMode, Layer, Material, Model, Parameter, Pattern, UvTransform, Wrap};
+
+const MIPMAPPED: Sampler = Sampler {
+    wrap_u: Wrap::Repeat,
+    wrap_v: Wrap::Repeat,
+    filter: Filter::Mipmap,
+};
+
+fn image(width: u32, height: u32, texels: Texels) -> Image {
+    Image {
+        name: String::new(),
+        width,
+        height,
+        texels,
+    }
+}
+
+/// A scene with one texture, on `parameter` of its only material.
+fn scene(texture: Texture, images: Vec<Image>, parameter: Parameter) -> Scene {
+    Scene {
+        materials: vec![Material {
+            name: String::new(),
+            model: Model::Unlit,
+            base_color: [1.0; 4],
+            emission: [0.0; 3],
+            alpha: AlphaMode::Opaque,
+            layers: vec![Layer {
+                parameter,
+                texture: TextureUse::new(0),
+                strength: 1.0,
+            }],
+            interior: None,
+        }],
+        textures: vec![texture],
+        images,
+        ..Scene::default()
+    }
+}
+
+fn image_scene(image: Image, sampler: Sampler, parameter: Parameter) -> Scene {
+    scene(Texture::Image { image: 0, sampler }, vec![image], parameter)
+}
+
+fn at(uv: [f32; 2], uv_width: f32) -> TexturePoint {
+    TexturePoint {
+        uv_width,
+        ..TexturePoint::sharp(uv, DVec3::ZERO)
+    }
+}
+
+fn stripes() -> Image {
+    // Black and white columns in turn, 64 by 64.
+    let texel = |i: u32| {
+        if i.is_multiple_of(2) {
+            [0, 0, 0, 255]
+        } else {
+            [255; 4]
+        }
+    };
+    image(64, 64, Texels::Bytes((0..64 * 64).map(texel).collect()))
+}
+
+#[test]
+fn an_image_of_one_colour_is_that_colour_however_it_is_asked() {
+    let scene = image_scene(
+        image(3, 2, Texels::Bytes(vec![[188, 0, 255, 51]; 6])),
+        MIPMAPPED,
+        Parameter::BaseColor,
+    );
+    let set = TextureSet::new(&scene);
+    let srgb = set.constant(0, Encoding::Srgb).unwrap();
+    assert_eq!(srgb[1..], [0.0, 1.0, 0.2]);
+    assert!((srgb[0] - 0.502_886_5).abs() < 1e-6);
+    assert_eq!(set.sample(0, Encoding::Srgb, &at([f32::NAN, 7.0], 3.0)), srgb);
+    assert_eq!(
+        set.sample(0, Encoding::Linear, &at([0.0; 2], 0.0))[0],
+        188.0 / 255.0
+    );
+}
+
+#[test]
+fn pyramids_are_built_only_for_what_is_looked_up_by_width() {
+    let built = |filter, parameter| {
+        let scene = image_scene(stripes(), Sampler { filter, ..MIPMAPPED }, parameter);
+        let set = TextureSet::new(&scene);
+        set.pyramids[0].each_ref().map(Option::is_some)
+    };
+    assert_eq!(built(Filter::Mipmap, Parameter::BaseColor), [true, false]);
+    assert_eq!(built(Filter::Mipmap, Parameter::Normal), [false, true]);
+    assert_eq!(built(Filter::Linear, Parameter::BaseColor), [false, false]);
+}
+
+#[test]
+fn a_wide_ray_sees_the_mean_in_linear_light_and_a_narrow_one_the_texels() {
+    let scene = image_scene(stripes(), MIPMAPPED, Parameter::BaseColor);
+    let set = TextureSet::new(&scene);
+    let red = |u: f32, width: f32| set.sample(0, Encoding::Srgb, &at([u, 0.5], width))[0];
+    assert_eq!([red(0.5 / 64.0, 0.0), red(1.5 / 64.0, 0.0)], [0.0, 1.0]);
+    // Half of the light, not half of the code.
+    assert_eq!(red(0.5 / 64.0, 2.0 / 64.0), 0.5);
+    assert_eq!(red(0.5 / 64.0, 1e9), 0.5);
+}
+
+#[test]
+fn half_floats_of_any_size_pass_through_unclipped() {
+    let texels = (0..6).map(|i| [1000.0 * i as f32, -1.0, 0.0, 1.0]).collect();
+    let scene = image_scene(
+        image(3, 2, Texels::Floats(texels)),
+        MIPMAPPED,
+        Parameter::Emission,
+    );
+    let set = TextureSet::new(&scene);
+    let narrow = set.sample(0, Encoding::Srgb, &at([0.5, 0.25], 0.0));
+    assert_eq!(narrow, [1000.0, -1.0, 0.0, 1.0]);
+    assert_eq!(set.sample(0, Encoding::Srgb, &at([0.5, 0.25], 1.0))[0], 2500.0);
+}
+
+#[test]
+fn a_long_footprint_across_the_stripes_blurs_them_and_one_along_them_does_not() {
+    let scene = image_scene(stripes(), MIPMAPPED, Parameter::BaseColor);
+    let set = TextureSet::new(&scene);
+    let red = |longer: [f32; 2], shorter: [f32; 2]| {
+        let footprint = Footprint {
+            uv: [longer, shorter],
+            ..Footprint::default()
+        };
+        set.sample_footprint(0, Encoding::Srgb, &at([1.5 / 64.0, 0.5], 0.0), &footprint)[0]
+    };
+    assert_eq!(red([0.0, 8.0 / 64.0], [1.0 / 64.0, 0.0]), 1.0);
+    assert!((red([8.0 / 64.0, 0.0], [0.0, 1.0 / 64.0]) - 0.5).abs() < 1e-6);
+    assert_eq!(red([0.0; 2], [0.0; 2]), 1.0);
+}
+
+fn checker(space: Space) -> Scene {
+    let procedural = Procedural {
+        pattern: Pattern::Checker,
+        colors: [[0.0; 4], [1.0; 4]],
+        space,
+        scale: [1.0; 3],
+    };
+    scene(Texture::Procedural(procedural), Vec::new(), Parameter::BaseColor)
+}
+
+#[test]
+fn a_footprint_along_the_axes_gives_the_checkers_exact_mean() {
+    let scene = checker(Space::Object);
+    let set = TextureSet::new(&scene);
+    let footprint = Footprint {
+        object: [DVec3::Y * 2.5, DVec3::X * 0.5],
+        ..Footprint::default()
+    };
+    let point = TexturePoint::sharp([0.0; 2], DVec3::new(0.5, 0.75, 0.0));
+    // Along y from -½ to 2: one ½ of the second colour, 1 of the first, 1 of the second; x and z stay inside.
+    let mean = set.sample_footprint(0, Encoding::Linear, &point, &footprint)[0];
+    assert!((mean - 0.6).abs() < 1e-6, "{mean}");
+}
+
+#[test]
+fn one_ray_a_pixel_over_a_checkered_floor_to_the_horizon_comes_near_to_1024() {
+    // The eye stands one unit above the floor y = 0 and looks to the horizon, turned by 0.3 from the squares' axes.
+    const PIXELS: usize = 64;
+    const SIDE: usize = 32;
+    let scene = checker(Space::Object);
+    let set = TextureSet::new(&scene);
+    let (sin, cos) = 0.3f64.sin_cos();
+    let floor = |x: f64, y: f64| {
+        let depth = 1.0 / y;
+        DVec3::new(cos * x * depth + sin * depth, cos * depth - sin * x * depth, 0.0)
+    };
+    let pixel = 1.0 / PIXELS as f64;
+    let (mut squares, mut count) = (0.0, 0.0);
+    for row in 0..PIXELS {
+        for column in 0..PIXELS {
+            let corner = |i: f64, j: f64| floor((column as f64 + i) * pixel - 0.5, (row as f64 + j) * pixel);
+            let look = |p: DVec3, footprint: &Footprint| {
+                let point = TexturePoint::sharp([0.0; 2], p);
+                f64::from(set.sample_footprint(0, Encoding::Linear, &point, footprint)[0])
+            };
+            let mut mean = 0.0;
+            for sample in 0..SIDE * SIDE {
+                let within = |i: usize| (i as f64 + 0.5) / SIDE as f64;
+                let p = corner(within(sample % SIDE), within(sample / SIDE));
+                mean += look(p, &Footprint::default()) / (SIDE * SIDE) as f64;
+            }
+            let p = corner(0.5, 0.5);
+            // A pixel on the window at depth 1, carried to the depth of the floor there.
+            let width = pixel / ((row as f64 + 0.5) * pixel);
+            let d = DVec3::new(p.x, p.y, -1.0).normalize();
+            let axes = crate::shading::ray_cone::axes_on_surface(width, d, DVec3::Z);
+            let one = look(
+                p,
+                &Footprint {
+                    object: axes,
+                    ..Footprint::default()
+                },
+            );
+            squares += (one - mean).powi(2);
+            count += 1.0;
+        }
+    }
+    let rmse = (squares / count).sqrt();
+    assert!(rmse < 0.02, "{rmse}");
+}
+
+#[test]
+fn the_slope_of_a_ramp_is_its_rise_and_follows_the_layers_transform() {
+    // R rises by 1/32 a texel, along u.
+    let texels = (0..32 * 32)
+        .map(|i| [(i % 32) as f32 / 32.0, 0.0, 0.0, 1.0])
+        .collect();
+    let scene = image_scene(image(32, 32, Texels::Floats(texels)), MIPMAPPED, Parameter::Bump);
+    let set = TextureSet::new(&scene);
+    let slope = |transform| {
+        let layer = TextureUse {
+            transform,
+            ..TextureUse::new(0)
+        };
+        set.height_gradient(&layer, &at([0.4, 0.6], 0.0), [DVec3::X, DVec3::Y])
+    };
+    let is_near = |a: [f32; 2], b: [f32; 2]| (0..2).all(|i| (a[i] - b[i]).abs() < 1e-5);
+    assert!(is_near(slope(UvTransform::IDENTITY), [1.0, 0.0]));
+    // u' = 3 v, v' = -u: the rise is along v, three times as steep.
+    let turned = UvTransform {
+        matrix: [[0.0, 3.0], [-1.0, 0.0]],
+        offset: [0.0; 2],
+    };
+    assert!(is_near(slope(turned), [0.0, 3.0]));
+}
+
+#[test]
+fn the_slope_of_a_solid_procedure_is_taken_along_the_surface() {
+    let procedural = Procedural {
+        pattern: Pattern::Gradient,
+        colors: [[0.0; 4], [2.0; 4]],
+        space: Space::Object,
+        scale: [0.5, 1.0, 1.0],
+    };
+    let scene = scene(Texture::Procedural(procedural), Vec::new(), Parameter::Bump);
+    let point = TexturePoint::sharp([0.0; 2], DVec3::new(0.5, 9.0, 9.0));
+    let derivatives = [DVec3::new(3.0, 1.0, 0.0), DVec3::Z];
+    let slope = TextureSet::new(&scene).height_gradient(&TextureUse::new(0), &point, derivatives);
+    // The red channel rises by 2 over 2 units of x; u moves 3 of them.
+    assert!((slope[0] - 3.0).abs() < 1e-6 && slope[1] == 0.0, "{slope:?}");
+}
+
+#[test]
+fn absurd_points_find_some_texel() {
+    let absurd = [f32::NAN, f32::INFINITY, f32::MAX, -f32::MAX, -1e-45, 0.0];
+    for wrap in [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge] {
+        for filter in [Filter::Nearest, Filter::Linear, Filter::Mipmap] {
+            let sampler = Sampler {
+                wrap_u: wrap,
+                wrap_v: wrap,
+                filter,
+            };
+            let scene = image_scene(stripes(), sampler, Parameter::Bump);
+            let set = TextureSet::new(&scene);
+            for u in absurd {
+                for width in absurd {
+                    let point = at([u, u], width);
+                    let footprint = Footprint {
+                        uv: [[width, u], [u, width]],
+                        ..Footprint::default()
+                    };
+                    let colors = [
+                        set.sample(0, Encoding::Linear, &point),
+                        set.sample_footprint(0, Encoding::Linear, &point, &footprint),
+                    ];
+                    assert!(colors.as_flattened().iter().all(|c| (0.0..=1.0).contains(c)));
+                    let slope = set.height_gradient(&TextureUse::new(0), &point, [DVec3::X, DVec3::Y]);
+                    assert!(slope.iter().all(|c| c.is_finite()));
+                }
+            }
+        }
+    }
+}

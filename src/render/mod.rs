@@ -13,6 +13,7 @@ mod record;
 mod sampler;
 mod samples;
 mod shade;
+mod shape_point;
 mod surface;
 mod tinted;
 mod transparent;

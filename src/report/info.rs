@@ -113,7 +113,7 @@ impl SceneInfo {
             shapes: scene
                 .geometries
                 .iter()
-                .filter(|g| matches!(g, Geometry::Sphere(_)))
+                .filter(|g| matches!(g, Geometry::Shape(_)))
                 .count(),
             geometries: scene.geometries.len(),
             instances: scene.instances.len(),
@@ -283,11 +283,11 @@ mod tests {
 
     use super::*;
     use crate::scene::{Falloff, Instance, Light, Material, Normalisation};
-    use crate::shape::Sphere;
+    use crate::shape::{Shape, Sphere};
 
     fn scene() -> Scene {
         Scene {
-            geometries: vec![Geometry::Sphere(Sphere::UNIT)],
+            geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
             instances: vec![Instance::new("ball", 0, 0, glam::DAffine3::IDENTITY).unwrap()],
             materials: vec![Material::default()],
             lights: vec![Light {

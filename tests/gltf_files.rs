@@ -191,7 +191,7 @@ fn the_projects_own_scene_loads_with_its_lights_and_instances() {
 fn mesh(scene: &Scene, index: usize) -> &Mesh {
     match &scene.geometries[index] {
         Geometry::Mesh(mesh) => mesh,
-        Geometry::Sphere(_) => panic!("geometry {index} is a mesh"),
+        Geometry::Shape(_) => panic!("geometry {index} is a mesh"),
     }
 }
 

@@ -6,7 +6,8 @@
 use std::path::{Path, PathBuf};
 
 use whit::gltf::{self, GltfError, LoadOptions};
-use whit::scene::{Geometry, LightKind, Scene};
+use whit::mesh::Mesh;
+use whit::scene::{Geometry, LightKind, Parameter, Scene};
 
 fn assets() -> PathBuf {
     std::env::var_os("WHIT_TEST_ASSETS").map_or_else(
@@ -123,7 +124,7 @@ fn large_packed_arrays_stay_in_the_mapped_file() {
     // The node turns the helmet, so its vertices are baked; what a turn leaves alone is not copied.
     assert!(!mesh.positions.is_mapped());
     assert!(mesh.tex_coords[0].is_mapped());
-    assert_eq!(scene.images.len(), 3);
+    assert_eq!(scene.images.len(), 5);
     assert_eq!((scene.images[0].width, scene.images[0].height), (2048, 2048));
 }
 
@@ -185,4 +186,130 @@ fn the_projects_own_scene_loads_with_its_lights_and_instances() {
     assert_eq!(scene.ambient, [0.0; 3]);
     assert!(scene.instances.iter().filter(|i| i.is_mirrored()).count() == 1);
     assert!(scene.instances.len() > 40);
+}
+
+fn mesh(scene: &Scene, index: usize) -> &Mesh {
+    match &scene.geometries[index] {
+        Geometry::Mesh(mesh) => mesh,
+        Geometry::Sphere(_) => panic!("geometry {index} is a mesh"),
+    }
+}
+
+/// Every tangent is unit, across its normal up to the rounding of both, and has a handedness.
+fn assert_frames(mesh: &Mesh, name: &str) {
+    /// Files round directions to f32 or coarser; baking turns them.
+    const ACROSS: f32 = 0.02;
+    let (tangents, normals) = (mesh.tangents.as_ref().unwrap(), mesh.normals.as_ref().unwrap());
+    assert_eq!(tangents.len(), mesh.positions.len(), "{name}");
+    for &v in mesh.triangles.iter().flatten() {
+        let ([x, y, z, w], [a, b, c]) = (tangents[v as usize], normals[v as usize]);
+        let (length, dot) = (x * x + y * y + z * z, x * a + y * b + z * c);
+        assert!(
+            (length - 1.0).abs() < ACROSS && dot.abs() < ACROSS && w.abs() == 1.0,
+            "{name}: vertex {v} has {x} {y} {z} {w} on {a} {b} {c}"
+        );
+    }
+}
+
+#[test]
+fn the_helmet_has_all_its_maps_and_tangents_for_the_normal_map() {
+    let Some(loaded) = load("DamagedHelmet.glb") else {
+        return;
+    };
+    let scene = loaded.unwrap();
+    let parameters = [
+        Parameter::BaseColor,
+        Parameter::MetallicRoughness,
+        Parameter::Emission,
+        Parameter::Normal,
+        Parameter::Occlusion,
+    ];
+    let material = &scene.materials[0];
+    assert_eq!(
+        material.layers.iter().map(|l| l.parameter).collect::<Vec<_>>(),
+        parameters
+    );
+    assert!(material.layers.iter().all(|l| l.strength == 1.0));
+    assert_frames(mesh(&scene, 0), "DamagedHelmet");
+}
+
+#[test]
+fn tangents_made_here_agree_with_those_that_a_file_brings() {
+    let Some(loaded) = load("FlightHelmet/FlightHelmet.gltf") else {
+        return;
+    };
+    let scene = loaded.unwrap();
+    let (mut corner_count, mut agreeing) = (0u32, 0u32);
+    for index in 0..scene.geometries.len() {
+        let given = mesh(&scene, index);
+        assert_frames(given, "FlightHelmet");
+        let made = given.with_tangents(0);
+        let (given_tangents, made_tangents) = (given.tangents.as_ref(), made.tangents.as_ref());
+        let corners = given
+            .triangles
+            .as_flattened()
+            .iter()
+            .zip(made.triangles.as_flattened());
+        for (&g, &m) in corners {
+            let [a, b] = [
+                given_tangents.unwrap()[g as usize],
+                made_tangents.unwrap()[m as usize],
+            ];
+            let cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+            corner_count += 1;
+            agreeing += u32::from(cosine > 0.99 && a[3] == b[3]);
+        }
+    }
+    // The exporter's tangents are not MikkTSpace's to the last bit.
+    println!("{agreeing} of {corner_count} corners agree");
+    assert!(
+        agreeing as f64 > 0.95 * corner_count as f64,
+        "{agreeing} of {corner_count}"
+    );
+}
+
+#[test]
+fn the_texture_transform_test_turns_its_arrow_to_the_green_markers() {
+    let Some(loaded) = load("textureTransform/TextureTransformTest.gltf") else {
+        return;
+    };
+    let scene = loaded.unwrap();
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let transform = |name: &str| {
+        let material = scene.materials.iter().find(|m| m.name == name).unwrap();
+        material.layer(Parameter::BaseColor).unwrap().texture.transform
+    };
+    assert_eq!(transform("Offset U").apply([0.25, 0.25]), [0.75, 0.25]);
+    assert_eq!(transform("Offset V").apply([0.25, 0.25]), [0.25, 0.75]);
+    assert_eq!(transform("Offset UV").apply([0.25, 0.25]), [0.75, 0.75]);
+    // Markers by their nodes' translations: the unturned arrow's tip is at the yellow one. A square reaches from -0.5 to
+    // 0.5, and v runs downwards.
+    let coordinates = |[x, y]: [f32; 2]| [x + 0.5, 0.5 - y];
+    let tip = coordinates([0.277_817_46, -0.277_817_46]);
+    let markers = [
+        ("Rotation", [-0.079_048_224, -0.516_267_5], 1e-3),
+        ("Scale", [0.018_544_973, -0.018_544_973], 1e-3),
+        ("All", [-0.07, -0.25], 0.05),
+    ];
+    for (name, marker, tolerance) in markers {
+        let [u, v] = transform(name).apply(coordinates(marker));
+        let error = (u - tip[0]).hypot(v - tip[1]);
+        assert!(error < tolerance, "{name}: {u} {v} is {error} from the tip");
+    }
+}
+
+#[test]
+fn extensions_that_real_files_use_are_read_and_the_others_named() {
+    if let Some(loaded) = load("terrain/Mountains.gltf") {
+        assert!(loaded.unwrap().warnings.iter().all(|w| !w.contains("extension")));
+    }
+    if let Some(loaded) = load("GolfBall/GolfBall.glb") {
+        let scene = loaded.unwrap();
+        let warned = scene
+            .warnings
+            .iter()
+            .any(|w| w.contains("KHR_materials_clearcoat"));
+        assert!(warned, "{:?}", scene.warnings);
+        assert_frames(mesh(&scene, 0), "GolfBall");
+    }
 }

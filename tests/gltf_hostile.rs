@@ -423,3 +423,165 @@ fn one_spoilt_byte_anywhere_never_panics() {
         }
     }
 }
+
+/// The triangle with a material and further attributes, from bytes that the accessors of `root` refer to.
+fn odd_triangle(spoil: impl FnOnce(&mut Value)) -> Result<Scene, GltfError> {
+    let mut root = triangle();
+    let positions = [[0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let floats = positions.as_flattened().iter().flat_map(|x| x.to_le_bytes());
+    let mut bytes: Vec<u8> = floats.chain([0, 1, 2, 0]).collect();
+    // NaN and zero, as many as three tangents take.
+    bytes.extend([f32::NAN.to_le_bytes(), [0; 4]].as_flattened().repeat(6));
+    let sound_normals = [[0f32, 0.0, 1.0]; 3];
+    bytes.extend(sound_normals.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
+    root["buffers"][0] = json!({"byteLength": bytes.len(), "uri": data_uri(&bytes)});
+    root["bufferViews"][0]["byteLength"] = json!(bytes.len());
+    let accessors = root["accessors"].as_array_mut().unwrap();
+    accessors
+        .push(json!({"bufferView": 0, "byteOffset": 40, "componentType": 5126, "count": 3, "type": "VEC4"}));
+    accessors
+        .push(json!({"bufferView": 0, "byteOffset": 40, "componentType": 5126, "count": 3, "type": "VEC2"}));
+    for offset in [40, 88] {
+        let normals =
+            json!({"bufferView": 0, "byteOffset": offset, "componentType": 5126, "count": 3, "type": "VEC3"});
+        accessors.push(normals);
+    }
+    let pixel = image_of_one_texel();
+    root["images"] = json!([{"uri": data_uri(&pixel)}]);
+    root["textures"] = json!([{"source": 0}]);
+    root["materials"] = json!([{"normalTexture": {"index": 0}}]);
+    root["meshes"][0]["primitives"][0]["material"] = json!(0);
+    spoil(&mut root);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bad.gltf");
+    std::fs::write(&file, root.to_string()).unwrap();
+    load(&file)
+}
+
+fn image_of_one_texel() -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let texel = image::RgbaImage::from_pixel(1, 1, image::Rgba([128, 128, 255, 255]));
+    texel.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+    bytes.into_inner()
+}
+
+#[test]
+fn tangents_without_a_direction_are_made_afresh() {
+    let attributes = [
+        json!({"POSITION": 0, "TEXCOORD_0": 3}),
+        json!({"POSITION": 0, "TEXCOORD_0": 3, "TANGENT": 2}),
+        json!({"POSITION": 0, "TEXCOORD_0": 3, "TANGENT": 2, "NORMAL": 0}),
+        json!({"POSITION": 0, "TEXCOORD_0": 3, "TANGENT": 2, "NORMAL": 4}),
+        json!({"POSITION": 0, "TEXCOORD_0": 3, "TANGENT": 2, "NORMAL": 5}),
+    ];
+    for attributes in attributes {
+        let scene =
+            odd_triangle(|r| r["meshes"][0]["primitives"][0]["attributes"] = attributes.clone()).unwrap();
+        assert_eq!(scene.validate(), Ok(()), "{attributes}");
+        let is_told = scene
+            .warnings
+            .iter()
+            .any(|w| w.contains("tangents without a direction"));
+        assert_eq!(is_told, attributes["NORMAL"] == 5, "{:?}", scene.warnings);
+        let whit::scene::Geometry::Mesh(mesh) = &scene.geometries[0] else {
+            panic!("a mesh");
+        };
+        for [x, y, z, w] in mesh.tangents.as_ref().unwrap().iter() {
+            assert!(
+                (x * x + y * y + z * z - 1.0).abs() < 1e-6 && w.abs() == 1.0,
+                "{attributes}"
+            );
+        }
+    }
+    let few = odd_triangle(|r| {
+        r["accessors"][2]["count"] = json!(2);
+        let attributes = json!({"POSITION": 0, "TEXCOORD_0": 3, "TANGENT": 2, "NORMAL": 5});
+        r["meshes"][0]["primitives"][0]["attributes"] = attributes;
+    });
+    let sentence = few.map(|_| ()).unwrap_err().to_string();
+    assert_advice(&sentence, "2 tangents for 3 vertices", "export the file again");
+}
+
+#[test]
+fn a_mesh_without_the_normal_maps_coordinates_is_shown_without_it() {
+    let scene =
+        odd_triangle(|r| r["materials"][0]["normalTexture"]["texCoord"] = json!(4_000_000_000u32)).unwrap();
+    assert_eq!(scene.validate(), Ok(()));
+    assert!(scene.materials[0].layers.is_empty() && scene.images.is_empty());
+    assert!(
+        scene.warnings[0].contains("TEXCOORD_4000000000"),
+        "{:?}",
+        scene.warnings
+    );
+}
+
+#[test]
+fn extensions_that_are_carried_out_may_be_required_and_others_are_named() {
+    let required = json!([
+        "KHR_materials_dispersion",
+        "KHR_materials_ior",
+        "KHR_materials_specular",
+        "KHR_materials_transmission",
+        "KHR_materials_unlit",
+        "KHR_materials_volume",
+        "KHR_texture_transform"
+    ]);
+    let used = json!(["KHR_materials_ior", "KHR_materials_sheen", "X_y"]);
+    let scene = odd_triangle(|r| {
+        r["extensionsRequired"] = required;
+        r["extensionsUsed"] = used;
+        // Numbers that no scene accepts, all in range of JSON.
+        r["materials"][0]["extensions"] = json!({
+            "KHR_materials_ior": {"ior": -1e300}, "KHR_materials_dispersion": {"dispersion": 1e300},
+            "KHR_materials_transmission": {"transmissionFactor": 1e300},
+            "KHR_materials_volume": {"thicknessFactor": 1, "attenuationDistance": 1e-320, "attenuationColor": [0, 1, 2]},
+            "KHR_materials_specular": {"specularColorFactor": [1e300, 1, 1]}
+        });
+    })
+    .unwrap();
+    assert_eq!(scene.validate(), Ok(()));
+    let warned = |what: &str| scene.warnings.iter().filter(|w| w.contains(what)).count();
+    assert_eq!(
+        warned("KHR_materials_sheen was left out"),
+        1,
+        "{:?}",
+        scene.warnings
+    );
+    assert_eq!(
+        (warned("X_y is not known"), warned("outside their range")),
+        (1, 1)
+    );
+    let sentence = spoilt(|r| r["extensionsRequired"] = json!(["KHR_materials_clearcoat"]));
+    assert_advice(&sentence, "KHR_materials_clearcoat", "export the file without");
+}
+
+#[test]
+fn a_fan_of_a_hundred_thousand_triangles_with_a_normal_map_neither_hangs_nor_overflows() {
+    const COUNT: u32 = 100_000;
+    let mut bytes: Vec<u8> = [0f32; 3].iter().flat_map(|x| x.to_le_bytes()).collect();
+    for i in 0..=COUNT {
+        let angle = std::f32::consts::PI * i as f32 / COUNT as f32;
+        bytes.extend(
+            [angle.cos(), angle.sin(), 0.0]
+                .iter()
+                .flat_map(|x: &f32| x.to_le_bytes()),
+        );
+    }
+    let uri = data_uri(&bytes);
+    let scene = odd_triangle(|r| {
+        let count = COUNT + 2;
+        r["buffers"][0] = json!({"byteLength": bytes.len(), "uri": uri});
+        r["bufferViews"][0] = json!({"buffer": 0, "byteLength": bytes.len()});
+        r["bufferViews"]
+            .as_array_mut()
+            .unwrap()
+            .push(json!({"buffer": 0, "byteLength": bytes.len(), "byteStride": 12}));
+        r["accessors"][0]["count"] = json!(count);
+        r["accessors"][3] = json!({"bufferView": 1, "componentType": 5126, "count": count, "type": "VEC2"});
+        r["meshes"][0]["primitives"][0] =
+            json!({"attributes": {"POSITION": 0, "TEXCOORD_0": 3}, "mode": 6, "material": 0});
+    })
+    .unwrap();
+    assert_eq!(scene.validate(), Ok(()));
+    assert!(scene.triangle_count() as u32 > COUNT / 2);
+}

@@ -14,11 +14,21 @@ use super::buffer::Bytes;
 use super::map::map_file;
 
 /// Extensions whose meaning is carried out.
-const KNOWN: [&str; 3] = [
+const KNOWN: [&str; 10] = [
     "KHR_lights_punctual",
+    "KHR_materials_dispersion",
     "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
+    "KHR_texture_transform",
 ];
+
+/// How the names of extensions that refine a material begin.
+const MATERIAL_EXTENSION: &str = "KHR_materials_";
 
 /// A parsed file and the way to its bytes.
 pub(super) struct Document {
@@ -102,7 +112,11 @@ impl Document {
             return Err(GltfError::RequiredExtensions { file, names });
         }
         for name in unknown(&self.root.extensions_used) {
-            warnings.push(format!("the extension {name} is not known and was ignored"));
+            warnings.push(if name.starts_with(MATERIAL_EXTENSION) {
+                format!("the extension {name} was left out: materials are shown without it")
+            } else {
+                format!("the extension {name} is not known and was ignored")
+            });
         }
         Ok(())
     }

@@ -1,16 +1,20 @@
-//! Materials and the textures they use: glTF's metallic-roughness parameters, with only what is used carried over.
+//! Materials and the textures they use: glTF's metallic-roughness parameters and the extensions of them, with only what
+//! is used carried over.
 
 use std::collections::HashMap;
-use std::f32;
 
 use gltf::json;
 use json::texture::{MagFilter, MinFilter, WrappingMode};
 use json::validation::Checked;
+use serde_json::{Map, Value};
 
 use super::GltfError;
 use super::document::{Document, NO_IMAGE};
+use super::extension::{Corrections, Extension};
+use super::interior::interior;
+use super::slot::{Slot, slots};
 use crate::scene::{
-    Filter, Layer, Material, MetallicRoughness, Model, Parameter, Sampler, Texture, TextureUse, UvTransform,
+    AlphaMode, Filter, Layer, Material, MetallicRoughness, Model, Parameter, Sampler, Texture, TextureUse,
     Wrap,
 };
 
@@ -81,56 +85,36 @@ impl<'a> Materials<'a> {
                 "material `{name}` looks up TEXCOORD_{set}, which a mesh lacks: shown there without those textures"
             ));
         }
-        let pbr = &source.pbr_metallic_roughness;
-        let textures = [
-            (Parameter::BaseColor, &pbr.base_color_texture),
-            (Parameter::MetallicRoughness, &pbr.metallic_roughness_texture),
-            (Parameter::Emission, &source.emissive_texture),
-        ];
+        let mut corrections = Corrections::default();
         let mut layers = Vec::new();
-        for (parameter, info) in textures {
-            let info = info.as_ref().filter(|info| !lacks.contains(&info.tex_coord));
-            if let Some(texture) = info.map_or(Ok(None), |info| self.texture_use(info))? {
+        for slot in slots(source, &mut corrections) {
+            if lacks.contains(&slot.tex_coord) {
+                continue;
+            }
+            if let Some(texture) = self.texture_use(&slot)? {
                 layers.push(Layer {
-                    parameter,
+                    parameter: slot.parameter,
                     texture,
-                    strength: 1.0,
+                    strength: slot.strength,
                 });
             }
         }
-        let mut is_corrected = false;
-        let mut corrected = |x: f32, most: f32| {
-            let y = if x.is_nan() { 0.0 } else { x.clamp(0.0, most) };
-            is_corrected |= y != x;
-            y
-        };
-        let strength = emissive_strength(source);
         let material = Material {
-            model: Model::MetallicRoughness(MetallicRoughness {
-                metallic: corrected(pbr.metallic_factor.0, 1.0),
-                roughness: corrected(pbr.roughness_factor.0, 1.0),
-                ..MetallicRoughness::DEFAULT
-            }),
-            base_color: pbr.base_color_factor.0.map(|x| corrected(x, 1.0)),
-            emission: source
-                .emissive_factor
-                .0
-                .map(|x| corrected(x * strength, f32::MAX)),
             layers,
             name,
-            ..Material::default()
+            ..surface(source, &mut corrections)
         };
-        if is_corrected {
-            let name = &material.name;
+        if !corrections.names.is_empty() {
+            let (name, factors) = (&material.name, corrections.names.join(", "));
             self.warnings.push(format!(
-                "material `{name}` has factors outside their range: brought back into it"
+                "material `{name}` has factors outside their range ({factors}): brought back into it"
             ));
         }
         Ok(material)
     }
 
-    fn texture_use(&mut self, info: &json::texture::Info) -> Result<Option<TextureUse>, GltfError> {
-        let number = info.index.value();
+    fn texture_use(&mut self, slot: &Slot) -> Result<Option<TextureUse>, GltfError> {
+        let number = slot.texture;
         let textures = &self.document.root.textures;
         let Some(source) = textures.get(number) else {
             return Err(self.document.missing("texture", number, textures.len()));
@@ -159,8 +143,8 @@ impl<'a> Materials<'a> {
         };
         Ok(Some(TextureUse {
             texture,
-            tex_coord: info.tex_coord,
-            transform: UvTransform::IDENTITY,
+            tex_coord: slot.tex_coord,
+            transform: slot.transform,
         }))
     }
 
@@ -179,17 +163,21 @@ impl Document {
         let Some(number) = material else {
             return Ok(Vec::new());
         };
-        let material = self.material(number)?;
-        let pbr = &material.pbr_metallic_roughness;
-        let infos = [
-            &pbr.base_color_texture,
-            &pbr.metallic_roughness_texture,
-            &material.emissive_texture,
-        ];
-        let mut sets: Vec<u32> = infos.into_iter().flatten().map(|info| info.tex_coord).collect();
+        let slots = slots(self.material(number)?, &mut Corrections::default());
+        let mut sets: Vec<u32> = slots.iter().map(|slot| slot.tex_coord).collect();
         sets.sort_unstable();
         sets.dedup();
         Ok(sets)
+    }
+
+    /// The texture coordinate set of a material's normal map, if it has one.
+    pub(super) fn normal_map_set(&self, material: Option<usize>) -> Result<Option<u32>, GltfError> {
+        let Some(number) = material else {
+            return Ok(None);
+        };
+        let slots = slots(self.material(number)?, &mut Corrections::default());
+        let normal = slots.iter().find(|slot| slot.parameter == Parameter::Normal);
+        Ok(normal.map(|slot| slot.tex_coord))
     }
 
     fn material(&self, number: usize) -> Result<&json::Material, GltfError> {
@@ -220,7 +208,8 @@ impl Document {
         let filter = match (sampler.mag_filter, sampler.min_filter) {
             (Some(Checked::Valid(MagFilter::Nearest)), _) => Filter::Nearest,
             (None, Some(Checked::Valid(min))) if nearest_min.contains(&min) => Filter::Nearest,
-            _ => Filter::Linear,
+            (_, Some(Checked::Valid(MinFilter::Nearest | MinFilter::Linear))) => Filter::Linear,
+            _ => Filter::Mipmap,
         };
         Ok(Sampler {
             wrap_u: wrap(&sampler.wrap_s),
@@ -230,15 +219,280 @@ impl Document {
     }
 }
 
-/// The factor of `KHR_materials_emissive_strength`, 1 where it is absent or senseless.
-fn emissive_strength(material: &json::Material) -> f32 {
-    material
-        .extensions
-        .as_ref()
-        .and_then(|e| e.others.get("KHR_materials_emissive_strength"))
-        .and_then(|e| e.get("emissiveStrength"))
-        .and_then(|strength| strength.as_f64())
-        .map(|strength| strength as f32)
-        .filter(|strength| (0.0..f32::INFINITY).contains(strength))
-        .unwrap_or(1.0)
+/// A material's factors, without its name and its textures.
+fn surface(source: &json::Material, corrections: &mut Corrections) -> Material {
+    let extensions = source.extensions.as_ref().map(|e| &e.others);
+    let pbr = &source.pbr_metallic_roughness;
+    let base_color = pbr
+        .base_color_factor
+        .0
+        .map(|x| corrections.within("baseColorFactor", f64::from(x), 0.0..=1.0, 0.0) as f32);
+    let alpha = alpha_mode(source, corrections);
+    if Extension::of(extensions, "KHR_materials_unlit", corrections).is_present() {
+        return Material {
+            model: Model::Unlit,
+            base_color,
+            alpha,
+            ..Material::default()
+        };
+    }
+    let model = metallic_roughness(pbr, extensions, corrections);
+    let extension = Extension::of(extensions, "KHR_materials_emissive_strength", corrections);
+    let most = f64::from(f32::MAX);
+    let strength = extension.number("emissiveStrength", 1.0, 0.0..=most, corrections);
+    let emission = source.emissive_factor.0.map(|x| {
+        let x = corrections.within("emissiveFactor", f64::from(x), 0.0..=most, 0.0);
+        (x * strength).min(most) as f32
+    });
+    Material {
+        interior: interior(extensions, model.transmission > 0.0, corrections),
+        model: Model::MetallicRoughness(model),
+        base_color,
+        emission,
+        alpha,
+        ..Material::default()
+    }
+}
+
+fn metallic_roughness(
+    pbr: &json::material::PbrMetallicRoughness,
+    extensions: Option<&Map<String, Value>>,
+    corrections: &mut Corrections,
+) -> MetallicRoughness {
+    let mut core = |name, x: f32| corrections.within(name, f64::from(x), 0.0..=1.0, 0.0) as f32;
+    let metallic = core("metallicFactor", pbr.metallic_factor.0);
+    let roughness = core("roughnessFactor", pbr.roughness_factor.0);
+    let specular = Extension::of(extensions, "KHR_materials_specular", corrections);
+    let transmission = Extension::of(extensions, "KHR_materials_transmission", corrections);
+    let most = f64::from(f32::MAX);
+    let specular_color = specular.vector("specularColorFactor", [1.0; 3], 0.0..=most, corrections);
+    MetallicRoughness {
+        metallic,
+        roughness,
+        specular: specular.number("specularFactor", 1.0, 0.0..=1.0, corrections) as f32,
+        specular_color: specular_color.map(|x| x as f32),
+        transmission: transmission.number("transmissionFactor", 0.0, 0.0..=1.0, corrections) as f32,
+    }
+}
+
+fn alpha_mode(source: &json::Material, corrections: &mut Corrections) -> AlphaMode {
+    match source.alpha_mode {
+        Checked::Valid(json::material::AlphaMode::Opaque) => AlphaMode::Opaque,
+        Checked::Valid(json::material::AlphaMode::Mask) => {
+            let cutoff = f64::from(source.alpha_cutoff.unwrap_or_default().0);
+            let most = f64::from(f32::MAX);
+            AlphaMode::Mask(corrections.within("alphaCutoff", cutoff, 0.0..=most, 0.5) as f32)
+        }
+        Checked::Valid(json::material::AlphaMode::Blend) => AlphaMode::Blend,
+        Checked::Invalid => {
+            corrections.note("alphaMode");
+            AlphaMode::Opaque
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::gltf::document::of_json;
+    use crate::optics::{Cauchy, Dispersion};
+    use crate::scene::UvTransform;
+
+    struct Found {
+        material: Material,
+        warnings: Vec<String>,
+        /// Numbers of the images that would be decoded.
+        images: Vec<usize>,
+    }
+
+    /// What becomes of a material in a file with ten textures, each of the image of its number.
+    fn read(material: Value) -> Found {
+        let textures: Vec<Value> = (0..10).map(|i| json!({"source": i})).collect();
+        let images: Vec<Value> = (0..10).map(|i| json!({"uri": format!("{i}.png")})).collect();
+        let root = json!({"asset": {"version": "2.0"}, "materials": [material], "textures": textures, "images": images});
+        let document = of_json(&root);
+        let mut materials = Materials::new(&document);
+        assert_eq!(materials.index_of(Some(0), |_| true), Ok(0));
+        Found {
+            material: materials.materials.remove(0),
+            warnings: materials.warnings,
+            images: materials.images,
+        }
+    }
+
+    fn with_extensions(extensions: Value) -> Found {
+        read(json!({"extensions": extensions}))
+    }
+
+    fn model(found: &Found) -> MetallicRoughness {
+        match found.material.model {
+            Model::MetallicRoughness(model) => model,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn every_core_texture_is_a_layer_with_its_set_and_strength() {
+        let found = read(json!({
+            "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1, "texCoord": 1}},
+            "normalTexture": {"index": 2, "texCoord": 2, "scale": -0.5,
+                "extensions": {"KHR_texture_transform": {"offset": [1, 2], "texCoord": 4}}},
+            "occlusionTexture": {"index": 3, "texCoord": 3, "strength": 0.25,
+                "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}},
+            "emissiveTexture": {"index": 3}, "emissiveFactor": [1, 0, 0]
+        }));
+        assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+        let layer = |parameter| *found.material.layer(parameter).unwrap();
+        let identity = TextureUse::new(0);
+        assert_eq!(layer(Parameter::BaseColor).texture, identity);
+        let metallic = TextureUse {
+            texture: 1,
+            tex_coord: 1,
+            ..identity
+        };
+        assert_eq!(layer(Parameter::MetallicRoughness).texture, metallic);
+        let normal = layer(Parameter::Normal);
+        assert_eq!((normal.strength, normal.texture.tex_coord), (-0.5, 4));
+        assert_eq!(normal.texture.transform.offset, [1.0, 2.0]);
+        let occlusion = layer(Parameter::Occlusion);
+        assert_eq!((occlusion.strength, occlusion.texture.tex_coord), (0.25, 3));
+        assert_eq!(occlusion.texture.transform.matrix, [[2.0, 0.0], [0.0, 2.0]]);
+        assert_eq!(
+            layer(Parameter::Emission).texture.transform,
+            UvTransform::IDENTITY
+        );
+        assert_eq!(
+            layer(Parameter::Emission).texture.texture,
+            occlusion.texture.texture
+        );
+        assert_eq!(found.images, [0, 1, 3, 2]);
+    }
+
+    #[test]
+    fn coverage_is_opaque_masked_or_blended() {
+        let alpha = |material: Value| read(material).material.alpha;
+        assert_eq!(alpha(json!({})), AlphaMode::Opaque);
+        assert_eq!(alpha(json!({"alphaMode": "MASK"})), AlphaMode::Mask(0.5));
+        assert_eq!(
+            alpha(json!({"alphaMode": "MASK", "alphaCutoff": 2})),
+            AlphaMode::Mask(2.0)
+        );
+        assert_eq!(
+            alpha(json!({"alphaMode": "BLEND", "alphaCutoff": 2})),
+            AlphaMode::Blend
+        );
+        let odd = read(json!({"alphaMode": "SOLID"}));
+        assert_eq!(odd.material.alpha, AlphaMode::Opaque);
+        assert!(odd.warnings[0].contains("alphaMode"), "{:?}", odd.warnings);
+    }
+
+    #[test]
+    fn an_unlit_material_keeps_its_base_colour_alone() {
+        let found = read(json!({
+            "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0, 0.75], "baseColorTexture": {"index": 4}},
+            "normalTexture": {"index": 5}, "emissiveFactor": [1, 1, 1], "alphaMode": "BLEND",
+            "extensions": {"KHR_materials_unlit": {}, "KHR_materials_transmission": {"transmissionFactor": 1}}
+        }));
+        assert_eq!(found.material.model, Model::Unlit);
+        assert_eq!(found.material.base_color, [0.5, 0.25, 0.0, 0.75]);
+        assert_eq!(
+            (found.material.emission, found.material.alpha),
+            ([0.0; 3], AlphaMode::Blend)
+        );
+        assert_eq!((found.images, found.material.interior), (vec![4], None));
+    }
+
+    #[test]
+    fn specular_and_emissive_strength_are_read_with_their_textures() {
+        let found = read(json!({"emissiveFactor": [0.5, 0.25, 0], "extensions": {
+            "KHR_materials_emissive_strength": {"emissiveStrength": 8},
+            "KHR_materials_specular": {"specularFactor": 0.5, "specularTexture": {"index": 6},
+                "specularColorFactor": [0.1, 2, 1], "specularColorTexture": {"index": 7, "texCoord": 1,
+                "extensions": {"KHR_texture_transform": {"offset": [0, 1]}}}}
+        }}));
+        assert_eq!(found.material.emission, [4.0, 2.0, 0.0]);
+        assert_eq!(
+            (model(&found).specular, model(&found).specular_color),
+            (0.5, [0.1, 2.0, 1.0])
+        );
+        let color = found.material.layer(Parameter::SpecularColor).unwrap().texture;
+        assert_eq!(
+            (color.texture, color.tex_coord, color.transform.offset),
+            (1, 1, [0.0, 1.0])
+        );
+        assert_eq!(
+            found.material.layer(Parameter::Specular).unwrap().texture.texture,
+            0
+        );
+        assert_eq!(found.images, [6, 7]);
+    }
+
+    #[test]
+    fn what_transmits_has_an_interior() {
+        let thin = with_extensions(json!({
+            "KHR_materials_transmission": {"transmissionFactor": 0.5, "transmissionTexture": {"index": 8}}
+        }));
+        assert_eq!(model(&thin).transmission, 0.5);
+        assert!(thin.material.interior.unwrap().is_thin && thin.material.transmits());
+        assert_eq!(thin.images, [8]);
+        let body = with_extensions(json!({
+            "KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.7},
+            "KHR_materials_volume": {"thicknessFactor": 1, "thicknessTexture": {"index": 9}},
+            "KHR_materials_dispersion": {"dispersion": 0.3}
+        }));
+        let interior = body.material.interior.unwrap();
+        assert!(!interior.is_thin);
+        assert_eq!(interior.ior, Dispersion::Cauchy(Cauchy::from_gltf(1.7, 0.3)));
+        assert!(body.images.is_empty(), "the way through the body is traced");
+    }
+
+    #[test]
+    fn textures_that_cannot_show_are_not_decoded() {
+        let found = read(json!({
+            "emissiveTexture": {"index": 0}, "occlusionTexture": {"index": 1, "strength": 0},
+            "extensions": {
+                "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatTexture": {"index": 2}},
+                "KHR_materials_transmission": {"transmissionTexture": {"index": 3}},
+                "KHR_materials_specular": {"specularFactor": 0, "specularTexture": {"index": 4}}
+            }
+        }));
+        assert!(found.images.is_empty() && found.material.layers.is_empty());
+    }
+
+    #[test]
+    fn absurd_factors_are_corrected_with_one_warning_that_names_them() {
+        let found = read(json!({
+            "pbrMetallicRoughness": {"roughnessFactor": 7}, "normalTexture": {"index": 0, "scale": 1e39},
+            "emissiveFactor": [-1, 0, 0], "occlusionTexture": {"index": 1, "strength": -1e39},
+            "extensions": {
+                "KHR_materials_specular": {"specularFactor": "much", "specularColorFactor": [-1, 1]},
+                "KHR_materials_transmission": {"transmissionFactor": 3, "transmissionTexture": 5},
+                "KHR_materials_volume": {"thicknessFactor": 1, "attenuationDistance": -2},
+                "KHR_materials_ior": {"ior": 1e9}, "KHR_materials_emissive_strength": 4
+            }
+        }));
+        let [warning] = &found.warnings[..] else {
+            panic!("{:?}", found.warnings);
+        };
+        for name in [
+            "roughnessFactor",
+            "scale",
+            "strength",
+            "emissiveFactor",
+            "specularFactor",
+            "specularColorFactor",
+            "transmissionFactor",
+            "transmissionTexture",
+            "attenuationDistance",
+            "ior",
+            "KHR_materials_emissive_strength",
+        ] {
+            assert!(warning.contains(name), "{name}: {warning}");
+        }
+        assert_eq!(found.material.layer(Parameter::Normal).unwrap().strength, 1.0);
+        assert_eq!((model(&found).roughness, model(&found).transmission), (1.0, 1.0));
+        assert_eq!(found.material.emission, [0.0; 3]);
+    }
 }

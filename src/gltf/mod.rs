@@ -5,9 +5,10 @@
 //! and numbers are checked before use, and what is wrong is said in one sentence with the file, the item and a remedy.
 //!
 //! Read are triangles (lists, strips, fans), node transforms, metallic-roughness materials with their textures (PNG,
-//! JPEG), vertex colours, cameras and the extensions `KHR_lights_punctual`, `KHR_materials_emissive_strength` and
-//! `KHR_mesh_quantization`. Skins show the mesh where its node stands, morph targets their base; points and lines are
-//! skipped, each with a warning.
+//! JPEG), vertex colours, tangents, cameras and the extensions listed in `document.rs`. Where a normal map has no
+//! tangents they are made by MikkTSpace. Skins show the mesh where its node stands, morph targets their base; points
+//! and lines are skipped, each with a warning. Both sides of every surface are shown, whether `doubleSided` or not: a
+//! ray tracer that culled back faces would lose the far sides of mirrors and the exits of glass.
 //!
 //! A file without a camera gets one that frames its bounds: 45 degrees high, seen from the front, slightly right and
 //! above. A file without lights gets white sunlight of ¾ π lux from behind the camera's left shoulder and surroundings of
@@ -17,11 +18,14 @@ mod accessor;
 mod buffer;
 mod document;
 mod error;
+mod extension;
 mod image;
+mod interior;
 mod map;
 mod material;
 mod node;
 mod primitive;
+mod slot;
 mod view;
 
 use std::collections::HashMap;

@@ -169,6 +169,26 @@ impl Reader<'_> {
                 .resize_with(mesh.tex_coords.len().max(set as usize + 1), Slab::default);
             mesh.tex_coords[set as usize] = self.finite(values, "texture coordinates");
         }
+        match self.document.normal_map_set(material)? {
+            Some(set) => self.add_tangents(mesh, set as usize),
+            None => Ok(()),
+        }
+    }
+
+    /// Tangents for the normal map on a set of texture coordinates; where the mesh lacks the set the map is left out.
+    fn add_tangents(&mut self, mesh: &mut Mesh, set: usize) -> Result<(), GltfError> {
+        if mesh.tex_coords.get(set).is_none_or(|set| set.is_empty()) {
+            return Ok(());
+        }
+        // Tangents without normals are to be ignored (glTF 2.0, 3.7.2.1).
+        let accessor = self.attribute(Semantic::Tangents);
+        if let Some(accessor) = accessor.filter(|_| mesh.normals.is_some()) {
+            let tangents = self.vectors::<4>(accessor, mesh.positions.len(), "tangents")?;
+            mesh.tangents = self.unit_tangents(tangents, &mesh.triangles);
+        }
+        if mesh.tangents.is_none() {
+            *mesh = mesh.with_tangents(set);
+        }
         Ok(())
     }
 
@@ -222,25 +242,36 @@ impl Reader<'_> {
 
     /// Normals of unit length; `None`, for flat shading, where a triangle uses one without a direction.
     fn unit_normals(&mut self, normals: Slab<[f32; 3]>, triangles: &[[u32; 3]]) -> Option<Slab<[f32; 3]>> {
-        // Interpolation normalises again, so the rounding of 8-bit normals may stay.
-        const TOLERANCE: f32 = 1.0 / 64.0;
-        let square = |n: &[f32; 3]| n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-        let is_unit = |n: &[f32; 3]| (square(n) - 1.0).abs() <= TOLERANCE;
-        if normals.par_iter().with_min_len(1 << 14).all(is_unit) {
+        if normals
+            .par_iter()
+            .with_min_len(1 << 14)
+            .all(|&n| is_nearly_unit(n))
+        {
             return Some(normals);
         }
-        let unit: Vec<[f32; 3]> = normals
-            .par_iter()
-            .map(|&n| {
-                glam::DVec3::from_array(n.map(f64::from))
-                    .normalize_or_zero()
-                    .as_vec3()
-                    .to_array()
-            })
-            .collect();
+        let unit: Vec<[f32; 3]> = normals.par_iter().map(|&n| unit_or_zero(n)).collect();
         let is_bad = |v: &u32| unit[*v as usize] == [0.0; 3];
         if triangles.iter().flatten().any(is_bad) {
             self.warn("has normals without a direction: shaded flat");
+            return None;
+        }
+        Some(Slab::from(unit))
+    }
+
+    /// Tangents of unit length with a handedness of 1 or -1; `None` where a triangle uses one without a direction.
+    fn unit_tangents(&mut self, tangents: Slab<[f32; 4]>, triangles: &[[u32; 3]]) -> Option<Slab<[f32; 4]>> {
+        let is_sound = |&[x, y, z, w]: &[f32; 4]| is_nearly_unit([x, y, z]) && w.abs() == 1.0;
+        if tangents.par_iter().with_min_len(1 << 14).all(is_sound) {
+            return Some(tangents);
+        }
+        let unit = |&[x, y, z, w]: &[f32; 4]| {
+            let [x, y, z] = unit_or_zero([x, y, z]);
+            [x, y, z, if w.is_nan() { 0.0 } else { w.signum() }]
+        };
+        let unit: Vec<[f32; 4]> = tangents.par_iter().map(unit).collect();
+        let is_bad = |v: &u32| unit[*v as usize][..3] == [0.0; 3] || unit[*v as usize][3] == 0.0;
+        if triangles.iter().flatten().any(is_bad) {
+            self.warn("has tangents without a direction: made afresh");
             return None;
         }
         Some(Slab::from(unit))
@@ -262,6 +293,21 @@ impl Reader<'_> {
         self.document
             .fault(self.document.primitive_item(self.id), fault, EXPORT_AGAIN)
     }
+}
+
+/// Whether a direction may stay as it is: interpolation normalises again, so the rounding of 8-bit directions may stay.
+fn is_nearly_unit(n: [f32; 3]) -> bool {
+    const TOLERANCE: f32 = 1.0 / 64.0;
+    let square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
+    (square - 1.0).abs() <= TOLERANCE
+}
+
+/// The direction made unit, zero where it has none.
+fn unit_or_zero(n: [f32; 3]) -> [f32; 3] {
+    glam::DVec3::from_array(n.map(f64::from))
+        .normalize_or_zero()
+        .as_vec3()
+        .to_array()
 }
 
 /// What was dropped, as the end of a sentence.

@@ -2,6 +2,7 @@
 
 pub mod lanes;
 mod slab;
+mod tangents;
 pub mod triangle;
 
 use glam::{DVec3, Vec3};

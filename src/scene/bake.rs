@@ -11,6 +11,7 @@ use crate::mesh::{Mesh, Slab};
 use crate::numeric;
 
 /// The mesh moved by `map`: normals stay outside, and a mirroring map swaps the windings so that front stays front.
+/// Tangents move along; their handedness is turned by a mirroring map, because the normals are not.
 pub(crate) fn bake_mesh(mesh: &Mesh, map: &DAffine3) -> Mesh {
     let normal = |n: &[f32; 3]| {
         numeric::transform_normal(&map.matrix3, Vec3::from(*n).as_dvec3())
@@ -18,6 +19,12 @@ pub(crate) fn bake_mesh(mesh: &Mesh, map: &DAffine3) -> Mesh {
             .to_array()
     };
     let is_mirrored = map.matrix3.determinant() < 0.0;
+    let handedness = if is_mirrored { -1.0 } else { 1.0 };
+    let tangent = |&[x, y, z, w]: &[f32; 4]| {
+        let t = Vec3::new(x, y, z).as_dvec3();
+        let moved = (map.matrix3 * t).try_normalize().unwrap_or(t);
+        moved.as_vec3().extend(w * handedness).to_array()
+    };
     Mesh {
         triangles: if is_mirrored {
             let swapped = |&[a, b, c]: &[u32; 3]| [a, c, b];
@@ -28,6 +35,12 @@ pub(crate) fn bake_mesh(mesh: &Mesh, map: &DAffine3) -> Mesh {
         normals: match &mesh.normals {
             Some(normals) if map.matrix3 != DMat3::IDENTITY => {
                 Some(Slab::from(normals.par_iter().map(normal).collect::<Vec<_>>()))
+            }
+            kept => kept.clone(),
+        },
+        tangents: match &mesh.tangents {
+            Some(tangents) if map.matrix3 != DMat3::IDENTITY => {
+                Some(Slab::from(tangents.par_iter().map(tangent).collect::<Vec<_>>()))
             }
             kept => kept.clone(),
         },
@@ -113,6 +126,7 @@ mod tests {
             positions: Slab::from(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
             triangles: Slab::from(vec![[0, 1, 2]]),
             normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; 3])),
+            tangents: Some(Slab::from(vec![[1.0, 0.0, 0.0, 1.0]; 3])),
             ..Mesh::default()
         }
     }
@@ -127,6 +141,17 @@ mod tests {
         assert_eq!(baked.normals.as_ref().unwrap()[0], [0.0, 0.0, 1.0]);
         let [a, b, c] = baked.corners_f64(0);
         assert_eq!((b - a).cross(c - a), DVec3::new(0.0, 0.0, 2.0));
+    }
+
+    #[test]
+    fn tangents_move_along_and_a_mirror_turns_their_handedness() {
+        let tangent = |map: &DAffine3| bake_mesh(&triangle(), map).tangents.unwrap()[0];
+        // x goes to -x, and n x t = z x -x = -y: the bitangent, which stays y, is the other way.
+        let mirror = DAffine3::from_scale(DVec3::new(-2.0, 1.0, 1.0));
+        assert_eq!(tangent(&mirror), [-1.0, 0.0, 0.0, -1.0]);
+        // A shear takes x to (3, 4) / 5.
+        let shear = DMat3::from_cols(DVec3::new(3.0, 4.0, 0.0), DVec3::Y, DVec3::Z);
+        assert_eq!(tangent(&DAffine3::from_mat3(shear)), [0.6, 0.8, 0.0, 1.0]);
     }
 
     #[test]

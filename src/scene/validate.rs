@@ -270,11 +270,14 @@ fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
     }
     let optional = [
         mesh.normals.as_ref().map(|n| bytemuck::cast_slice(&n[..])),
+        mesh.tangents.as_ref().map(|t| bytemuck::cast_slice(&t[..])),
         mesh.colors.as_ref().map(|c| bytemuck::cast_slice(&c[..])),
     ];
     let sets = mesh.tex_coords.iter().map(|set| bytemuck::cast_slice(&set[..]));
     if !optional.into_iter().flatten().chain(sets).all(all_finite) {
-        return Err("has a normal, colour or texture coordinate that is not finite: correct it".into());
+        return Err(
+            "has a normal, tangent, colour or texture coordinate that is not finite: correct it".into(),
+        );
     }
     Ok(survey.bounds)
 }
@@ -299,9 +302,12 @@ fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
         Geometry::Mesh(mesh) => {
             let count = mesh.positions.len();
             let normals = mesh.normals.as_ref().map_or(count, |n| n.len());
+            let tangents = mesh.tangents.as_ref().map_or(count, |t| t.len());
             let colors = mesh.colors.as_ref().map_or(count, |c| c.len());
-            if normals != count || colors != count {
-                return Err("has not as many normals or colours as vertices: give one for each".into());
+            if [normals, tangents, colors] != [count; 3] {
+                return Err(
+                    "has not as many normals, tangents or colours as vertices: give one for each".into(),
+                );
             }
             vertex_range()
         }
@@ -521,7 +527,7 @@ mod tests {
     #[test]
     fn every_fault_is_found_and_its_item_named() {
         type Break = fn(&mut Scene);
-        let breaks: [(&str, Break); 30] = [
+        let breaks: [(&str, Break); 32] = [
             ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 3]])),
             ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 1]])),
             ("geometry 0", |s| {
@@ -532,6 +538,12 @@ mod tests {
             }),
             ("geometry 0", |s| {
                 mesh(s).normals = Some(Slab::from(vec![[f32::NAN; 3]; 3]))
+            }),
+            ("geometry 0", |s| {
+                mesh(s).tangents = Some(Slab::from(vec![[1.0; 4]; 4]))
+            }),
+            ("geometry 0", |s| {
+                mesh(s).tangents = Some(Slab::from(vec![[f32::NAN; 4]; 3]))
             }),
             ("geometry 0", |s| {
                 mesh(s).colors = Some(Slab::from(vec![[f32::INFINITY; 4]; 3]))

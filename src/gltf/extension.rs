@@ -1,0 +1,157 @@
+//! What extensions add to materials and textures, read from raw JSON.
+//!
+//! A member that is absent has the extension's default. One of the wrong type or out of its range is corrected and
+//! noted: an extension refines a picture and is no reason to refuse it.
+
+use std::ops::RangeInclusive;
+
+use gltf::json;
+use serde_json::{Map, Value};
+
+/// Names of factors that had to be corrected, each once.
+#[derive(Default)]
+pub(super) struct Corrections {
+    pub(super) names: Vec<&'static str>,
+}
+
+impl Corrections {
+    /// `x` brought into its range; `default` where it is not a number.
+    pub(super) fn within(
+        &mut self,
+        name: &'static str,
+        x: f64,
+        range: RangeInclusive<f64>,
+        default: f64,
+    ) -> f64 {
+        if range.contains(&x) {
+            return x;
+        }
+        self.note(name);
+        if x.is_nan() {
+            default
+        } else {
+            x.clamp(*range.start(), *range.end())
+        }
+    }
+
+    /// Remembers that a factor was corrected.
+    pub(super) fn note(&mut self, name: &'static str) {
+        if !self.names.contains(&name) {
+            self.names.push(name);
+        }
+    }
+}
+
+/// The members of an extension's object, or of none.
+#[derive(Clone, Copy)]
+pub(super) struct Extension<'a> {
+    members: Option<&'a Map<String, Value>>,
+}
+
+impl<'a> Extension<'a> {
+    /// The extension of this name among `all`.
+    pub(super) fn of(
+        all: Option<&'a Map<String, Value>>,
+        name: &'static str,
+        corrections: &mut Corrections,
+    ) -> Extension<'a> {
+        let members = all.and_then(|all| all.get(name)).and_then(|value| {
+            if !value.is_object() {
+                corrections.note(name);
+            }
+            value.as_object()
+        });
+        Extension { members }
+    }
+
+    pub(super) fn is_present(&self) -> bool {
+        self.members.is_some()
+    }
+
+    /// A number within `range`.
+    pub(super) fn number(
+        &self,
+        name: &'static str,
+        default: f64,
+        range: RangeInclusive<f64>,
+        corrections: &mut Corrections,
+    ) -> f64 {
+        let x = self.member(name).map_or(default, number);
+        corrections.within(name, x, range, default)
+    }
+
+    /// As many numbers as `default` has, each within `range`.
+    pub(super) fn vector<const N: usize>(
+        &self,
+        name: &'static str,
+        default: [f64; N],
+        range: RangeInclusive<f64>,
+        corrections: &mut Corrections,
+    ) -> [f64; N] {
+        let Some(value) = self.member(name) else {
+            return default;
+        };
+        let Some(values) = value.as_array().filter(|values| values.len() == N) else {
+            corrections.note(name);
+            return default;
+        };
+        std::array::from_fn(|i| corrections.within(name, number(&values[i]), range.clone(), default[i]))
+    }
+
+    /// An index, if there is one.
+    pub(super) fn index(&self, name: &'static str, corrections: &mut Corrections) -> Option<u32> {
+        let value = self.member(name)?;
+        let index = value.as_u64().and_then(|index| u32::try_from(index).ok());
+        if index.is_none() {
+            corrections.note(name);
+        }
+        index
+    }
+
+    /// A reference to a texture, if there is one.
+    pub(super) fn texture(
+        &self,
+        name: &'static str,
+        corrections: &mut Corrections,
+    ) -> Option<json::texture::Info> {
+        let info = json::deserialize::from_value(self.member(name)?.clone()).ok();
+        if info.is_none() {
+            corrections.note(name);
+        }
+        info
+    }
+
+    fn member(&self, name: &str) -> Option<&'a Value> {
+        self.members?.get(name)
+    }
+}
+
+/// The number, NaN for what is none.
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn senseless_members_get_their_default_and_numbers_outside_their_range_its_end() {
+        let all = json!({"X": {"a": "2", "b": 7, "c": [1, 2], "d": [1, "x", -1], "e": -1, "f": {"index": -1}}, "Y": 3});
+        let mut corrections = Corrections::default();
+        let x = Extension::of(all.as_object(), "X", &mut corrections);
+        let (unit, fixes) = (0.0..=1.0, &mut corrections);
+        assert_eq!(x.number("a", 0.5, unit.clone(), fixes), 0.5);
+        assert_eq!(x.number("b", 0.5, unit.clone(), fixes), 1.0);
+        assert_eq!(x.number("absent", 0.5, unit.clone(), fixes), 0.5);
+        assert_eq!(x.vector("c", [0.5; 3], unit.clone(), fixes), [0.5; 3]);
+        assert_eq!(x.vector("d", [0.5; 3], unit, fixes), [1.0, 0.5, 0.0]);
+        assert_eq!(x.index("e", fixes), None);
+        assert!(x.texture("f", fixes).is_none());
+        assert!(!Extension::of(all.as_object(), "Y", fixes).is_present());
+        assert!(!Extension::of(all.as_object(), "Z", fixes).is_present());
+        assert_eq!(corrections.names, ["a", "b", "c", "d", "e", "f", "Y"]);
+    }
+}

@@ -1,0 +1,150 @@
+//! What is inside a surface: `KHR_materials_ior`, `KHR_materials_volume` and `KHR_materials_dispersion`.
+//!
+//! A thickness of zero makes a wall that light crosses straight; any other makes a body. Its way through the body is
+//! traced, so how thick the file says it is does not matter.
+
+use serde_json::{Map, Value};
+
+use super::extension::{Corrections, Extension};
+use crate::optics::{Absorption, Cauchy, Dispersion, MIN_WAVELENGTH};
+use crate::scene::{DEFAULT_IOR, Interior};
+
+/// The largest index of refraction that a scene accepts.
+const MOST_IOR: f64 = 16.0;
+
+/// The inside of a material: of each that transmits, and of each that states an index.
+pub(super) fn interior(
+    extensions: Option<&Map<String, Value>>,
+    transmits: bool,
+    corrections: &mut Corrections,
+) -> Option<Interior> {
+    let stated = Extension::of(extensions, "KHR_materials_ior", corrections);
+    if !transmits && !stated.is_present() {
+        return None;
+    }
+    let ior = match stated.number("ior", DEFAULT_IOR, 0.0..=MOST_IOR, corrections) {
+        // The extension's way to ask for a surface that reflects everything; the largest index comes closest.
+        0.0 => MOST_IOR,
+        ior => corrections.within("ior", ior, 1.0..=MOST_IOR, DEFAULT_IOR),
+    };
+    let volume = Extension::of(extensions, "KHR_materials_volume", corrections);
+    let is_thin = volume.number("thicknessFactor", 0.0, 0.0..=f64::MAX, corrections) == 0.0;
+    let thin = Interior {
+        ior: Dispersion::Constant(ior),
+        absorption: Absorption::NONE,
+        priority: 0,
+        is_thin,
+    };
+    if is_thin {
+        return Some(thin);
+    }
+    Some(Interior {
+        ior: dispersion(extensions, ior, corrections),
+        absorption: absorption(&volume, corrections),
+        ..thin
+    })
+}
+
+fn dispersion(
+    extensions: Option<&Map<String, Value>>,
+    ior: f64,
+    corrections: &mut Corrections,
+) -> Dispersion {
+    let extension = Extension::of(extensions, "KHR_materials_dispersion", corrections);
+    let strength = extension.number("dispersion", 0.0, 0.0..=f64::MAX, corrections);
+    if strength == 0.0 {
+        return Dispersion::Constant(ior);
+    }
+    let cauchy = Cauchy::from_gltf(ior, strength);
+    if cauchy.ior(MIN_WAVELENGTH) <= MOST_IOR {
+        return Dispersion::Cauchy(cauchy);
+    }
+    corrections.note("dispersion");
+    Dispersion::Constant(ior)
+}
+
+fn absorption(volume: &Extension, corrections: &mut Corrections) -> Absorption {
+    let color = volume.vector("attenuationColor", [1.0; 3], 0.0..=1.0, corrections);
+    let any = f64::NEG_INFINITY..=f64::INFINITY;
+    let distance = volume.number("attenuationDistance", f64::INFINITY, any, corrections);
+    if distance <= 0.0 {
+        corrections.note("attenuationDistance");
+    }
+    Absorption::from_color(color, distance)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn read(extensions: Value, transmits: bool) -> (Option<Interior>, Vec<&'static str>) {
+        let mut corrections = Corrections::default();
+        let found = interior(extensions.as_object(), transmits, &mut corrections);
+        (found, corrections.names)
+    }
+
+    #[test]
+    fn a_surface_that_transmits_is_a_thin_wall_of_glass_by_default() {
+        let thin = Interior {
+            ior: Dispersion::Constant(1.5),
+            absorption: Absorption::NONE,
+            priority: 0,
+            is_thin: true,
+        };
+        assert_eq!(read(json!({}), true), (Some(thin), vec![]));
+        assert_eq!(read(json!({}), false), (None, vec![]));
+        let water = json!({"KHR_materials_ior": {"ior": 1.33}});
+        assert_eq!(
+            read(water, false).0.unwrap().ior,
+            Dispersion::Constant(1.33),
+            "its reflection depends on it"
+        );
+    }
+
+    #[test]
+    fn a_body_absorbs_and_disperses() {
+        let extensions = json!({
+            "KHR_materials_ior": {"ior": 1.6},
+            "KHR_materials_volume": {
+                "thicknessFactor": 1e-9, "attenuationColor": [1, 0.5, 0.25], "attenuationDistance": 2
+            },
+            "KHR_materials_dispersion": {"dispersion": 0.5}
+        });
+        let (found, names) = read(extensions, true);
+        let found = found.unwrap();
+        assert!(names.is_empty() && !found.is_thin, "{names:?}");
+        // sigma = -ln(color) / 2.
+        let ln2 = std::f64::consts::LN_2;
+        assert_eq!(found.absorption.sigma_a, [0.0, ln2 / 2.0, ln2]);
+        assert_eq!(found.ior, Dispersion::Cauchy(Cauchy::from_gltf(1.6, 0.5)));
+    }
+
+    #[test]
+    fn absurd_numbers_are_corrected_and_named() {
+        let glass = |volume: Value, ior: Value, dispersion: Value| {
+            let (found, names) = read(
+                json!({"KHR_materials_ior": {"ior": ior}, "KHR_materials_volume": volume,
+                    "KHR_materials_dispersion": {"dispersion": dispersion}}),
+                true,
+            );
+            let found = found.unwrap();
+            (found.ior, found.absorption, found.is_thin, names)
+        };
+        let body =
+            || json!({"thicknessFactor": 1, "attenuationColor": [0.5, 0.5, 0.5], "attenuationDistance": -1});
+        let (ior, absorption, is_thin, names) = glass(body(), json!(1e6), json!(-1));
+        assert_eq!((ior, absorption), (Dispersion::Constant(16.0), Absorption::NONE));
+        assert!(!is_thin);
+        assert_eq!(names, ["ior", "dispersion", "attenuationDistance"]);
+        let (ior, .., names) = glass(json!({"thicknessFactor": -3}), json!(0.2), json!(0));
+        assert_eq!(
+            (ior, names),
+            (Dispersion::Constant(1.0), vec!["ior", "thicknessFactor"])
+        );
+        let (ior, .., names) = glass(body(), json!(0), json!(1e9));
+        assert_eq!(ior, Dispersion::Constant(16.0));
+        assert_eq!(names, ["dispersion", "attenuationDistance"]);
+    }
+}

@@ -1,0 +1,197 @@
+//! The textures of a material: which parameter each changes, by which coordinates and how strongly.
+//!
+//! Only textures that can show are listed: an unlit surface has no use for a normal map, nor a factor of zero for a
+//! texture that multiplies it. What is not listed is not decoded.
+
+use gltf::json;
+use serde_json::{Map, Value};
+
+use super::extension::{Corrections, Extension};
+use crate::scene::{Parameter, UvTransform};
+
+/// A texture of a material, by the file's numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Slot {
+    pub(super) parameter: Parameter,
+    pub(super) texture: usize,
+    pub(super) tex_coord: u32,
+    pub(super) transform: UvTransform,
+    pub(super) strength: f32,
+}
+
+/// The textures that a material shows.
+pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<Slot> {
+    let pbr = &material.pbr_metallic_roughness;
+    let mut slots = Vec::new();
+    slots.extend(slot(Parameter::BaseColor, &pbr.base_color_texture, corrections));
+    let extensions = material.extensions.as_ref().map(|e| &e.others);
+    if Extension::of(extensions, "KHR_materials_unlit", corrections).is_present() {
+        return slots;
+    }
+    slots.extend(slot(
+        Parameter::MetallicRoughness,
+        &pbr.metallic_roughness_texture,
+        corrections,
+    ));
+    if material.emissive_factor.0 != [0.0; 3] {
+        slots.extend(slot(Parameter::Emission, &material.emissive_texture, corrections));
+    }
+    slots.extend(normal_slot(material, corrections));
+    slots.extend(occlusion_slot(material, corrections));
+    slots.extend(extension_slots(extensions, corrections));
+    slots
+}
+
+fn slot(
+    parameter: Parameter,
+    info: &Option<json::texture::Info>,
+    corrections: &mut Corrections,
+) -> Option<Slot> {
+    let info = info.as_ref()?;
+    let extensions = info.extensions.as_ref().map(|e| &e.others);
+    let (transform, tex_coord) = transform(extensions, info.tex_coord, corrections);
+    Some(Slot {
+        parameter,
+        texture: info.index.value(),
+        tex_coord,
+        transform,
+        strength: 1.0,
+    })
+}
+
+fn normal_slot(material: &json::Material, corrections: &mut Corrections) -> Option<Slot> {
+    let info = material.normal_texture.as_ref()?;
+    let extensions = info.extensions.as_ref().map(|e| &e.others);
+    let (transform, tex_coord) = transform(extensions, info.tex_coord, corrections);
+    if !info.scale.is_finite() {
+        corrections.note("scale");
+    }
+    Some(Slot {
+        parameter: Parameter::Normal,
+        texture: info.index.value(),
+        tex_coord,
+        transform,
+        strength: if info.scale.is_finite() { info.scale } else { 1.0 },
+    })
+}
+
+fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> Option<Slot> {
+    let info = material.occlusion_texture.as_ref()?;
+    let extensions = info.extensions.as_ref().map(|e| &e.others);
+    let (transform, tex_coord) = transform(extensions, info.tex_coord, corrections);
+    let strength = corrections.within("strength", f64::from(info.strength.0), 0.0..=1.0, 1.0);
+    (strength > 0.0).then_some(Slot {
+        parameter: Parameter::Occlusion,
+        texture: info.index.value(),
+        tex_coord,
+        transform,
+        strength: strength as f32,
+    })
+}
+
+/// Of the extensions that are carried out. The thickness texture of `KHR_materials_volume` stands in for the way
+/// through a body where that cannot be traced; here it can.
+fn extension_slots(extensions: Option<&Map<String, Value>>, corrections: &mut Corrections) -> Vec<Slot> {
+    let factors = [
+        (
+            "KHR_materials_specular",
+            "specularFactor",
+            1.0,
+            "specularTexture",
+            Parameter::Specular,
+        ),
+        (
+            "KHR_materials_transmission",
+            "transmissionFactor",
+            0.0,
+            "transmissionTexture",
+            Parameter::Transmission,
+        ),
+    ];
+    let mut slots = Vec::new();
+    for (name, factor, default, texture, parameter) in factors {
+        let extension = Extension::of(extensions, name, corrections);
+        if extension.number(factor, default, 0.0..=1.0, corrections) > 0.0 {
+            let info = extension.texture(texture, corrections);
+            slots.extend(slot(parameter, &info, corrections));
+        }
+    }
+    let specular = Extension::of(extensions, "KHR_materials_specular", corrections);
+    let info = specular.texture("specularColorTexture", corrections);
+    slots.extend(slot(Parameter::SpecularColor, &info, corrections));
+    slots
+}
+
+/// The map and the set of coordinates by `KHR_texture_transform`: scale, then rotation, then offset.
+///
+/// Texture coordinates run to the right and down, so the extension's counter-clockwise rotation takes (u, v) to
+/// (u cos + v sin, v cos - u sin). That is what its words, its test model and all viewers mean; the matrix that its
+/// text spells out turns the other way.
+fn transform(
+    extensions: Option<&Map<String, Value>>,
+    tex_coord: u32,
+    corrections: &mut Corrections,
+) -> (UvTransform, u32) {
+    const FINITE: std::ops::RangeInclusive<f64> = -(f32::MAX as f64)..=f32::MAX as f64;
+    let extension = Extension::of(extensions, "KHR_texture_transform", corrections);
+    if !extension.is_present() {
+        return (UvTransform::IDENTITY, tex_coord);
+    }
+    let offset = extension.vector("offset", [0.0; 2], FINITE, corrections);
+    let [across, down] = extension.vector("scale", [1.0; 2], FINITE, corrections);
+    let rotation = extension.number("rotation", 0.0, FINITE, corrections);
+    let (sin, cos) = rotation.sin_cos();
+    let matrix = [[cos * across, sin * down], [-sin * across, cos * down]];
+    let transform = UvTransform {
+        matrix: matrix.map(|row| row.map(|x| x as f32)),
+        offset: offset.map(|x| x as f32),
+    };
+    let set = extension.index("texCoord", corrections);
+    (transform, set.unwrap_or(tex_coord))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn transformed(members: Value, uv: [f32; 2]) -> [f32; 2] {
+        let all = json!({"KHR_texture_transform": members});
+        let (transform, _) = transform(all.as_object(), 0, &mut Corrections::default());
+        transform.apply(uv)
+    }
+
+    #[test]
+    fn coordinates_are_scaled_then_turned_then_moved() {
+        let eighth = std::f32::consts::FRAC_1_SQRT_2;
+        let near = |[u, v]: [f32; 2], expected: [f32; 2]| {
+            let error = (u - expected[0]).abs().max((v - expected[1]).abs());
+            assert!(error <= 4.0 * f32::EPSILON, "{u} {v}, not {expected:?}");
+        };
+        near(
+            transformed(json!({"scale": [2, 3], "offset": [0.5, -1]}), [1.0, 1.0]),
+            [2.5, 2.0],
+        );
+        // An eighth of a turn: u runs to the right and up, that is, along (cos, -sin).
+        let turn = json!({"rotation": std::f64::consts::FRAC_PI_4});
+        near(transformed(turn.clone(), [1.0, 0.0]), [eighth, -eighth]);
+        near(transformed(turn, [0.0, 1.0]), [eighth, eighth]);
+        // (1, 1) scaled to (2, 4), turned a quarter to (4, -2), moved to (5, -2).
+        let all = json!({"rotation": std::f64::consts::FRAC_PI_2, "scale": [2, 4], "offset": [1, 0]});
+        near(transformed(all, [1.0, 1.0]), [5.0, -2.0]);
+    }
+
+    #[test]
+    fn the_extensions_set_of_coordinates_overrides_the_textures() {
+        let all = json!({"KHR_texture_transform": {"texCoord": 3}});
+        assert_eq!(transform(all.as_object(), 1, &mut Corrections::default()).1, 3);
+        assert_eq!(transform(None, 1, &mut Corrections::default()).1, 1);
+        let mut corrections = Corrections::default();
+        let wrong = json!({"KHR_texture_transform": {"texCoord": "x", "offset": 1, "rotation": 1e300}});
+        let (found, set) = transform(wrong.as_object(), 1, &mut corrections);
+        assert_eq!((found.offset, set), ([0.0; 2], 1));
+        assert!(found.matrix.as_flattened().iter().all(|x| x.is_finite()));
+        assert_eq!(corrections.names, ["offset", "rotation", "texCoord"]);
+    }
+}

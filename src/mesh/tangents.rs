@@ -1,0 +1,337 @@
+//! Tangents where a file gives none: MikkTSpace (Mikkelsen, "Simulation of Wrinkled Surfaces Revisited", 2008), the
+//! frames that normal maps are baked for.
+//!
+//! The algorithm gives a tangent to every corner of every triangle. Corners of one vertex mostly agree; where they do
+//! not, along seams and mirrored halves, the vertex is split. Texture coordinates run downwards, the frames of normal
+//! maps upwards, so the second coordinate is negated.
+//!
+//! The library walks around a vertex by recursion and compares its triangles with each other. A mesh that makes this
+//! too deep or too long gets each triangle's own tangents instead.
+
+use std::collections::HashMap;
+
+use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
+use bytemuck::Pod;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::{Mesh, Slab};
+
+/// The most triangles around a vertex, which the recursion may be deep: a quarter of a megabyte of stack.
+const MOST_AROUND: u64 = 1024;
+/// Comparisons that are always allowed: a blink.
+const FREE_COMPARISONS: u64 = 1 << 24;
+/// Comparisons a corner; six triangles around every vertex need six.
+const COMPARISONS_A_CORNER: u64 = 32;
+
+impl Mesh {
+    /// The mesh with tangents by one of its sets of texture coordinates, which has a pair a vertex. A flat-shaded mesh
+    /// gets those of its flat normals. Vertices keep their numbers; splits are added behind them.
+    ///
+    /// Every index must be in range and every position and coordinate finite.
+    pub fn with_tangents(&self, set: usize) -> Mesh {
+        let mut corners = Corners {
+            mesh: self,
+            tex_coords: &self.tex_coords[set],
+            position_scale: scale_to_one(bytemuck::cast_slice(&self.positions)),
+            tex_coord_scale: scale_to_one(bytemuck::cast_slice(&self.tex_coords[set])),
+            tangents: vec![[[0.0; 4]; 3]; self.triangles.len()],
+        };
+        // It has no errors; what it leaves at zero is filled in below.
+        if !corners.is_crowded() && generate_tangents(&mut corners).is_err() {
+            corners.tangents.fill([[0.0; 4]; 3]);
+        }
+        let filled: Vec<[[f32; 4]; 3]> = (0..self.triangles.len())
+            .into_par_iter()
+            .map(|face| std::array::from_fn(|corner| corners.sound_tangent(face, corner)))
+            .collect();
+        self.split(&filled)
+    }
+
+    /// Gives each vertex the tangent of its corners, and a copy of it for every further one.
+    fn split(&self, tangents_of_triangles: &[[[f32; 4]; 3]]) -> Mesh {
+        const NONE_YET: [f32; 4] = [1.0, 0.0, 0.0, 0.0];
+        const UNUSED: [f32; 4] = [1.0, 0.0, 0.0, 1.0];
+        let vertex_count = self.positions.len();
+        let mut triangles = self.triangles.to_vec();
+        let mut tangents = vec![NONE_YET; vertex_count];
+        let mut copied: Vec<u32> = Vec::new();
+        let mut copies: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
+        let corners = triangles.as_flattened_mut().iter_mut();
+        for (vertex, &tangent) in corners.zip(tangents_of_triangles.as_flattened()) {
+            let first = &mut tangents[*vertex as usize];
+            if *first == NONE_YET {
+                *first = tangent;
+            }
+            // Numbers end at 2^32: a vertex that finds none left keeps its first tangent.
+            let Ok(next) = u32::try_from(vertex_count + copied.len()) else {
+                continue;
+            };
+            if *first != tangent {
+                let original = *vertex;
+                *vertex = *copies
+                    .entry((original, tangent.map(f32::to_bits)))
+                    .or_insert_with(|| {
+                        copied.push(original);
+                        tangents.push(tangent);
+                        next
+                    });
+            }
+        }
+        let unused = tangents.iter_mut().filter(|t| **t == NONE_YET);
+        unused.for_each(|t| *t = UNUSED);
+        let tangents = Some(Slab::from(tangents));
+        if copied.is_empty() {
+            return Mesh {
+                tangents,
+                ..self.clone()
+            };
+        }
+        Mesh {
+            positions: extended(&self.positions, &copied),
+            triangles: Slab::from(triangles),
+            normals: self.normals.as_ref().map(|n| extended(n, &copied)),
+            tangents,
+            tex_coords: self.tex_coords.iter().map(|t| extended(t, &copied)).collect(),
+            colors: self.colors.as_ref().map(|c| extended(c, &copied)),
+        }
+    }
+}
+
+/// The values with those of `copied` vertices behind them; none where there are none.
+fn extended<T: Pod>(values: &Slab<T>, copied: &[u32]) -> Slab<T> {
+    if values.is_empty() {
+        return values.clone();
+    }
+    let copies = copied.iter().map(|&v| values[v as usize]);
+    Slab::from(values.iter().copied().chain(copies).collect::<Vec<_>>())
+}
+
+/// The power of two that brings the largest value near 1, so that products of f32 neither overflow nor vanish.
+fn scale_to_one(values: &[f32]) -> f64 {
+    let largest = values.par_iter().with_min_len(1 << 16).map(|x| x.abs());
+    let largest = f64::from(largest.reduce(|| 0.0, f32::max));
+    if largest > 0.0 && largest < f64::INFINITY {
+        2f64.powi(-largest.log2().floor() as i32)
+    } else {
+        1.0
+    }
+}
+
+/// A mesh as the library sees it, and what it answers.
+struct Corners<'a> {
+    mesh: &'a Mesh,
+    tex_coords: &'a [[f32; 2]],
+    position_scale: f64,
+    tex_coord_scale: f64,
+    tangents: Vec<[[f32; 4]; 3]>,
+}
+
+impl Corners<'_> {
+    fn vertex(&self, face: usize, corner: usize) -> usize {
+        self.mesh.triangles[face][corner] as usize
+    }
+
+    /// Whether so many triangles share vertices that the library would take too deep a stack or too long. Vertices are
+    /// shared whose position, normal and texture coordinates are the same.
+    fn is_crowded(&self) -> bool {
+        let face_count = self.mesh.triangles.len();
+        if (face_count as u64) <= MOST_AROUND {
+            return false;
+        }
+        let mut around: HashMap<[u32; 8], u64> = HashMap::new();
+        for (face, corner) in (0..face_count).flat_map(|face| (0..3).map(move |corner| (face, corner))) {
+            let ([x, y, z], [a, b, c]) = (self.position(face, corner), self.normal(face, corner));
+            let [u, v] = self.tex_coord(face, corner);
+            let key = [x, y, z, a, b, c, u, v].map(f32::to_bits);
+            *around.entry(key).or_insert(0) += 1;
+        }
+        let comparisons: u64 = around.values().map(|n| n * n).sum();
+        let allowed = FREE_COMPARISONS + COMPARISONS_A_CORNER * 3 * face_count as u64;
+        comparisons > allowed || around.values().any(|&n| n > MOST_AROUND)
+    }
+
+    /// The tangent that the library gave a corner; where it gave none, the triangle's own; where texture coordinates
+    /// have no direction, any across the normal.
+    fn sound_tangent(&self, face: usize, corner: usize) -> [f32; 4] {
+        let [x, y, z, handedness] = self.tangents[face][corner];
+        // Unit vectors or zero come from the library.
+        if handedness != 0.0 && Vec3::new(x, y, z).length_squared() > 0.5 {
+            return [x, y, z, handedness];
+        }
+        let n = DVec3::from_array(self.normal(face, corner).map(f64::from)).normalize_or(DVec3::Z);
+        let (along, handedness) = self.own_tangent(face);
+        let across = along - n * n.dot(along);
+        let tangent = across.try_normalize().unwrap_or(n.any_orthonormal_vector());
+        tangent.as_vec3().extend(handedness).to_array()
+    }
+
+    /// The direction in which a triangle's first texture coordinate grows, and the side its second one grows to.
+    fn own_tangent(&self, face: usize) -> (DVec3, f32) {
+        let p = [0, 1, 2].map(|corner| DVec3::from_array(self.position(face, corner).map(f64::from)));
+        let t = [0, 1, 2].map(|corner| self.tex_coord(face, corner).map(f64::from));
+        let [[u1, v1], [u2, v2]] = [1, 2].map(|i| [t[i][0] - t[0][0], t[i][1] - t[0][1]]);
+        let side = if u1 * v2 - v1 * u2 < 0.0 { -1.0 } else { 1.0 };
+        (((p[1] - p[0]) * v2 - (p[2] - p[0]) * v1) * f64::from(side), side)
+    }
+}
+
+impl Geometry for Corners<'_> {
+    fn num_faces(&self) -> usize {
+        self.mesh.triangles.len()
+    }
+
+    fn num_vertices_of_face(&self, _face: usize) -> usize {
+        3
+    }
+
+    fn position(&self, face: usize, corner: usize) -> [f32; 3] {
+        let p = self.mesh.positions[self.vertex(face, corner)];
+        // Adding zero makes one of its two kinds, which the library tells apart.
+        p.map(|x| (f64::from(x) * self.position_scale) as f32 + 0.0)
+    }
+
+    fn normal(&self, face: usize, corner: usize) -> [f32; 3] {
+        match &self.mesh.normals {
+            Some(normals) => normals[self.vertex(face, corner)],
+            None => {
+                let [a, b, c] = self.mesh.corners_f64(face as u32);
+                (b - a).cross(c - a).normalize_or(DVec3::Z).as_vec3().to_array()
+            }
+        }
+    }
+
+    fn tex_coord(&self, face: usize, corner: usize) -> [f32; 2] {
+        let [u, v] = self.tex_coords[self.vertex(face, corner)];
+        [u, -v].map(|x| (f64::from(x) * self.tex_coord_scale) as f32 + 0.0)
+    }
+
+    fn set_tangent(&mut self, space: Option<TangentSpace>, face: usize, corner: usize) {
+        if let Some(space) = space {
+            self.tangents[face][corner] = space.tangent_encoded();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A square in the plane z = 0 of two triangles with shared corners; texture coordinates right and down, as an
+    /// image hangs.
+    fn square() -> Mesh {
+        Mesh {
+            positions: Slab::from(vec![[0.0, 1.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]),
+            triangles: Slab::from(vec![[0, 1, 2], [0, 2, 3]]),
+            normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; 4])),
+            tex_coords: vec![Slab::from(vec![[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]])],
+            ..Mesh::default()
+        }
+    }
+
+    fn tangents(mesh: &Mesh) -> &[[f32; 4]] {
+        mesh.tangents.as_ref().unwrap()
+    }
+
+    #[test]
+    fn an_upright_image_has_its_tangent_to_the_right_and_its_bitangent_up() {
+        // n x t = z x x = y, up.
+        let mesh = square().with_tangents(0);
+        assert_eq!(tangents(&mesh), [[1.0, 0.0, 0.0, 1.0]; 4]);
+        let flat = Mesh {
+            normals: None,
+            ..square()
+        };
+        assert_eq!(tangents(&flat.with_tangents(0)), [[1.0, 0.0, 0.0, 1.0]; 4]);
+    }
+
+    #[test]
+    fn very_large_and_very_small_meshes_and_textures_have_the_same_tangents() {
+        for (scale, tex_scale) in [(1e-38f32, 1e-38f32), (1e38, 1e38), (1e-38, 1e38)] {
+            let scaled = Mesh {
+                positions: Slab::from(square().positions.map_all(|x| x * scale)),
+                tex_coords: vec![Slab::from(square().tex_coords[0].map_all(|x| x * tex_scale))],
+                ..square()
+            };
+            assert_eq!(tangents(&scaled.with_tangents(0)), [[1.0, 0.0, 0.0, 1.0]; 4]);
+        }
+    }
+
+    trait MapAll<const N: usize> {
+        fn map_all(&self, f: impl Fn(f32) -> f32) -> Vec<[f32; N]>;
+    }
+
+    impl<const N: usize> MapAll<N> for Slab<[f32; N]>
+    where
+        [f32; N]: Pod,
+    {
+        fn map_all(&self, f: impl Fn(f32) -> f32) -> Vec<[f32; N]> {
+            self.iter().map(|x| x.map(&f)).collect()
+        }
+    }
+
+    #[test]
+    fn a_vertex_is_split_where_the_texture_is_mirrored_and_keeps_its_attributes() {
+        // The second triangle's image is mirrored about the shared edge from vertex 0 to vertex 2.
+        let mesh = Mesh {
+            tex_coords: vec![Slab::from(vec![[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.0, 1.0]])],
+            colors: Some(Slab::from([0.1, 0.2, 0.3, 0.4].map(|x| [x; 4]).to_vec())),
+            ..square()
+        };
+        let split = mesh.with_tangents(0);
+        assert_eq!(split.positions.len(), 6);
+        assert_eq!(split.triangles[..], [[0, 1, 2], [4, 5, 3]]);
+        for (copy, original) in [(4, 0), (5, 2)] {
+            assert_eq!(split.positions[copy], mesh.positions[original]);
+            assert_eq!(split.normals.as_ref().unwrap()[copy], [0.0, 0.0, 1.0]);
+            assert_eq!(split.tex_coords[0][copy], mesh.tex_coords[0][original]);
+            assert_eq!(
+                split.colors.as_ref().unwrap()[copy],
+                [[0.1, 0.3][original / 2]; 4]
+            );
+        }
+        assert_eq!(tangents(&split)[..3], [[1.0, 0.0, 0.0, 1.0]; 3]);
+        // There u grows downwards and v to the right, so that the image's up is to the left; n x t = z x -y = x.
+        assert_eq!(tangents(&split)[3..], [[0.0, -1.0, 0.0, -1.0]; 3]);
+    }
+
+    #[test]
+    fn texture_coordinates_without_an_area_still_give_unit_tangents_across_the_normal() {
+        let mesh = Mesh {
+            tex_coords: vec![Slab::from(vec![[0.5, 0.5]; 4])],
+            ..square()
+        };
+        for &[x, y, z, w] in tangents(&mesh.with_tangents(0)) {
+            assert!(z == 0.0 && (x.hypot(y) - 1.0).abs() <= f32::EPSILON && w.abs() == 1.0);
+        }
+    }
+
+    /// A flat fan of `count` triangles around vertex 0, with the plane's own coordinates as texture coordinates.
+    fn fan(count: u32) -> Mesh {
+        let rim = (0..=count).map(|i| std::f64::consts::PI * f64::from(i) / f64::from(count));
+        let rim = rim.map(|angle| [angle.cos() as f32, angle.sin() as f32, 0.0]);
+        let positions: Vec<[f32; 3]> = std::iter::once([0.0; 3]).chain(rim).collect();
+        Mesh {
+            tex_coords: vec![Slab::from(
+                positions.iter().map(|p| [p[0], -p[1]]).collect::<Vec<_>>(),
+            )],
+            normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; positions.len()])),
+            positions: Slab::from(positions),
+            triangles: Slab::from((0..count).map(|i| [0, i + 1, i + 2]).collect::<Vec<_>>()),
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn a_crowded_vertex_overflows_no_stack_and_takes_no_quadratic_time() {
+        const STACK: usize = 1 << 18;
+        for count in [MOST_AROUND as u32, MOST_AROUND as u32 + 1, 100_000] {
+            let on_a_small_stack = std::thread::Builder::new().stack_size(STACK);
+            let made = on_a_small_stack.spawn(move || fan(count).with_tangents(0));
+            let mesh = made.unwrap().join().unwrap();
+            for &[x, .., w] in tangents(&mesh) {
+                assert!(x > 0.999 && w == 1.0, "{count} triangles: {x} {w}");
+            }
+        }
+    }
+}

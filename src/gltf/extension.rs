@@ -76,7 +76,7 @@ impl<'a> Extension<'a> {
         range: RangeInclusive<f64>,
         corrections: &mut Corrections,
     ) -> f64 {
-        let x = self.member(name).map_or(default, |value| number(value));
+        let x = self.member(name).map_or(default, number);
         corrections.within(name, x, range, default)
     }
 

@@ -15,6 +15,7 @@ mod samples;
 mod shade;
 mod shape_point;
 mod surface;
+mod texturing;
 mod tinted;
 mod transparent;
 mod wave;
@@ -38,11 +39,13 @@ use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::{Body, MediaStack, SpectralSampler};
 use crate::scene::{Background, Camera, CameraView, Material, Model, Scene};
 use crate::shading::MaterialFeatures;
+use crate::shading::ray_cone::Cone;
 use adaptive::{Estimate, ROUND};
 use film::Tile;
 use outcome::Traced;
 use sampler::{Layout, PacketShape, SampleGroup};
 use surface::{SurfaceScene, Surfaces};
+use texturing::Widths;
 use wave::{TilePicture, Wave};
 
 /// Most tiles that one thread takes in a row: few enough that no thread is left with much when the others are done.
@@ -146,6 +149,10 @@ struct Frame<'s> {
     spectrum: SpectralSampler,
     /// The bodies around the camera.
     media_at_eye: MediaStack,
+    /// How wide a camera ray is.
+    camera_cone: Cone,
+    /// Whether the width of rays counts: some texture is averaged over it.
+    filters: bool,
 }
 
 /// Renders `scene` as `camera` sees it, in the current rayon pool. `None` if it was cancelled.
@@ -256,6 +263,20 @@ impl RenderSettings {
         (estimates + aovs) as u64 + self.filter.bytes_per_pixel()
     }
 
+    /// The cone of one sample: a pixel's, by the root of its samples narrower each way.
+    fn camera_cone(&self, view: &CameraView) -> Cone {
+        let pixel = Cone::of_pixel(view, [0.5, 0.5], [self.width, self.height]);
+        let samples = match self.target() {
+            Some(_) => ROUND,
+            None => self.spp,
+        };
+        let part = f64::from(samples).sqrt().recip();
+        Cone {
+            width: pixel.width * part,
+            spread: pixel.spread * part,
+        }
+    }
+
     /// The target of adaptive sampling, where there is anything to adapt.
     fn target(&self) -> Option<Adaptive> {
         self.adaptive.filter(|_| self.spp > ROUND)
@@ -271,6 +292,7 @@ impl<'s> Frame<'s> {
                 .map(|i| &scene.materials[i.material as usize])
         };
         let ambient_light = scene.ambient != [0.0; 3];
+        let view = camera.view(settings.width, settings.height);
         let shape = PacketShape::for_samples(settings.spp);
         // Adaptive sampling fills the pixel evenly with every round.
         let layout = match settings.target() {
@@ -281,7 +303,7 @@ impl<'s> Frame<'s> {
             scene,
             accel,
             settings: *settings,
-            view: camera.view(settings.width, settings.height),
+            view,
             surfaces: SurfaceScene::new(scene),
             pixel_size: [settings.width, settings.height].map(|size| 1.0 / f64::from(size)),
             layout,
@@ -297,13 +319,20 @@ impl<'s> Frame<'s> {
             mirrors: used().any(Material::may_mirror),
             spectrum: SpectralSampler::new(settings.wavelengths as usize),
             media_at_eye: MediaStack::EMPTY,
+            camera_cone: settings.camera_cone(&view),
+            filters: used().any(|material| material.layers.iter().any(|layer| scene.is_filtered(layer))),
         };
         frame.media_at_eye = frame.media_around(frame.view.ray(0.5, 0.5).origin);
         frame
     }
 
-    /// Whether paths go through surfaces and keep what that takes.
+    /// Whether paths keep more than their weights.
     fn travels(&self) -> bool {
+        self.has_sheets() || self.filters && self.mirrors
+    }
+
+    /// Whether there are surfaces that light goes through.
+    fn has_sheets(&self) -> bool {
         self.features.transmits || self.features.covers
     }
 
@@ -324,7 +353,7 @@ impl<'s> Frame<'s> {
             packet[0].set(0, &ray);
             self.accel.intersect(&mut packet, RayOrder::Incoherent);
             let Some(hit) = packet[0].hit(0) else { break };
-            self.surfaces.meet(&packet[0], &mut surfaces);
+            self.surfaces.meet(&packet[0], Widths::None, &mut surfaces);
             let index = self.scene.instances[hit.instance as usize].material;
             let material = &self.scene.materials[index as usize];
             let has_inside = material.interior.is_some_and(|inside| !inside.is_thin);

@@ -7,7 +7,8 @@ use glam::Vec3;
 use super::film::TileFilm;
 use super::ledger::{Ledger, RayTally};
 use super::queue::{Feelers, Generation, Paths, Sent, Travel, TravelPacket};
-use super::surface::{SurfacePacket, Surfaces};
+use super::surface::Surfaces;
+use super::texturing::Widths;
 use super::{Frame, shade};
 use crate::accel::{NO_HIT, RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
@@ -52,7 +53,9 @@ impl<'f, 's> Outcome<'f, 's> {
             next: Generation::default(),
             refracted: 0,
             ledger: Ledger::default(),
-            sheets: frame.travels().then(|| Box::new(Surfaces::new(frame.features))),
+            sheets: frame
+                .has_sheets()
+                .then(|| Box::new(Surfaces::new(frame.features))),
         }
     }
 
@@ -73,7 +76,9 @@ impl<'f, 's> Outcome<'f, 's> {
     ) {
         for (index, packet) in packets.iter().enumerate() {
             let (path, travels) = paths.at(index);
-            let dimmed = travels.map(|travels| self.dimmed(packet, path, travels));
+            let dimmed = travels
+                .filter(|_| self.frame.features.transmits)
+                .map(|travels| self.dimmed(packet, path, travels));
             let traced = Traced {
                 packet,
                 pixel: &path.pixel,
@@ -82,7 +87,11 @@ impl<'f, 's> Outcome<'f, 's> {
             };
             let any_hit = packet.instance.iter().any(|&instance| instance != NO_HIT);
             if any_hit {
-                self.frame.surfaces.meet(packet, surfaces);
+                let widths = match travels {
+                    Some(travels) => Widths::Paths(travels),
+                    None => Widths::Camera(self.frame.camera_cone),
+                };
+                self.frame.surfaces.meet(packet, widths, surfaces);
                 self.shade(&traced, surfaces, stage);
             } else if self.frame.glows {
                 self.add_surroundings(&traced);
@@ -98,7 +107,7 @@ impl<'f, 's> Outcome<'f, 's> {
     }
 
     fn shade(&mut self, traced: &Traced, surfaces: &mut Surfaces, stage: Stage) {
-        match traced.travels {
+        match traced.travels.filter(|_| self.frame.has_sheets()) {
             None => self.shade_surfaces(traced, surfaces, stage),
             Some(travels) => {
                 let present = self.pass_through(traced, travels, surfaces);
@@ -139,18 +148,20 @@ impl<'f, 's> Outcome<'f, 's> {
             if shade::feel(light, &lit, packet, &mut feeler.radiance) {
                 feeler.pixel = *traced.pixel;
                 self.feelers.keep();
-                if let Some(travels) = traced.travels {
+                if let Some(travels) = traced.travels.filter(|_| frame.has_sheets()) {
                     self.feelers.keep_media(travels);
                 }
             }
         }
         if frame.mirrors {
-            self.reflect(points, &shade::reflection(&lit), traced, stage);
+            let mirrored = shade::reflection(&lit);
+            self.reflect(surfaces, &mirrored, traced, stage);
         }
     }
 
     /// Queues the mirror rays that still matter. Surfaces that let light through send theirs elsewhere.
-    fn reflect(&mut self, points: &SurfacePacket, mirrored: &shade::Mirrored, traced: &Traced, stage: Stage) {
+    fn reflect(&mut self, surfaces: &Surfaces, mirrored: &shade::Mirrored, traced: &Traced, stage: Stage) {
+        let points = &surfaces.points;
         for l in 0..LANES {
             let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
             if !(points.hit[l] && mirrored.leaves[l]) {
@@ -165,6 +176,10 @@ impl<'f, 's> Outcome<'f, 's> {
                 travel: traced.travels.map(|travels| Travel {
                     depth: travels[l].depth + 1,
                     direction: direction.as_dvec3().normalize(),
+                    cone: self
+                        .frame
+                        .cone_at(traced, travels, l)
+                        .reflected(self.frame.curvature(traced.packet, surfaces, l)),
                     ..travels[l]
                 }),
             };
@@ -192,7 +207,7 @@ impl<'f, 's> Outcome<'f, 's> {
 
     /// Asks which of the waiting feelers reach their lights, and lets those lights in.
     fn answer_feelers(&mut self, order: RayOrder) {
-        if self.frame.travels() {
+        if self.frame.has_sheets() {
             return self.answer_through_sheets(order);
         }
         let (packets, feelers) = self.feelers.take();

@@ -7,6 +7,7 @@ use glam::DVec3;
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::MediaStack;
+use crate::shading::ray_cone::Cone;
 
 /// Packets that are traced and shaded together: 24 KB of rays, half of a first-level cache.
 pub(super) const BATCH: usize = 16;
@@ -38,6 +39,8 @@ pub(super) struct Travel {
     pub(super) direction: DVec3,
     /// The bodies around it.
     pub(super) media: MediaStack,
+    /// How wide it is.
+    pub(super) cone: Cone,
 }
 
 /// The travels of a packet's lanes.
@@ -50,6 +53,10 @@ impl Travel {
         wavelength: 0.0,
         direction: DVec3::ZERO,
         media: MediaStack::EMPTY,
+        cone: Cone {
+            width: 0.0,
+            spread: 0.0,
+        },
     };
 }
 

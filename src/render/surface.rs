@@ -8,13 +8,15 @@ use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 
 use super::shape_point::world_point;
+use super::texturing::{Chart, Widths};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{
     LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_bound,
     triangle_spawn_error,
 };
-use crate::scene::{Geometry, Instance, Layer, Material, Model, Parameter, Scene};
-use crate::shading::{MaterialFeatures, MaterialPacket, RichLanes, TexturePoint, TextureSet};
+use crate::scene::{Geometry, Instance, Material, Scene};
+use crate::shading::ray_cone::triangle_curvature;
+use crate::shading::{MaterialFeatures, MaterialPacket, TextureSet};
 use crate::shape::Shape;
 
 /// The scene, seen from its hits: one entry an instance.
@@ -23,7 +25,7 @@ pub(super) struct SurfaceScene<'s> {
     views: Vec<InstanceView<'s>>,
 }
 
-struct InstanceView<'s> {
+pub(super) struct InstanceView<'s> {
     kind: Kind<'s>,
     material: &'s Material,
     /// Whether the material is the same at every point: no texture, no vertex colour.
@@ -44,6 +46,7 @@ struct MeshView<'s> {
     triangles: &'s [[u32; 3]],
     normals: Option<&'s [[f32; 3]]>,
     tex_coords: Vec<&'s [[f32; 2]]>,
+    tangents: Option<&'s [[f32; 4]]>,
     colors: Option<&'s [[f32; 4]]>,
 }
 
@@ -101,6 +104,7 @@ impl<'s> SurfaceScene<'s> {
                         triangles: &mesh.triangles,
                         normals: mesh.normals.as_deref(),
                         tex_coords: mesh.tex_coords.iter().map(|set| &set[..]).collect(),
+                        tangents: mesh.tangents.as_deref(),
                         colors: mesh.colors.as_deref(),
                     };
                     let colored = view.colors.is_some();
@@ -123,12 +127,12 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// Works out the surfaces that a traced packet has met.
-    pub(super) fn meet(&self, packet: &RayPacket, surfaces: &mut Surfaces) {
-        meet(self, packet, surfaces);
+    pub(super) fn meet(&self, packet: &RayPacket, widths: Widths, surfaces: &mut Surfaces) {
+        meet(self, packet, widths, surfaces);
     }
 
     #[inline(always)]
-    fn meet_inlined(&self, packet: &RayPacket, surfaces: &mut Surfaces) {
+    fn meet_inlined(&self, packet: &RayPacket, widths: Widths, surfaces: &mut Surfaces) {
         let Surfaces {
             gathered,
             points,
@@ -169,12 +173,18 @@ impl<'s> SurfaceScene<'s> {
             }
             _ => {
                 *filled_for = None;
-                self.materials_by_lane(packet, materials);
+                self.materials_by_lane(packet, widths, points, materials);
             }
         }
     }
 
-    fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) {
+    fn materials_by_lane(
+        &self,
+        packet: &RayPacket,
+        widths: Widths,
+        points: &mut SurfacePacket,
+        materials: &mut MaterialPacket,
+    ) {
         for l in 0..LANES {
             if packet.instance[l] == NO_HIT {
                 continue;
@@ -182,7 +192,7 @@ impl<'s> SurfaceScene<'s> {
             let view = &self.views[packet.instance[l] as usize];
             materials.set(l, view.material);
             if !view.uniform {
-                self.vary(view, packet, l, materials);
+                self.vary((packet, widths, l), points, materials);
             }
         }
     }
@@ -252,54 +262,42 @@ impl<'s> SurfaceScene<'s> {
         if n.dot(shading) < 0.0 { -n } else { n }
     }
 
-    /// Multiplies textures and vertex colours into lane `l`.
-    #[cold]
-    fn vary(&self, view: &InstanceView, packet: &RayPacket, l: usize, materials: &mut MaterialPacket) {
-        let mut alpha = view.material.base_color[3];
-        for layer in &view.material.layers {
-            let encoding = layer.parameter.encoding();
-            let coordinates = view.tex_coord(layer.texture.tex_coord, packet, l);
-            let at = TexturePoint::sharp(layer.texture.transform.apply(coordinates), DVec3::ZERO);
-            let texel = self.textures.sample(layer.texture.texture, encoding, &at);
-            match layer.parameter {
-                Parameter::BaseColor => {
-                    (0..3).for_each(|c| materials.base_color[c][l] *= texel[c]);
-                    alpha *= texel[3];
-                }
-                Parameter::Emission => (0..3).for_each(|c| materials.emission[c][l] *= texel[c]),
-                Parameter::Roughness => materials.roughness[l] *= texel[0],
-                Parameter::Metallic => materials.metallic[l] *= texel[0],
-                Parameter::MetallicRoughness => {
-                    materials.roughness[l] *= texel[1];
-                    materials.metallic[l] *= texel[2];
-                }
-                _ => rich_layer(layer, &texel, l, &mut materials.rich),
+    /// The mean curvature of the surface at lane `l`, positive where it bulges to the side that the ray came from; 0 where
+    /// it is flat, or not known.
+    pub(super) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
+        let view = &self.views[packet.instance[l] as usize];
+        let scale = view
+            .instance
+            .world_from_object()
+            .matrix3
+            .determinant()
+            .abs()
+            .cbrt();
+        let outside = match &view.kind {
+            Kind::Shape(Shape::Sphere(sphere)) => 1.0 / (sphere.radius * scale),
+            Kind::Mesh(_) if surfaces.gathered.smooth[l] => {
+                let wide = |lanes: &Lanes3<f32>| lane(lanes, l).as_dvec3();
+                let corners = surfaces.gathered.corners.each_ref().map(wide);
+                let normals = surfaces.gathered.normals.each_ref().map(wide);
+                triangle_curvature(corners, normals.map(DVec3::normalize_or_zero)) / scale
             }
-        }
-        if let Some(color) = view.vertex_color(packet, l) {
-            for channel in 0..3 {
-                materials.base_color[channel][l] *= color[channel];
-            }
-            alpha *= color[3];
-        }
-        materials.alpha[l] = view.material.alpha.coverage(alpha);
-        if view.material.model == Model::Unlit {
-            (0..3).for_each(|c| materials.emission[c][l] = materials.base_color[c][l]);
+            _ => 0.0,
+        };
+        if surfaces.points.front[l] {
+            outside
+        } else {
+            -outside
         }
     }
-}
 
-/// What a texture does to a parameter that few materials have.
-fn rich_layer(layer: &Layer, texel: &[f32; 4], l: usize, rich: &mut RichLanes) {
-    let tint = |lanes: &mut Lanes3<f32>| (0..3).for_each(|c| lanes[c][l] *= texel[c]);
-    match layer.parameter {
-        Parameter::Specular => rich.specular[l] *= texel[3],
-        Parameter::SpecularColor => tint(&mut rich.specular_color),
-        Parameter::Reflection => tint(&mut rich.reflection),
-        Parameter::Transmission if rich.is_lecture[l] => tint(&mut rich.transmission),
-        Parameter::Transmission => (0..3).for_each(|c| rich.transmission[c][l] *= texel[0]),
-        Parameter::Occlusion => rich.occlusion[l] = 1.0 + layer.strength * (texel[0] - 1.0),
-        _ => {}
+    /// The instance of a hit.
+    pub(super) fn view(&self, instance: u32) -> &InstanceView<'_> {
+        &self.views[instance as usize]
+    }
+
+    /// The scene's textures, made ready.
+    pub(super) fn textures(&self) -> &TextureSet<'_> {
+        &self.textures
     }
 }
 
@@ -309,21 +307,51 @@ impl InstanceView<'_> {
         self.is_placed || matches!(self.kind, Kind::Shape(_))
     }
 
-    /// Texture coordinates of a hit; zero where the mesh has no such set.
-    fn tex_coord(&self, set: u32, packet: &RayPacket, l: usize) -> [f32; 2] {
+    pub(super) fn material(&self) -> &Material {
+        self.material
+    }
+
+    pub(super) fn instance(&self) -> &Instance {
+        self.instance
+    }
+
+    /// Texture coordinates of a hit and the point's derivatives by them, in world space; zero where there are none.
+    pub(super) fn chart(&self, set: u32, packet: &RayPacket, l: usize) -> Chart {
         match &self.kind {
             Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
-                Some(set) => mesh.interpolate(set, packet, l),
-                None => [0.0; 2],
+                Some(set) => {
+                    let linear = self.instance.world_from_object().matrix3;
+                    Chart {
+                        uv: mesh.interpolate(set, packet, l),
+                        derivatives: mesh.derivatives(set, packet.primitive[l]).map(|d| linear * d),
+                    }
+                }
+                None => Chart {
+                    uv: [0.0; 2],
+                    derivatives: [DVec3::ZERO; 2],
+                },
             },
             Kind::Shape(shape) => {
-                let [u, v] = world_point(self.instance, shape, &packet.ray(l), packet.primitive[l]).uv;
-                [u as f32, v as f32]
+                let point = world_point(self.instance, shape, &packet.ray(l), packet.primitive[l]);
+                Chart {
+                    uv: point.uv.map(|x| x as f32),
+                    derivatives: [point.dpdu, point.dpdv],
+                }
             }
         }
     }
 
-    fn vertex_color(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
+    /// The interpolated tangent of the mesh at a hit, in object space, with its handedness.
+    pub(super) fn tangent(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
+        match &self.kind {
+            Kind::Mesh(mesh) => mesh
+                .tangents
+                .map(|tangents| mesh.interpolate(tangents, packet, l)),
+            Kind::Shape(_) => None,
+        }
+    }
+
+    pub(super) fn vertex_color(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
         match &self.kind {
             Kind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
             Kind::Shape(_) => None,
@@ -397,6 +425,19 @@ impl MeshView<'_> {
         }
     }
 
+    /// Derivatives of the point by texture coordinates, in object space; zero where a triangle's coordinates span nothing.
+    fn derivatives(&self, set: &[[f32; 2]], primitive: u32) -> [DVec3; 2] {
+        let vertices = self.triangles[primitive as usize].map(|vertex| vertex as usize);
+        let [a, b, c] = vertices.map(|vertex| Vec3::from(self.positions[vertex]).as_dvec3());
+        let [ta, tb, tc] = vertices.map(|vertex| set[vertex].map(f64::from));
+        let (e1, e2) = (b - a, c - a);
+        let ([u1, v1], [u2, v2]) = ([tb[0] - ta[0], tb[1] - ta[1]], [tc[0] - ta[0], tc[1] - ta[1]]);
+        // (e1, e2) = (dp/du, dp/dv) times the matrix of the coordinates' differences.
+        let inverse = (u1 * v2 - u2 * v1).recip();
+        let derivatives = [(e1 * v2 - e2 * v1) * inverse, (e2 * u1 - e1 * u2) * inverse];
+        derivatives.map(|d| if d.is_finite() { d } else { DVec3::ZERO })
+    }
+
     /// A vertex attribute at the hit of lane `l`.
     fn interpolate<const N: usize>(&self, values: &[[f32; N]], packet: &RayPacket, l: usize) -> [f32; N] {
         let [a, b, c] = self.triangles[packet.primitive[l] as usize].map(|vertex| values[vertex as usize]);
@@ -441,6 +482,11 @@ impl Surfaces {
 }
 
 impl SurfacePacket {
+    /// The unit shading normal of lane `l` on the side that the ray came from.
+    pub(super) fn shading_normal(&self, l: usize) -> DVec3 {
+        lane(&self.ns, l).as_dvec3().normalize()
+    }
+
     /// Whether the shading normal of lane `l` is another than the geometric one.
     fn ns_differs(&self, l: usize) -> bool {
         (0..3).any(|axis| self.ns[axis][l] != self.ng[axis][l])
@@ -479,8 +525,8 @@ impl SurfacePacket {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn meet(scene: &SurfaceScene, packet: &RayPacket, surfaces: &mut Surfaces) {
-    scene.meet_inlined(packet, surfaces);
+fn meet(scene: &SurfaceScene, packet: &RayPacket, widths: Widths, surfaces: &mut Surfaces) {
+    scene.meet_inlined(packet, widths, surfaces);
 }
 
 /// What all hit lanes of a packet share.

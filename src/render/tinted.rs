@@ -8,6 +8,7 @@
 use super::outcome::{Outcome, timed};
 use super::queue::Feeler;
 use super::surface::Surfaces;
+use super::texturing::Widths;
 use super::transparent::Tints;
 use super::{Frame, shade};
 use crate::accel::{NO_HIT, RayOrder, RayPacket};
@@ -73,7 +74,7 @@ impl Way<'_> {
     ) {
         let any_hit = (0..LANES).any(|l| packet.active[l] != 0 && packet.instance[l] != NO_HIT);
         if any_hit {
-            frame.surfaces.meet(packet, sheets);
+            frame.surfaces.meet(packet, Widths::None, sheets);
         }
         for l in (0..LANES).filter(|&l| packet.active[l] != 0).collect::<Vec<_>>() {
             let is_hit = packet.instance[l] != NO_HIT;

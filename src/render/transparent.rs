@@ -18,6 +18,7 @@ use crate::optics::{
 };
 use crate::scene::{Lecture, Material, Model};
 use crate::shading::MaterialPacket;
+use crate::shading::ray_cone::Cone;
 
 /// A boundary that a ray meets.
 pub(super) struct Boundary<'m> {
@@ -40,6 +41,21 @@ impl Material {
 }
 
 impl Frame<'_> {
+    /// The cone of a traced ray where it has met something.
+    pub(super) fn cone_at(&self, traced: &Traced, travels: &TravelPacket, l: usize) -> Cone {
+        let length = traced.packet.ray(l).direction.as_dvec3().length();
+        travels[l].cone.after(f64::from(traced.packet.t_far[l]) * length)
+    }
+
+    /// The curvature that widens or narrows rays at a hit, where their widths count.
+    pub(super) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
+        if self.filters {
+            self.surfaces.curvature(packet, surfaces, l)
+        } else {
+            0.0
+        }
+    }
+
     /// What instance `instance` means to a ray with these bodies around, which comes from its outside if `from_outside`.
     pub(super) fn boundary(&self, instance: u32, from_outside: bool, media: &MediaStack) -> Boundary<'_> {
         let index = self.scene.instances[instance as usize].material;
@@ -231,13 +247,16 @@ impl Outcome<'_, '_> {
             let transmission = rich.transmission[0][l] + rich.transmission[1][l] + rich.transmission[2][l];
             let seen = traced.weight[0][l] + traced.weight[1][l] + traced.weight[2][l];
             if surfaces.points.hit[l] && transmission > 0.0 && seen != 0.0 {
-                self.cross(traced, &travels[l], surfaces, l);
+                self.cross(traced, travels, surfaces, l);
             }
         }
     }
 
-    fn cross(&mut self, traced: &Traced, arrival: &Travel, surfaces: &Surfaces, l: usize) {
+    fn cross(&mut self, traced: &Traced, travels: &TravelPacket, surfaces: &Surfaces, l: usize) {
         let frame = self.frame;
+        let arrival = &travels[l];
+        let cone = frame.cone_at(traced, travels, l);
+        let curvature = frame.curvature(traced.packet, surfaces, l);
         let points = &surfaces.points;
         let instance = traced.packet.instance[l];
         let boundary = frame.boundary(instance, points.front[l], &arrival.media);
@@ -277,6 +296,7 @@ impl Outcome<'_, '_> {
                 wavelength: wavelength as f32,
                 direction,
                 media: boundary.crossing.through,
+                cone: cone.refracted(etas[1] / etas[0], bend.cosines(direction), curvature),
             };
             self.refracted += u64::from(self.send_from(points, l, traced.pixel[l], weight, travel));
         }
@@ -286,6 +306,7 @@ impl Outcome<'_, '_> {
             let travel = Travel {
                 depth: arrival.depth + 1,
                 direction: bend.reflected(),
+                cone: cone.reflected(curvature),
                 ..*arrival
             };
             let weight = std::array::from_fn(|c| traced.weight[c][l] * reflected[c]);
@@ -328,6 +349,11 @@ struct Bend {
 impl Bend {
     fn cos_i(&self) -> f64 {
         (-self.d.dot(self.n)).clamp(0.0, 1.0)
+    }
+
+    /// The cosines of the angles on both sides, for a ray that goes on along `direction`.
+    fn cosines(&self, direction: DVec3) -> [f64; 2] {
+        [self.cos_i(), direction.dot(self.n).abs()]
     }
 
     fn reflected(&self) -> DVec3 {

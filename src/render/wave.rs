@@ -154,6 +154,7 @@ impl<'f, 's> Wave<'f, 's> {
                 travels[l] = Travel {
                     direction: directions[l],
                     media: frame.media_at_eye,
+                    cone: frame.camera_cone,
                     ..Travel::NONE
                 };
             }

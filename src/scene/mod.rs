@@ -110,6 +110,14 @@ impl Geometry {
 }
 
 impl Scene {
+    /// Whether a layer's texture is averaged over the width of the ray.
+    pub(crate) fn is_filtered(&self, layer: &Layer) -> bool {
+        match &self.textures[layer.texture.texture as usize] {
+            Texture::Image { sampler, .. } => sampler.filter == Filter::Mipmap,
+            Texture::Procedural(_) => true,
+        }
+    }
+
     /// The geometry of an instance.
     #[inline(always)]
     pub fn geometry_of(&self, instance: u32) -> &Geometry {

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DAffine3, DVec3};
 use whit::gltf::{LoadOptions, load};
 use whit::scene::{Geometry, LightKind, Material, Scene};
-use whit::shape::Sphere;
+use whit::shape::{Shape, Sphere};
 
 use super::meshes::rectangle;
 use super::wave_scenes::{
@@ -152,7 +152,7 @@ fn sun() -> whit::scene::Light {
 }
 
 fn unit_sphere(scene: &mut Scene) -> u32 {
-    add_geometry(scene, Geometry::Sphere(Sphere::UNIT))
+    add_geometry(scene, Geometry::Shape(Shape::Sphere(Sphere::UNIT)))
 }
 
 fn scaled(x: f64, y: f64, z: f64) -> DAffine3 {

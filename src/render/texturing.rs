@@ -1,0 +1,201 @@
+//! What textures and vertex colours do to sixteen hits: parameters of the material, and the shading normal.
+//!
+//! Lane by lane, and only for materials that have any. Each look-up is averaged over the ray's footprint: its cone's cut
+//! with the surface.
+
+use glam::DVec3;
+
+use super::queue::TravelPacket;
+use super::surface::{InstanceView, SurfacePacket, SurfaceScene};
+use crate::accel::RayPacket;
+use crate::numeric::Lanes3;
+use crate::scene::{Layer, Model, Parameter};
+use crate::shading::normal_map::{TangentFrame, bumped, kept_visible, transformed_derivatives};
+use crate::shading::ray_cone::{Cone, axes_on_surface, uv_of};
+use crate::shading::{Footprint, MaterialPacket, RichLanes, TexturePoint};
+
+/// How wide rays are where they start, and how fast they widen.
+#[derive(Clone, Copy)]
+pub(super) enum Widths<'a> {
+    /// All as the camera's.
+    Camera(Cone),
+    /// Each as its path says.
+    Paths(&'a TravelPacket),
+    /// Not at all.
+    None,
+}
+
+impl Widths<'_> {
+    /// The cone of lane `l` where it starts.
+    pub(super) fn at_start(&self, l: usize) -> Cone {
+        match self {
+            Widths::Camera(cone) => *cone,
+            Widths::Paths(travels) => travels[l].cone,
+            Widths::None => Cone::default(),
+        }
+    }
+}
+
+/// A hit as textures see it, in world space unless said otherwise.
+struct Textured<'a> {
+    view: &'a InstanceView<'a>,
+    packet: &'a RayPacket,
+    l: usize,
+    p_object: DVec3,
+    /// Axes of the ray's footprint on the surface.
+    axes: [DVec3; 2],
+}
+
+/// Texture coordinates and the point's derivatives by them.
+#[derive(Clone, Copy)]
+pub(super) struct Chart {
+    pub(super) uv: [f32; 2],
+    pub(super) derivatives: [DVec3; 2],
+}
+
+impl SurfaceScene<'_> {
+    /// Multiplies textures and vertex colours into lane `l`, and bends its shading normal.
+    #[cold]
+    pub(super) fn vary(
+        &self,
+        (packet, widths, l): (&RayPacket, Widths, usize),
+        points: &mut SurfacePacket,
+        materials: &mut MaterialPacket,
+    ) {
+        let view = self.view(packet.instance[l]);
+        let hit = Textured::new(view, (packet, widths, l), points);
+        let mut alpha = view.material().base_color[3];
+        let mut normal = None;
+        for layer in &view.material().layers {
+            let (chart, at, footprint) = hit.look_up(layer);
+            if layer.parameter == Parameter::Bump {
+                let object_from_world = view.instance().object_from_world().matrix3;
+                let by_object = chart.derivatives.map(|derivative| object_from_world * derivative);
+                let gradient = self.textures().height_gradient(&layer.texture, &at, by_object);
+                let n = normal.unwrap_or_else(|| points.outward_normal(l));
+                let slope = gradient.map(|g| g * layer.strength);
+                normal = Some(bumped(n, chart.derivatives, slope));
+                continue;
+            }
+            let encoding = layer.parameter.encoding();
+            let texel = self
+                .textures()
+                .sample_footprint(layer.texture.texture, encoding, &at, &footprint);
+            match layer.parameter {
+                Parameter::BaseColor => {
+                    (0..3).for_each(|c| materials.base_color[c][l] *= texel[c]);
+                    alpha *= texel[3];
+                }
+                Parameter::Emission => (0..3).for_each(|c| materials.emission[c][l] *= texel[c]),
+                Parameter::Roughness => materials.roughness[l] *= texel[0],
+                Parameter::Metallic => materials.metallic[l] *= texel[0],
+                Parameter::MetallicRoughness => {
+                    materials.roughness[l] *= texel[1];
+                    materials.metallic[l] *= texel[2];
+                }
+                Parameter::Normal => {
+                    let n = points.outward_normal(l);
+                    let frame = hit.tangent_frame(layer, &chart, n);
+                    let texel = [texel[0], texel[1], texel[2]];
+                    normal = frame.map(|frame| frame.perturbed(texel, layer.strength));
+                }
+                _ => rich_layer(layer, &texel, l, &mut materials.rich),
+            }
+        }
+        if let Some(color) = view.vertex_color(packet, l) {
+            (0..3).for_each(|c| materials.base_color[c][l] *= color[c]);
+            alpha *= color[3];
+        }
+        materials.alpha[l] = view.material().alpha.coverage(alpha);
+        if view.material().model == Model::Unlit {
+            (0..3).for_each(|c| materials.emission[c][l] = materials.base_color[c][l]);
+        }
+        if let Some(n) = normal {
+            points.bend(l, n);
+        }
+    }
+}
+
+impl SurfacePacket {
+    /// The unit shading normal of lane `l` on the outside.
+    fn outward_normal(&self, l: usize) -> DVec3 {
+        let n = self.shading_normal(l);
+        if self.front[l] { n } else { -n }
+    }
+
+    /// Makes the unit vector `n`, which points outside, the shading normal of lane `l`, as far as the viewer can see it.
+    fn bend(&mut self, l: usize, n: DVec3) {
+        let n = if self.front[l] { n } else { -n };
+        let wo = DVec3::from([0, 1, 2].map(|axis| f64::from(self.wo[axis][l])));
+        let n = kept_visible(n, self.geometric_normal(l), wo);
+        for axis in 0..3 {
+            self.ns[axis][l] = n[axis] as f32;
+        }
+    }
+}
+
+impl<'a> Textured<'a> {
+    fn new(
+        view: &'a InstanceView<'a>,
+        (packet, widths, l): (&'a RayPacket, Widths, usize),
+        points: &SurfacePacket,
+    ) -> Textured<'a> {
+        let direction = packet.ray(l).direction.as_dvec3();
+        let length = direction.length();
+        let cone = widths.at_start(l).after(f64::from(packet.t_far[l]) * length);
+        Textured {
+            view,
+            packet,
+            l,
+            p_object: view
+                .instance()
+                .object_from_world()
+                .transform_point3(points.point(l)),
+            axes: axes_on_surface(cone.width, direction / length, points.geometric_normal(l)),
+        }
+    }
+
+    /// Where a layer's texture is looked up.
+    fn look_up(&self, layer: &Layer) -> (Chart, TexturePoint, Footprint) {
+        let chart = self.view.chart(layer.texture.tex_coord, self.packet, self.l);
+        let transform = &layer.texture.transform;
+        let turned = |[u, v]: [f32; 2]| {
+            let matrix = transform.matrix;
+            [0, 1].map(|row| matrix[row][0] * u + matrix[row][1] * v)
+        };
+        let object_from_world = self.view.instance().object_from_world().matrix3;
+        let footprint = Footprint {
+            uv: self.axes.map(|axis| turned(uv_of(axis, chart.derivatives))),
+            object: self.axes.map(|axis| object_from_world * axis),
+        };
+        let at = TexturePoint::sharp(transform.apply(chart.uv), self.p_object);
+        (chart, at, footprint)
+    }
+
+    /// The frame that a normal map on the surface with the outward unit normal `n` is meant in.
+    fn tangent_frame(&self, layer: &Layer, chart: &Chart, n: DVec3) -> Option<TangentFrame> {
+        if let Some([x, y, z, w]) = self.view.tangent(self.packet, self.l) {
+            let instance = self.view.instance();
+            let tangent = DVec3::new(x.into(), y.into(), z.into());
+            let handedness = if instance.is_mirrored() { -w } else { w };
+            let tangent = instance.world_from_object().matrix3 * tangent;
+            return TangentFrame::from_tangent(n, tangent, handedness);
+        }
+        let derivatives = transformed_derivatives(chart.derivatives, &layer.texture.transform)?;
+        TangentFrame::from_derivatives(n, derivatives)
+    }
+}
+
+/// What a texture does to a parameter that few materials have.
+fn rich_layer(layer: &Layer, texel: &[f32; 4], l: usize, rich: &mut RichLanes) {
+    let tint = |lanes: &mut Lanes3<f32>| (0..3).for_each(|c| lanes[c][l] *= texel[c]);
+    match layer.parameter {
+        Parameter::Specular => rich.specular[l] *= texel[3],
+        Parameter::SpecularColor => tint(&mut rich.specular_color),
+        Parameter::Reflection => tint(&mut rich.reflection),
+        Parameter::Transmission if rich.is_lecture[l] => tint(&mut rich.transmission),
+        Parameter::Transmission => (0..3).for_each(|c| rich.transmission[c][l] *= texel[0]),
+        Parameter::Occlusion => rich.occlusion[l] = 1.0 + layer.strength * (texel[0] - 1.0),
+        _ => {}
+    }
+}

@@ -4,6 +4,8 @@
 //! them, so that they can only disagree about *which* hit. Sixteen lanes are gathered from the meshes and then worked
 //! on side by side.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 
@@ -28,13 +30,14 @@ struct InstanceView<'s> {
     material: &'s Material,
     /// Whether the material is the same at every point: no texture, no vertex colour.
     uniform: bool,
-    instance: &'s Instance,
     /// Whether object space is elsewhere than world space.
     is_placed: bool,
 }
 
+#[derive(Clone)]
 enum Kind<'s> {
-    Mesh(MeshView<'s>),
+    /// Shared by all instances of the mesh.
+    Mesh(Arc<MeshView<'s>>),
     Shape(&'s Shape),
 }
 
@@ -88,27 +91,15 @@ struct Gathered {
 
 impl<'s> SurfaceScene<'s> {
     pub(super) fn new(scene: &'s Scene) -> SurfaceScene<'s> {
+        let kinds: Vec<Kind> = scene.geometries.iter().map(Kind::of).collect();
         let views = scene.instances.iter().map(|instance| {
             let material = &scene.materials[instance.material as usize];
-            let (kind, colored) = match &scene.geometries[instance.geometry as usize] {
-                Geometry::Mesh(mesh) => {
-                    let view = MeshView {
-                        positions: &mesh.positions,
-                        triangles: &mesh.triangles,
-                        normals: mesh.normals.as_deref(),
-                        tex_coords: mesh.tex_coords.iter().map(|set| &set[..]).collect(),
-                        colors: mesh.colors.as_deref(),
-                    };
-                    let colored = view.colors.is_some();
-                    (Kind::Mesh(view), colored)
-                }
-                Geometry::Shape(shape) => (Kind::Shape(shape), false),
-            };
+            let kind = kinds[instance.geometry as usize].clone();
+            let colored = matches!(&kind, Kind::Mesh(mesh) if mesh.colors.is_some());
             InstanceView {
                 kind,
                 material,
                 uniform: !colored && !material.is_textured(),
-                instance,
                 is_placed: !instance.is_identity(),
             }
         });
@@ -206,10 +197,11 @@ impl<'s> SurfaceScene<'s> {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
+            let instance = &self.scene.instances[packet.instance[l] as usize];
             let placed = match &view.kind {
                 Kind::Mesh(_) if !view.is_placed => continue,
-                Kind::Mesh(_) => placed_triangle(packet, gathered, l, view.instance),
-                Kind::Shape(shape) => placed_shape(packet, l, shape, view.instance),
+                Kind::Mesh(_) => placed_triangle(packet, gathered, l, instance),
+                Kind::Shape(shape) => placed_shape(packet, l, shape, instance),
             };
             let wo = lane(&surfaces.wo, l).as_dvec3();
             let ng = if placed.ng.dot(wo) < 0.0 {
@@ -238,7 +230,7 @@ impl<'s> SurfaceScene<'s> {
     fn vary(&self, view: &InstanceView, packet: &RayPacket, l: usize, materials: &mut MaterialPacket) {
         for layer in &view.material.layers {
             let encoding = layer.parameter.encoding();
-            let coordinates = view.tex_coord(layer.texture.tex_coord, packet, l);
+            let coordinates = view.tex_coord(self.scene, layer.texture.tex_coord, packet, l);
             let Texture::Image { image, sampler } = self.scene.textures[layer.texture.texture as usize]
             else {
                 continue;
@@ -274,14 +266,15 @@ impl InstanceView<'_> {
     }
 
     /// Texture coordinates of a hit; zero where the mesh has no such set.
-    fn tex_coord(&self, set: u32, packet: &RayPacket, l: usize) -> [f32; 2] {
+    fn tex_coord(&self, scene: &Scene, set: u32, packet: &RayPacket, l: usize) -> [f32; 2] {
         match &self.kind {
             Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
                 Some(set) => mesh.interpolate(set, packet, l),
                 None => [0.0; 2],
             },
             Kind::Shape(shape) => {
-                let [u, v] = world_point(self.instance, shape, &packet.ray(l), packet.primitive[l]).uv;
+                let instance = &scene.instances[packet.instance[l] as usize];
+                let [u, v] = world_point(instance, shape, &packet.ray(l), packet.primitive[l]).uv;
                 [u as f32, v as f32]
             }
         }
@@ -291,6 +284,21 @@ impl InstanceView<'_> {
         match &self.kind {
             Kind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
             Kind::Shape(_) => None,
+        }
+    }
+}
+
+impl<'s> Kind<'s> {
+    fn of(geometry: &'s Geometry) -> Kind<'s> {
+        match geometry {
+            Geometry::Mesh(mesh) => Kind::Mesh(Arc::new(MeshView {
+                positions: &mesh.positions,
+                triangles: &mesh.triangles,
+                normals: mesh.normals.as_deref(),
+                tex_coords: mesh.tex_coords.iter().map(|set| &set[..]).collect(),
+                colors: mesh.colors.as_deref(),
+            })),
+            Geometry::Shape(shape) => Kind::Shape(shape),
         }
     }
 }
@@ -566,4 +574,14 @@ fn placed_shape(packet: &RayPacket, l: usize, shape: &Shape, instance: &Instance
 #[inline(always)]
 fn lane(v: &Lanes3<f32>, l: usize) -> Vec3 {
     Vec3::new(v[0][l], v[1][l], v[2][l])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_instance_takes_the_renderer_at_most_32_bytes() {
+        assert!(size_of::<InstanceView>() <= 32, "{}", size_of::<InstanceView>());
+    }
 }

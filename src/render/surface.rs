@@ -4,6 +4,8 @@
 //! them, so that they can only disagree about *which* hit. Sixteen lanes are gathered from the meshes and then worked
 //! on side by side.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 
@@ -21,6 +23,7 @@ use crate::shape::Shape;
 
 /// The scene, seen from its hits: one entry an instance.
 pub(super) struct SurfaceScene<'s> {
+    scene: &'s Scene,
     textures: TextureSet<'s>,
     views: Vec<InstanceView<'s>>,
 }
@@ -30,13 +33,14 @@ pub(super) struct InstanceView<'s> {
     material: &'s Material,
     /// Whether the material is the same at every point: no texture, no vertex colour.
     uniform: bool,
-    instance: &'s Instance,
     /// Whether object space is elsewhere than world space.
     is_placed: bool,
 }
 
+#[derive(Clone)]
 enum Kind<'s> {
-    Mesh(MeshView<'s>),
+    /// Shared by all instances of the mesh.
+    Mesh(Arc<MeshView<'s>>),
     Shape(&'s Shape),
 }
 
@@ -95,32 +99,20 @@ struct Gathered {
 
 impl<'s> SurfaceScene<'s> {
     pub(super) fn new(scene: &'s Scene) -> SurfaceScene<'s> {
+        let kinds: Vec<Kind> = scene.geometries.iter().map(Kind::of).collect();
         let views = scene.instances.iter().map(|instance| {
             let material = &scene.materials[instance.material as usize];
-            let (kind, colored) = match &scene.geometries[instance.geometry as usize] {
-                Geometry::Mesh(mesh) => {
-                    let view = MeshView {
-                        positions: &mesh.positions,
-                        triangles: &mesh.triangles,
-                        normals: mesh.normals.as_deref(),
-                        tex_coords: mesh.tex_coords.iter().map(|set| &set[..]).collect(),
-                        tangents: mesh.tangents.as_deref(),
-                        colors: mesh.colors.as_deref(),
-                    };
-                    let colored = view.colors.is_some();
-                    (Kind::Mesh(view), colored)
-                }
-                Geometry::Shape(shape) => (Kind::Shape(shape), false),
-            };
+            let kind = kinds[instance.geometry as usize].clone();
+            let colored = matches!(&kind, Kind::Mesh(mesh) if mesh.colors.is_some());
             InstanceView {
                 kind,
                 material,
                 uniform: !colored && !material.is_textured(),
-                instance,
                 is_placed: !instance.is_identity(),
             }
         });
         SurfaceScene {
+            scene,
             textures: TextureSet::new(scene),
             views: views.collect(),
         }
@@ -220,10 +212,11 @@ impl<'s> SurfaceScene<'s> {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
+            let instance = &self.scene.instances[packet.instance[l] as usize];
             let placed = match &view.kind {
                 Kind::Mesh(_) if !view.is_placed => continue,
-                Kind::Mesh(_) => placed_triangle(packet, gathered, l, view.instance),
-                Kind::Shape(shape) => placed_shape(packet, l, shape, view.instance),
+                Kind::Mesh(_) => placed_triangle(packet, gathered, l, instance),
+                Kind::Shape(shape) => placed_shape(packet, l, shape, instance),
             };
             let wo = lane(&surfaces.wo, l).as_dvec3();
             let front = !(placed.ng.dot(wo) < 0.0);
@@ -266,8 +259,8 @@ impl<'s> SurfaceScene<'s> {
     /// it is flat, or not known.
     pub(super) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
         let view = &self.views[packet.instance[l] as usize];
-        let scale = view
-            .instance
+        let scale = self
+            .instance(packet.instance[l])
             .world_from_object()
             .matrix3
             .determinant()
@@ -291,6 +284,11 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// The instance of a hit.
+    pub(super) fn instance(&self, instance: u32) -> &Instance {
+        &self.scene.instances[instance as usize]
+    }
+
+    /// The instance of a hit, as it is shaded.
     pub(super) fn view(&self, instance: u32) -> &InstanceView<'_> {
         &self.views[instance as usize]
     }
@@ -311,16 +309,12 @@ impl InstanceView<'_> {
         self.material
     }
 
-    pub(super) fn instance(&self) -> &Instance {
-        self.instance
-    }
-
     /// Texture coordinates of a hit and the point's derivatives by them, in world space; zero where there are none.
-    pub(super) fn chart(&self, set: u32, packet: &RayPacket, l: usize) -> Chart {
+    pub(super) fn chart(&self, instance: &Instance, set: u32, packet: &RayPacket, l: usize) -> Chart {
         match &self.kind {
             Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
                 Some(set) => {
-                    let linear = self.instance.world_from_object().matrix3;
+                    let linear = instance.world_from_object().matrix3;
                     Chart {
                         uv: mesh.interpolate(set, packet, l),
                         derivatives: mesh.derivatives(set, packet.primitive[l]).map(|d| linear * d),
@@ -332,7 +326,7 @@ impl InstanceView<'_> {
                 },
             },
             Kind::Shape(shape) => {
-                let point = world_point(self.instance, shape, &packet.ray(l), packet.primitive[l]);
+                let point = world_point(instance, shape, &packet.ray(l), packet.primitive[l]);
                 Chart {
                     uv: point.uv.map(|x| x as f32),
                     derivatives: [point.dpdu, point.dpdv],
@@ -355,6 +349,22 @@ impl InstanceView<'_> {
         match &self.kind {
             Kind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
             Kind::Shape(_) => None,
+        }
+    }
+}
+
+impl<'s> Kind<'s> {
+    fn of(geometry: &'s Geometry) -> Kind<'s> {
+        match geometry {
+            Geometry::Mesh(mesh) => Kind::Mesh(Arc::new(MeshView {
+                positions: &mesh.positions,
+                triangles: &mesh.triangles,
+                normals: mesh.normals.as_deref(),
+                tex_coords: mesh.tex_coords.iter().map(|set| &set[..]).collect(),
+                tangents: mesh.tangents.as_deref(),
+                colors: mesh.colors.as_deref(),
+            })),
+            Geometry::Shape(shape) => Kind::Shape(shape),
         }
     }
 }
@@ -675,4 +685,14 @@ fn placed_shape(packet: &RayPacket, l: usize, shape: &Shape, instance: &Instance
 #[inline(always)]
 fn lane(v: &Lanes3<f32>, l: usize) -> Vec3 {
     Vec3::new(v[0][l], v[1][l], v[2][l])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_instance_takes_the_renderer_at_most_32_bytes() {
+        assert!(size_of::<InstanceView>() <= 32, "{}", size_of::<InstanceView>());
+    }
 }

@@ -9,7 +9,7 @@ use super::queue::TravelPacket;
 use super::surface::{InstanceView, SurfacePacket, SurfaceScene};
 use crate::accel::RayPacket;
 use crate::numeric::Lanes3;
-use crate::scene::{Layer, Model, Parameter};
+use crate::scene::{Instance, Layer, Model, Parameter};
 use crate::shading::normal_map::{TangentFrame, bumped, kept_visible, transformed_derivatives};
 use crate::shading::ray_cone::{Cone, axes_on_surface, uv_of};
 use crate::shading::{Footprint, MaterialPacket, RichLanes, TexturePoint};
@@ -39,6 +39,7 @@ impl Widths<'_> {
 /// A hit as textures see it, in world space unless said otherwise.
 struct Textured<'a> {
     view: &'a InstanceView<'a>,
+    instance: &'a Instance,
     packet: &'a RayPacket,
     l: usize,
     p_object: DVec3,
@@ -63,13 +64,14 @@ impl SurfaceScene<'_> {
         materials: &mut MaterialPacket,
     ) {
         let view = self.view(packet.instance[l]);
-        let hit = Textured::new(view, (packet, widths, l), points);
+        let instance = self.instance(packet.instance[l]);
+        let hit = Textured::new((view, instance), (packet, widths, l), points);
         let mut alpha = view.material().base_color[3];
         let mut normal = None;
         for layer in &view.material().layers {
             let (chart, at, footprint) = hit.look_up(layer);
             if layer.parameter == Parameter::Bump {
-                let object_from_world = view.instance().object_from_world().matrix3;
+                let object_from_world = instance.object_from_world().matrix3;
                 let by_object = chart.derivatives.map(|derivative| object_from_world * derivative);
                 let gradient = self.textures().height_gradient(&layer.texture, &at, by_object);
                 let n = normal.unwrap_or_else(|| points.outward_normal(l));
@@ -136,7 +138,7 @@ impl SurfacePacket {
 
 impl<'a> Textured<'a> {
     fn new(
-        view: &'a InstanceView<'a>,
+        (view, instance): (&'a InstanceView<'a>, &'a Instance),
         (packet, widths, l): (&'a RayPacket, Widths, usize),
         points: &SurfacePacket,
     ) -> Textured<'a> {
@@ -145,10 +147,10 @@ impl<'a> Textured<'a> {
         let cone = widths.at_start(l).after(f64::from(packet.t_far[l]) * length);
         Textured {
             view,
+            instance,
             packet,
             l,
-            p_object: view
-                .instance()
+            p_object: instance
                 .object_from_world()
                 .transform_point3(points.point(l)),
             axes: axes_on_surface(cone.width, direction / length, points.geometric_normal(l)),
@@ -157,13 +159,13 @@ impl<'a> Textured<'a> {
 
     /// Where a layer's texture is looked up.
     fn look_up(&self, layer: &Layer) -> (Chart, TexturePoint, Footprint) {
-        let chart = self.view.chart(layer.texture.tex_coord, self.packet, self.l);
+        let chart = self.view.chart(self.instance, layer.texture.tex_coord, self.packet, self.l);
         let transform = &layer.texture.transform;
         let turned = |[u, v]: [f32; 2]| {
             let matrix = transform.matrix;
             [0, 1].map(|row| matrix[row][0] * u + matrix[row][1] * v)
         };
-        let object_from_world = self.view.instance().object_from_world().matrix3;
+        let object_from_world = self.instance.object_from_world().matrix3;
         let footprint = Footprint {
             uv: self.axes.map(|axis| turned(uv_of(axis, chart.derivatives))),
             object: self.axes.map(|axis| object_from_world * axis),
@@ -175,7 +177,7 @@ impl<'a> Textured<'a> {
     /// The frame that a normal map on the surface with the outward unit normal `n` is meant in.
     fn tangent_frame(&self, layer: &Layer, chart: &Chart, n: DVec3) -> Option<TangentFrame> {
         if let Some([x, y, z, w]) = self.view.tangent(self.packet, self.l) {
-            let instance = self.view.instance();
+            let instance = self.instance;
             let tangent = DVec3::new(x.into(), y.into(), z.into());
             let handedness = if instance.is_mirrored() { -w } else { w };
             let tangent = instance.world_from_object().matrix3 * tangent;

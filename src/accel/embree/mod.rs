@@ -39,7 +39,8 @@ pub struct EmbreeAccel<'s> {
     world: EmbreeScene<'s>,
     user: Arc<UserGeometry<'s>>,
     device: Device,
-    width: Width,
+    /// For coherent and for incoherent rays.
+    widths: [Width; 2],
     planes: Planes,
     summary: String,
 }
@@ -73,14 +74,23 @@ impl<'s> EmbreeAccel<'s> {
         if held_back_count > 0 {
             summary += &format!(", {held_back_count} triangles held back that coincide with earlier ones");
         }
+        let widths = [width, width.for_incoherent(user.primitive_count())];
         Ok(EmbreeAccel {
             world,
             user,
             device,
-            width,
+            widths,
             planes: Planes::of(scene),
             summary,
         })
+    }
+
+    fn width(&self, order: RayOrder) -> Width {
+        let [coherent, incoherent] = self.widths;
+        match order {
+            RayOrder::Coherent => coherent,
+            RayOrder::Incoherent => incoherent,
+        }
     }
 
     /// How many callbacks have panicked since the build. Their lanes missed; the message is on standard error.
@@ -91,14 +101,14 @@ impl<'s> EmbreeAccel<'s> {
 
 impl Accel for EmbreeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
-        trace::intersect(&self.world, self.width, packets, order);
+        trace::intersect(&self.world, self.width(order), packets, order);
         if !self.planes.is_empty() {
             self.planes.intersect(packets);
         }
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
-        trace::occluded(&self.world, self.width, packets, order);
+        trace::occluded(&self.world, self.width(order), packets, order);
         if !self.planes.is_empty() {
             self.planes.occluded(packets);
         }
@@ -107,8 +117,8 @@ impl Accel for EmbreeAccel<'_> {
     fn report(&self) -> AccelReport {
         let memory = self.device.memory();
         AccelReport {
-            bytes: memory.bytes(),
-            peak_bytes: memory.peak_bytes(),
+            bytes: memory.bytes() + self.user.byte_count(),
+            peak_bytes: memory.peak_bytes() + self.user.byte_count(),
             embree: Some(self.device.identity().clone()),
             summary: self.summary.clone(),
         }

@@ -1,5 +1,8 @@
 //! From a scene to Embree's scenes: native triangles, scenes for placed meshes, and the user geometry over both.
 
+#[cfg(test)]
+mod speed;
+
 use std::any::Any;
 use std::ffi::c_void;
 use std::marker::PhantomData;

@@ -18,19 +18,6 @@ pub(super) struct SphereLanes<'a, const W: usize> {
     pub(super) question: Question,
 }
 
-/// Fewer lanes are tested one by one.
-const FEW_LANES: i32 = 2;
-
-/// Whether enough lanes are asked about.
-#[inline(always)]
-pub(super) fn is_worth_lanes<const W: usize>(asked: &[i32; W]) -> bool {
-    let mut count = 0;
-    for lane in 0..W {
-        count += i32::from(asked[lane] != 0);
-    }
-    count >= FEW_LANES
-}
-
 #[inline(always)]
 fn widened<const W: usize>(v: &[f32; W]) -> [f64; W] {
     let mut wide = [0.0; W];

@@ -11,11 +11,11 @@ use glam::{DAffine3, DVec3};
 
 use super::lanes::{Foreign, Lanes, ray_of, row};
 use super::scene::{EmbreeScene, SceneRef};
-use super::sphere::{SphereLanes, is_worth_lanes};
+use super::sphere::SphereLanes;
 use super::trace::{hit_of, new_query};
 use crate::accel::shapes::{shape_hit, world_sphere};
 use crate::accel::{ACTIVE, Hit, NO_HIT, RayOrder};
-use crate::mesh::lanes::dispatch;
+use crate::mesh::lanes::{dispatch, lanes};
 use crate::numeric::{Bounds, object_ray};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::Shape;
@@ -89,6 +89,12 @@ impl<'s> UserGeometry<'s> {
             (None, shape) => shape.bounds(),
         };
         Some(padded(&instance.world_bounds(geometry, &object)))
+    }
+
+    /// Bytes that it takes itself.
+    pub(super) fn byte_count(&self) -> u64 {
+        let parts = self.parts.iter().flatten().count() * size_of::<Part>();
+        (size_of_val(&*self.instances) + size_of_val(&*self.parts) + parts) as u64
     }
 
     /// Callbacks that have panicked.
@@ -195,6 +201,9 @@ pub(super) enum Question {
     Any,
 }
 
+/// Up to so many lanes are answered one by one.
+const FEW_LANES: u32 = 2;
+
 /// One callback: `count` lanes against one primitive.
 struct Call {
     valid: *mut i32,
@@ -211,12 +220,31 @@ impl Call {
         while first < self.count {
             // Embree's own widths in one step each; anything else in several.
             first += match self.count - first {
-                16.. => self.block::<16>(user, first, question),
-                8.. => self.block::<8>(user, first, question),
-                4.. => self.block::<4>(user, first, question),
+                16.. => self.few_or_block::<16>(user, first, question),
+                8.. => self.few_or_block::<8>(user, first, question),
+                4.. => self.few_or_block::<4>(user, first, question),
                 _ => self.block::<1>(user, first, question),
             };
         }
+    }
+
+    /// Answers lanes `first .. first + W` and returns `W`. For incoherent rays Embree asks about one lane of a wide
+    /// packet at a time, so few lanes are answered without a look at the others.
+    #[inline(always)]
+    fn few_or_block<const W: usize>(&self, user: &UserGeometry, first: usize, question: Question) -> usize {
+        // SAFETY: Embree passes `count` values, and `first + W` is at most that.
+        let asked = unsafe { self.valid.wrapping_add(first).cast::<[i32; W]>().read_unaligned() };
+        let mut mask = 0u32;
+        for lane in 0..W {
+            mask |= u32::from(asked[lane] != 0) << lane;
+        }
+        if mask.count_ones() > FEW_LANES {
+            return self.block::<W>(user, first, question);
+        }
+        for lane in lanes(mask) {
+            self.block::<1>(user, first + lane, question);
+        }
+        W
     }
 
     /// Answers lanes `first .. first + W` and returns `W`.
@@ -257,7 +285,7 @@ fn answer_shape<const W: usize>(
     asked: &[i32; W],
     question: Question,
 ) -> [i32; W] {
-    if is_worth_lanes(asked)
+    if W > 1
         && let Some(sphere) = world_sphere(instance, shape)
     {
         return dispatch(SphereLanes {

@@ -50,5 +50,6 @@ pub mod optics;
 pub mod render;
 pub mod report;
 pub mod scene;
+pub mod scene_file;
 pub mod shading;
 pub mod shape;

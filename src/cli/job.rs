@@ -10,8 +10,11 @@ use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::render::RenderSettings;
 use crate::report::memory;
 use crate::scene::{Camera, Scene};
+use crate::scene_file::Output;
 
-use super::args::{FrameArgs, RenderArgs, TracingArgs};
+use super::args::{
+    DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, FrameArgs, ImageSize, RenderArgs, TracingArgs,
+};
 use super::failure::Failure;
 use super::progress::Verbosity;
 
@@ -19,7 +22,9 @@ use super::progress::Verbosity;
 #[derive(Debug)]
 pub(super) struct RenderJob {
     pub(super) targets: Vec<Target>,
+    /// Where `wish` leaves something open, the scene may say it: see [`RenderJob::shot`].
     pub(super) settings: RenderSettings,
+    wish: Output,
     pub(super) backend: Backend,
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
@@ -68,13 +73,19 @@ impl RenderJob {
         }
         Ok(RenderJob {
             targets,
-            settings: settings(args.frame, args.spp)?,
+            settings: settings(args.frame, args.spp.unwrap_or(DEFAULT_SPP))?,
+            wish: Output {
+                size: args.frame.size.map(|size| [size.width, size.height]),
+                spp: args.spp,
+                depth: args.frame.depth,
+                exposure: args.exposure,
+            },
             backend,
             tracing: Tracing::new(&args.tracing),
             camera: args.camera.clone(),
             ambient: args.ambient.map(|a| a.0),
             tone: ToneMap {
-                exposure_ev: args.exposure,
+                exposure_ev: args.exposure.unwrap_or(0.0),
             },
             stats: args.stats.clone(),
             verbosity: if args.quiet {
@@ -83,6 +94,38 @@ impl RenderJob {
                 Verbosity::Normal
             },
         })
+    }
+}
+
+/// A scene's settings and tone: what the command line says, else what the scene says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Shot {
+    pub(super) settings: RenderSettings,
+    pub(super) tone: ToneMap,
+}
+
+impl RenderJob {
+    /// The settings for a scene that says `output` of its picture.
+    pub(super) fn shot(&self, output: &Output) -> Result<Shot, Failure> {
+        let mut shot = Shot {
+            settings: self.settings,
+            tone: self.tone,
+        };
+        let settings = &mut shot.settings;
+        if let (None, Some([width, height])) = (self.wish.size, output.size) {
+            (settings.width, settings.height) = (width, height);
+        }
+        if let (None, Some(spp)) = (self.wish.spp, output.spp) {
+            settings.spp = spp;
+        }
+        if let (None, Some(depth)) = (self.wish.depth, output.depth) {
+            settings.depth = depth;
+        }
+        if let (None, Some(exposure)) = (self.wish.exposure, output.exposure) {
+            shot.tone.exposure_ev = exposure;
+        }
+        check_memory(settings.width, settings.height)?;
+        Ok(shot)
     }
 }
 
@@ -189,7 +232,19 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
 
 /// Render settings of a size that the machine can hold.
 pub(super) fn settings(frame: FrameArgs, spp: u32) -> Result<RenderSettings, Failure> {
-    let (width, height) = (frame.size.width, frame.size.height);
+    let ImageSize { width, height } = frame.size.unwrap_or(DEFAULT_SIZE);
+    check_memory(width, height)?;
+    Ok(RenderSettings {
+        width,
+        height,
+        spp,
+        depth: frame.depth.unwrap_or(DEFAULT_DEPTH),
+        ..RenderSettings::default()
+    })
+}
+
+/// Refuses pictures that the machine cannot hold.
+fn check_memory(width: u32, height: u32) -> Result<(), Failure> {
     let needed = memory::film_bytes(width, height);
     if let Some(available) = memory::available_bytes().filter(|&available| needed > available) {
         return Err(Failure::Input(format!(
@@ -198,13 +253,7 @@ pub(super) fn settings(frame: FrameArgs, spp: u32) -> Result<RenderSettings, Fai
             memory::in_words(available)
         )));
     }
-    Ok(RenderSettings {
-        width,
-        height,
-        spp,
-        depth: frame.depth,
-        ..RenderSettings::default()
-    })
+    Ok(())
 }
 
 /// The camera that was asked for, by name first and then by number; without a wish the first.

@@ -15,7 +15,6 @@ use whit::scene::Scene;
 /// Rays a scene: a square of pixels, their shadows, random rays, rays along the axes.
 const FILM: usize = 240;
 const RANDOM_COUNT: usize = 40_000;
-const LATTICE_COUNT: usize = 40_000;
 
 fn packets(rays: &[Ray]) -> Vec<RayPacket> {
     let packet = |rays: &[Ray]| {
@@ -144,16 +143,22 @@ fn judge(
     tally
 }
 
-fn batches(scene: &Scene, brute: &BruteAccel) -> Vec<(&'static str, RayOrder, Vec<Ray>)> {
-    let camera = scenes::camera_rays(scene, FILM);
+/// Rays of all kinds: a square film's and their shadows, and `count` of each other kind.
+fn batches(
+    scene: &Scene,
+    brute: &BruteAccel,
+    film: usize,
+    count: usize,
+) -> Vec<(&'static str, RayOrder, Vec<Ray>)> {
+    let camera = scenes::camera_rays(scene, film);
     let hits: Vec<_> = nearest(brute, &camera, RayOrder::Coherent)
         .iter()
         .map(|hit| hit.map(|h| h.t))
         .collect();
     let shadow = scenes::shadow_rays(scene, &camera, &hits);
-    let random = scenes::random_rays(scene, RANDOM_COUNT, 17);
-    let lattice = scenes::lattice_rays(scene, LATTICE_COUNT, 23);
-    let mixed = shuffled(&[&camera[..FILM], &random[..FILM], &lattice[..FILM]].concat(), 29);
+    let random = scenes::random_rays(scene, count, 17);
+    let lattice = scenes::lattice_rays(scene, count, 23);
+    let mixed = shuffled(&[&camera[..film], &random[..film], &lattice[..film]].concat(), 29);
     vec![
         ("camera", RayOrder::Coherent, camera),
         ("shadow", RayOrder::Coherent, shadow),
@@ -171,44 +176,68 @@ fn by_octant(rays: &[Ray]) -> Vec<Ray> {
     sorted
 }
 
+/// Asks all backends about all batches and prints the counts; returns how many rays there were, and what was wrong.
+fn compare_all(name: &str, scene: &Scene, film: usize, count: usize) -> (usize, Vec<String>) {
+    let (mut ray_count, mut wrong) = (0, Vec::new());
+    let brute = BruteAccel::new(scene);
+    let backends = backends(scene);
+    let mut sums: Vec<Tally> = backends.iter().map(|_| Tally::default()).collect();
+    for (kind, order, rays) in batches(scene, &brute, film, count) {
+        ray_count += rays.len();
+        let hits = nearest(&brute, &rays, order);
+        // Brute force is blocked by what it hits; asking it again would double the time.
+        let shadows: Vec<bool> = hits.iter().map(Option::is_some).collect();
+        for ((_, accel), sum) in backends.iter().zip(&mut sums) {
+            sum.merge(
+                judge(scene, (&hits, &shadows), accel.as_ref(), &rays, order),
+                kind,
+            );
+        }
+    }
+    for ((backend, _), sum) in backends.iter().zip(sums) {
+        let Tally {
+            same,
+            tie,
+            wrong: bad,
+        } = sum;
+        println!("{name}, {backend}: {same} same, {tie} ties, {} wrong", bad.len());
+        wrong.extend(bad.iter().take(3).map(|w| format!("{name}, {backend}, {w}")));
+    }
+    (ray_count, wrong)
+}
+
 #[test]
 fn all_backends_agree_on_a_million_rays_over_seven_scenes() {
     let mut ray_count = 0;
     let mut wrong = Vec::new();
     for (name, scene) in scenes::all_small() {
-        let brute = BruteAccel::new(&scene);
-        let backends = backends(&scene);
-        let mut sums: Vec<Tally> = backends.iter().map(|_| Tally::default()).collect();
-        for (kind, order, rays) in batches(&scene, &brute) {
-            ray_count += rays.len();
-            let hits = nearest(&brute, &rays, order);
-            // Brute force is blocked by what it hits; asking it again would double the time.
-            let shadows: Vec<bool> = hits.iter().map(Option::is_some).collect();
-            for ((_, accel), sum) in backends.iter().zip(&mut sums) {
-                sum.merge(
-                    judge(&scene, (&hits, &shadows), accel.as_ref(), &rays, order),
-                    kind,
-                );
-            }
-        }
-        for ((backend, _), sum) in backends.iter().zip(sums) {
-            println!(
-                "{name}, {backend}: {} same, {} ties, {} wrong",
-                sum.same,
-                sum.tie,
-                sum.wrong.len()
-            );
-            wrong.extend(
-                sum.wrong
-                    .iter()
-                    .take(3)
-                    .map(|w| format!("{name}, {backend}, {w}")),
-            );
-        }
+        let (count, bad) = compare_all(name, &scene, FILM, RANDOM_COUNT);
+        ray_count += count;
+        wrong.extend(bad);
     }
     println!("{ray_count} rays");
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(ray_count >= 1_000_000, "only {ray_count} rays");
+}
+
+/// Every shape, in all placements, is found alike.
+fn compare_shapes(film: usize, count: usize) {
+    let mut wrong = Vec::new();
+    for (name, shape) in scenes::all_shapes() {
+        wrong.extend(compare_all(name, &scenes::placed_shape(shape), film, count).1);
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn all_backends_agree_on_every_shape_however_it_is_placed() {
+    compare_shapes(80, 5_000);
+}
+
+#[test]
+#[ignore = "a million rays a shape take minutes"]
+fn all_backends_agree_on_a_million_rays_a_shape() {
+    compare_shapes(400, 400_000);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use whit::accel::{Accel, AccelError, AccelOptions, Hit, Kernel, LANES, Precision
 use whit::mesh::{Mesh, Slab};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
-use whit::shape::Sphere;
+use whit::shape::{Shape, Sphere};
 
 /// The right triangle with legs of 1 along x and y, in the plane z = 0.
 fn triangle() -> Geometry {
@@ -96,7 +96,10 @@ fn a_native_triangle_is_hit_where_it_lies() {
 
 #[test]
 fn a_sphere_is_hit_within_its_interval_only() {
-    let scene = scene(vec![Geometry::Sphere(Sphere::UNIT)], &[(0, DAffine3::IDENTITY)]);
+    let scene = scene(
+        vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
+        &[(0, DAffine3::IDENTITY)],
+    );
     // From z = 4 the unit sphere spans t = 3 to 5.
     let with = |t_near, t_far| {
         hit(
@@ -119,7 +122,7 @@ fn a_sphere_is_hit_within_its_interval_only() {
 #[test]
 fn a_sphere_scaled_unevenly_is_an_ellipsoid() {
     let map = DAffine3::from_scale(DVec3::new(1.0, 1.0, 2.0));
-    let scene = scene(vec![Geometry::Sphere(Sphere::UNIT)], &[(0, map)]);
+    let scene = scene(vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))], &[(0, map)]);
     assert_eq!(hit(&scene, down(0.0, 0.0)).unwrap().t, 2.0);
 }
 
@@ -145,14 +148,17 @@ fn at_the_same_t_the_lower_instance_is_hit() {
         center: DVec3::ZERO,
         radius: 1.0,
     };
-    let two_spheres = scene(vec![Geometry::Sphere(sphere)], &[(0, DAffine3::IDENTITY); 2]);
+    let two_spheres = scene(
+        vec![Geometry::Shape(Shape::Sphere(sphere))],
+        &[(0, DAffine3::IDENTITY); 2],
+    );
     assert_eq!(hit(&two_spheres, down(0.0, 0.0)).unwrap().instance, 0);
     let two_meshes = scene(vec![triangle()], &[(0, above); 2]);
     assert_eq!(hit(&two_meshes, down(0.25, 0.25)).unwrap().instance, 0);
     // The sphere's top is at z = 1 too, at the mesh's corner.
     let both = |first: u32| {
         scene(
-            vec![triangle(), Geometry::Sphere(sphere)],
+            vec![triangle(), Geometry::Shape(Shape::Sphere(sphere))],
             &[(first, above), (1 - first, above)],
         )
     };
@@ -184,7 +190,7 @@ fn an_empty_scene_is_built_and_missed() {
 fn rays_that_are_not_numbers_neither_abort_nor_hit() {
     let map = DAffine3::from_translation(DVec3::Z);
     let everything = scene(
-        vec![triangle(), Geometry::Sphere(Sphere::UNIT)],
+        vec![triangle(), Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
         &[(0, DAffine3::IDENTITY), (0, map), (1, map)],
     );
     let good = down(0.25, 0.25);
@@ -261,10 +267,10 @@ fn every_width_finds_the_same_primitives() {
     let everything = scene(
         vec![
             field(24),
-            Geometry::Sphere(Sphere {
+            Geometry::Shape(Shape::Sphere(Sphere {
                 center: DVec3::new(0.5, 0.5, 0.4),
                 radius: 0.3,
-            }),
+            })),
         ],
         &[(0, DAffine3::IDENTITY), (0, turned), (1, DAffine3::IDENTITY)],
     );

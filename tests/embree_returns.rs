@@ -13,7 +13,7 @@ use whit::accel::{Accel, AccelOptions, Kernel, LANES, Precision, RayOrder, RayPa
 use whit::mesh::{Mesh, Slab};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
-use whit::shape::Sphere;
+use whit::shape::{Shape, Sphere};
 
 /// Far longer than any of these takes, far shorter than anyone waits.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -65,7 +65,7 @@ fn scene(kind: Kind) -> Scene {
         }
     }
     Scene {
-        geometries: vec![tetrahedron(), Geometry::Sphere(Sphere::UNIT)],
+        geometries: vec![tetrahedron(), Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
         instances,
         ..Scene::default()
     }

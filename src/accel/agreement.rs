@@ -11,6 +11,8 @@
 //!   longest edge and the farthest corner; √3 bounds `|d| / |d_z|`. Where an exact edge function is closer to zero than
 //!   that, hit or miss is anybody's guess.
 //!
+//! Analytic shapes are computed in f64 by one function, so a backend that answers otherwise about one is wrong.
+//!
 //! Two answers are *the same* if they name the same primitive, each with its parameter in bounds. They *tie* if both
 //! primitives lie within the bounds of each other, or if what only one of them found is too close to call. Else one is
 //! *wrong*.
@@ -19,6 +21,7 @@ use glam::DVec3;
 
 use super::Hit;
 use super::brute::ray_in;
+use super::shapes::shape_hit;
 use crate::numeric::Ray;
 use crate::scene::{Geometry, Scene};
 
@@ -122,11 +125,17 @@ enum Decision {
 }
 
 impl Exact {
+    /// `None` if there is no such primitive; of a shape it is its nearest part.
     fn of(scene: &Scene, ray: &Ray, hit: &Hit) -> Option<Exact> {
+        let instance = scene.instances.get(hit.instance as usize)?;
+        if let Geometry::Shape(shape) = scene.geometries.get(instance.geometry as usize)? {
+            let expected = shape_hit(hit.instance, instance, shape, ray)?;
+            (expected.primitive == hit.primitive).then_some(())?;
+        }
         Exact::of_primitive(scene, ray, hit.instance, hit.primitive)
     }
 
-    /// `None` if there is no such primitive.
+    /// `None` if there is no such primitive. A shape is one, whatever its part.
     fn of_primitive(scene: &Scene, ray: &Ray, instance: u32, primitive: u32) -> Option<Exact> {
         let instance = scene.instances.get(instance as usize)?;
         match scene.geometries.get(instance.geometry as usize)? {
@@ -137,26 +146,19 @@ impl Exact {
                     &ray_in(instance, ray),
                 ))
             }
-            Geometry::Sphere(sphere) => {
-                (primitive == 0).then_some(())?;
-                let map = &instance.object_from_world;
-                let origin = map.transform_point3(ray.origin.as_dvec3());
-                let direction = map.transform_vector3(ray.direction.as_dvec3());
-                let offset = origin - sphere.center;
-                let nearest = offset - offset.dot(direction) / direction.length_squared() * direction;
-                let span = [f64::from(ray.t_near), f64::from(ray.t_far)];
-                // A root just outside the interval stands for the one that another rounding would have found.
-                let roots = sphere.roots(origin, direction);
-                let distance = |t: &f64| (span[0] - t).max(t - span[1]).max(0.0);
-                let t = roots.and_then(|r| r.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))));
-                let size = offset.length() + sphere.radius;
-                Some(Exact {
-                    t: t.unwrap_or(f64::NAN),
-                    t_error: t.unwrap_or(0.0).abs() * gamma(2.0),
-                    margin: sphere.radius - nearest.length(),
-                    edge_error: gamma(8.0) * size,
-                })
-            }
+            Geometry::Shape(shape) => Some(Exact::of_shape(shape_hit(0, instance, shape, ray))),
+        }
+    }
+
+    /// Every backend finds shapes by the same f64 arithmetic on the same ray: nothing but the parameter's own rounding
+    /// is open.
+    fn of_shape(hit: Option<Hit>) -> Exact {
+        let (t, margin) = hit.map_or((f64::NAN, f64::NEG_INFINITY), |hit| (hit.t.into(), f64::INFINITY));
+        Exact {
+            t,
+            t_error: t.abs() * gamma(1.0),
+            margin,
+            edge_error: 0.0,
         }
     }
 

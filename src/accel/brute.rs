@@ -1,11 +1,11 @@
 //! Brute force: every ray against every primitive. The referee of the other two.
 
+use super::shapes::shape_hit;
 use super::{Accel, AccelReport, Hit, LANES, RayOrder, RayPacket};
 use crate::mesh::Mesh;
 use crate::mesh::triangle::Shear;
 use crate::numeric::{Ray, object_ray};
 use crate::scene::{Geometry, Instance, Scene};
-use crate::shape::Sphere;
 
 /// A loop over all instances and their primitives.
 pub struct BruteAccel<'s> {
@@ -26,9 +26,9 @@ impl<'s> BruteAccel<'s> {
                 Geometry::Mesh(mesh) => {
                     nearest_triangle(mesh, &ray_in(instance, ray), index as u32, &mut best)
                 }
-                Geometry::Sphere(sphere) => {
-                    if let Some(t) = sphere_hit(instance, sphere, ray) {
-                        keep_nearest(&mut best, shape_hit(index as u32, t));
+                Geometry::Shape(shape) => {
+                    if let Some(hit) = shape_hit(index as u32, instance, shape, ray) {
+                        keep_nearest(&mut best, hit);
                     }
                 }
             }
@@ -41,7 +41,7 @@ impl<'s> BruteAccel<'s> {
         self.scene.instances.iter().any(
             |instance| match &self.scene.geometries[instance.geometry as usize] {
                 Geometry::Mesh(mesh) => any_triangle(mesh, &ray_in(instance, ray)),
-                Geometry::Sphere(sphere) => sphere_hit(instance, sphere, ray).is_some(),
+                Geometry::Shape(shape) => shape_hit(0, instance, shape, ray).is_some(),
             },
         )
     }
@@ -86,33 +86,7 @@ pub(super) fn ray_in(instance: &Instance, ray: &Ray) -> Ray {
     if instance.is_identity() {
         *ray
     } else {
-        object_ray(&instance.object_from_world, ray)
-    }
-}
-
-/// Where the ray's exact extension to f64 meets a placed sphere, rounded once.
-///
-/// The interval is the ray's own and never shortened to what was found before, so that the answer does not depend on
-/// the order of the questions.
-#[inline(always)]
-pub(super) fn sphere_hit(instance: &Instance, sphere: &Sphere, ray: &Ray) -> Option<f32> {
-    let map = &instance.object_from_world;
-    let origin = map.transform_point3(ray.origin.as_dvec3());
-    let direction = map.transform_vector3(ray.direction.as_dvec3());
-    let t = sphere.nearest(origin, direction, f64::from(ray.t_near), f64::from(ray.t_far))?;
-    let t = t as f32;
-    t.is_finite().then_some(t)
-}
-
-/// The hit of an analytic shape, which has one primitive and no barycentric weights.
-#[inline(always)]
-pub(super) fn shape_hit(instance: u32, t: f32) -> Hit {
-    Hit {
-        instance,
-        primitive: 0,
-        t,
-        u: 0.0,
-        v: 0.0,
+        object_ray(&instance.object_from_world(), ray)
     }
 }
 

@@ -13,6 +13,8 @@ pub mod bsp;
 #[cfg(feature = "embree")]
 pub mod embree;
 mod packet;
+mod planes;
+mod shapes;
 
 use std::fmt;
 

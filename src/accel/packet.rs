@@ -19,7 +19,7 @@ pub const ACTIVE: i32 = -1;
 pub struct Hit {
     /// Index into [`crate::scene::Scene::instances`].
     pub instance: u32,
-    /// Triangle of the mesh; 0 for an analytic shape.
+    /// Triangle of the mesh, or part of the analytic shape as in [`crate::shape::ShapeHit::part`].
     pub primitive: u32,
     /// Parameter along the ray, in the length of its direction.
     pub t: f32,
@@ -50,7 +50,7 @@ pub struct RayPacket {
     pub u: [f32; LANES],
     /// Barycentric weight of the third corner, where hit.
     pub v: [f32; LANES],
-    /// Triangle or shape within the geometry, where hit.
+    /// Triangle of the mesh or part of the shape, where hit.
     pub primitive: [u32; LANES],
     /// Instance hit, or [`NO_HIT`].
     pub instance: [u32; LANES],

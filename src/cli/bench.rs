@@ -20,8 +20,8 @@ use super::interrupt;
 use super::job::{Tracing, choose_camera, settings};
 use super::output;
 use super::progress::{Progress, Verbosity};
-use super::scene;
 use super::replay::{Differences, Engine, RaySet, differences, replay_seconds};
+use super::scene;
 
 /// Everything that `whit bench` is to do with each scene.
 struct BenchJob {

@@ -12,9 +12,7 @@ use crate::report::memory;
 use crate::scene::{Camera, Scene};
 use crate::scene_file::Output;
 
-use super::args::{
-    DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, FrameArgs, ImageSize, RenderArgs, TracingArgs,
-};
+use super::args::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, FrameArgs, ImageSize, RenderArgs, TracingArgs};
 use super::failure::Failure;
 use super::progress::Verbosity;
 

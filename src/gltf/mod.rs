@@ -244,7 +244,7 @@ impl Document {
         if scene.instances.is_empty() {
             return Err(self.empty(&scene.warnings));
         }
-        let normalisation = Normalisation::fitting(&world_bounds(&scene, &bounds));
+        let normalisation = Normalisation::fitting(&scene.bounds_from(&bounds));
         let stays = normalisation.is_identity() && scene.instances.iter().all(Instance::is_identity);
         if !stays {
             scene.apply_normalisation(normalisation);
@@ -261,7 +261,7 @@ impl Document {
             bounds = scene.geometries.iter().map(Geometry::bounds).collect();
         }
         if scene.cameras.is_empty() {
-            let camera = view::framing_camera(&world_bounds(&scene, &bounds));
+            let camera = view::framing_camera(&scene.bounds_from(&bounds));
             scene.cameras.push(camera);
         }
         if scene.lights.is_empty() {
@@ -300,13 +300,4 @@ fn shorten(warnings: &mut Vec<String>) {
     if rest > 0 {
         warnings.push(format!("{rest} more warnings were left out"));
     }
-}
-
-/// The box around all instances; `bounds` are those of the geometries.
-fn world_bounds(scene: &Scene, bounds: &[Bounds]) -> Bounds {
-    scene
-        .instances
-        .iter()
-        .map(|i| bounds[i.geometry as usize].transformed(&i.world_from_object))
-        .fold(Bounds::EMPTY, Bounds::union)
 }

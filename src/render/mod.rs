@@ -9,6 +9,7 @@ mod queue;
 mod record;
 mod sampler;
 mod shade;
+mod shape_point;
 mod surface;
 mod wave;
 

@@ -4,17 +4,18 @@
 //! them, so that they can only disagree about *which* hit. Sixteen lanes are gathered from the meshes and then worked
 //! on side by side.
 
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 
+use super::shape_point::world_point;
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{
     LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_bound,
     triangle_spawn_error,
 };
-use crate::scene::{Geometry, Material, Parameter, Scene, Texture};
+use crate::scene::{Geometry, Instance, Material, Parameter, Scene, Texture};
 use crate::shading::{MaterialPacket, sample};
-use crate::shape::Sphere;
+use crate::shape::Shape;
 
 /// The scene, seen from its hits: one entry an instance.
 pub(super) struct SurfaceScene<'s> {
@@ -27,19 +28,14 @@ struct InstanceView<'s> {
     material: &'s Material,
     /// Whether the material is the same at every point: no texture, no vertex colour.
     uniform: bool,
-    /// `None` where object space is world space.
-    placement: Option<Placement<'s>>,
-}
-
-#[derive(Clone, Copy)]
-struct Placement<'s> {
-    world_from_object: &'s DAffine3,
-    object_from_world: &'s DAffine3,
+    instance: &'s Instance,
+    /// Whether object space is elsewhere than world space.
+    is_placed: bool,
 }
 
 enum Kind<'s> {
     Mesh(MeshView<'s>),
-    Sphere(&'s Sphere),
+    Shape(&'s Shape),
 }
 
 /// The arrays of a mesh, resolved once: a `Slab` decides at every access whether it is mapped.
@@ -106,16 +102,14 @@ impl<'s> SurfaceScene<'s> {
                     let colored = view.colors.is_some();
                     (Kind::Mesh(view), colored)
                 }
-                Geometry::Sphere(sphere) => (Kind::Sphere(sphere), false),
+                Geometry::Shape(shape) => (Kind::Shape(shape), false),
             };
             InstanceView {
                 kind,
                 material,
                 uniform: !colored && !material.is_textured(),
-                placement: (!instance.is_identity()).then_some(Placement {
-                    world_from_object: &instance.world_from_object,
-                    object_from_world: &instance.object_from_world,
-                }),
+                instance,
+                is_placed: !instance.is_identity(),
             }
         });
         SurfaceScene {
@@ -152,7 +146,7 @@ impl<'s> SurfaceScene<'s> {
                     gathered.odd = view.is_odd();
                     mesh.gather_lanes(packet, gathered);
                 }
-                (Kind::Sphere(_), _) => gathered.odd = true,
+                (Kind::Shape(_), _) => gathered.odd = true,
             },
             None => self.gather_by_lane(packet, gathered),
         }
@@ -212,10 +206,10 @@ impl<'s> SurfaceScene<'s> {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
-            let placed = match (&view.kind, view.placement) {
-                (Kind::Mesh(_), None) => continue,
-                (Kind::Mesh(_), Some(placement)) => placed_triangle(packet, gathered, l, placement),
-                (Kind::Sphere(sphere), placement) => placed_sphere(packet, l, sphere, placement),
+            let placed = match &view.kind {
+                Kind::Mesh(_) if !view.is_placed => continue,
+                Kind::Mesh(_) => placed_triangle(packet, gathered, l, view.instance),
+                Kind::Shape(shape) => placed_shape(packet, l, shape, view.instance),
             };
             let wo = lane(&surfaces.wo, l).as_dvec3();
             let ng = if placed.ng.dot(wo) < 0.0 {
@@ -276,7 +270,7 @@ impl<'s> SurfaceScene<'s> {
 impl InstanceView<'_> {
     /// Whether its hits are no plain triangles in world space.
     fn is_odd(&self) -> bool {
-        self.placement.is_some() || matches!(self.kind, Kind::Sphere(_))
+        self.is_placed || matches!(self.kind, Kind::Shape(_))
     }
 
     /// Texture coordinates of a hit; zero where the mesh has no such set.
@@ -286,14 +280,17 @@ impl InstanceView<'_> {
                 Some(set) => mesh.interpolate(set, packet, l),
                 None => [0.0; 2],
             },
-            Kind::Sphere(_) => [0.0; 2],
+            Kind::Shape(shape) => {
+                let [u, v] = world_point(self.instance, shape, &packet.ray(l), packet.primitive[l]).uv;
+                [u as f32, v as f32]
+            }
         }
     }
 
     fn vertex_color(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
         match &self.kind {
             Kind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
-            Kind::Sphere(_) => None,
+            Kind::Shape(_) => None,
         }
     }
 }
@@ -534,11 +531,11 @@ struct Placed {
     error: SpawnError,
 }
 
-fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, placement: Placement) -> Placed {
+fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, instance: &Instance) -> Placed {
     let [a, b, c] = std::array::from_fn(|corner| lane(&gathered.corners[corner], l).as_dvec3());
     let (e1, e2) = (b - a, c - a);
     let (u, v) = (f64::from(packet.u[l]), f64::from(packet.v[l]));
-    let map = placement.world_from_object;
+    let map = instance.world_from_object();
     let p = map.transform_point3(a + u * e1 + v * e2);
     let ns = gathered.smooth[l].then(|| {
         let [na, nb, nc] = std::array::from_fn(|corner| lane(&gathered.normals[corner], l).as_dvec3());
@@ -549,41 +546,20 @@ fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, placement:
         ng: transform_normal(&map.matrix3, e1.cross(e2).normalize_or_zero()),
         ns: ns.filter(|n| *n != DVec3::ZERO),
         error: triangle_spawn_error(a.as_vec3(), e1.as_vec3(), e2.as_vec3()).transformed(
-            map,
-            placement.object_from_world,
+            &map,
+            &instance.object_from_world(),
             p,
         ),
     }
 }
 
-fn placed_sphere(packet: &RayPacket, l: usize, sphere: &Sphere, placement: Option<Placement>) -> Placed {
-    let ray = packet.ray(l);
-    let (mut origin, mut direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-    if let Some(placement) = placement {
-        origin = placement.object_from_world.transform_point3(origin);
-        direction = placement.object_from_world.transform_vector3(direction);
-    }
-    // The hit's own f32 parameter says which root it was; the point is taken from the f64 root.
-    let t = f64::from(packet.t_far[l]);
-    let root = match sphere.roots(origin, direction) {
-        Some([near, far]) if (near - t).abs() <= (far - t).abs() => near,
-        Some([_, far]) => far,
-        None => t,
-    };
-    let p_object = sphere.project(origin + root * direction);
-    let n_object = sphere.normal(p_object);
-    let (p, n) = match placement {
-        Some(placement) => (
-            placement.world_from_object.transform_point3(p_object),
-            transform_normal(&placement.world_from_object.matrix3, n_object),
-        ),
-        None => (p_object, n_object),
-    };
+fn placed_shape(packet: &RayPacket, l: usize, shape: &Shape, instance: &Instance) -> Placed {
+    let point = world_point(instance, shape, &packet.ray(l), packet.primitive[l]);
     Placed {
-        p,
-        ng: n,
+        p: point.p,
+        ng: point.n,
         ns: None,
-        error: SpawnError::of_exact_point(p),
+        error: point.error,
     }
 }
 

@@ -67,7 +67,7 @@ pub fn mesh_bytes(scene: &Scene) -> u64 {
         .iter()
         .map(|geometry| match geometry {
             Geometry::Mesh(mesh) => mesh.byte_count() as u64,
-            Geometry::Sphere(_) => 0,
+            Geometry::Shape(_) => 0,
         })
         .sum()
 }

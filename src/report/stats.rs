@@ -64,7 +64,7 @@ pub struct SceneStats {
 impl SceneStats {
     /// Counts a scene that was read from `path`.
     pub fn of(scene: &Scene, path: impl Into<PathBuf>) -> SceneStats {
-        let is_shape = |geometry: u32| matches!(scene.geometries[geometry as usize], Geometry::Sphere(_));
+        let is_shape = |geometry: u32| matches!(scene.geometries[geometry as usize], Geometry::Shape(_));
         SceneStats {
             path: path.into(),
             triangles: scene.triangle_count(),

@@ -59,12 +59,11 @@ impl Scene {
             if use_counts[instance.geometry as usize] != 1 || instance.is_identity() {
                 continue;
             }
-            *mesh = bake_mesh(mesh, &instance.world_from_object);
-            instance.world_from_object = DAffine3::IDENTITY;
-            instance.object_from_world = DAffine3::IDENTITY;
+            *mesh = bake_mesh(mesh, &instance.world_from_object());
+            instance.unplace();
             let is_whole = survey::survey(mesh).is_ok_and(|survey| survey.unusable == 0);
             if !is_whole {
-                dropped.push((instance.name.clone(), survey::drop_unusable(mesh)));
+                dropped.push((instance.name.to_string(), survey::drop_unusable(mesh)));
                 survey::clear_non_finite_positions(mesh);
             }
         }

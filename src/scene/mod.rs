@@ -2,6 +2,7 @@
 
 mod bake;
 mod camera;
+mod instance;
 mod light;
 mod material;
 mod normalise;
@@ -9,9 +10,8 @@ pub(crate) mod survey;
 mod texture;
 mod validate;
 
-use glam::DAffine3;
-
 pub use camera::{Camera, CameraView, Projection};
+pub use instance::Instance;
 pub use light::{Falloff, Light, LightKind};
 pub use material::{
     AlphaMode, DEFAULT_IOR, Interior, Lecture, MIRROR_ROUGHNESS, Material, MetallicRoughness, Model,
@@ -25,8 +25,8 @@ pub use validate::SceneError;
 pub(crate) use validate::{check_camera, check_light, check_procedural};
 
 use crate::mesh::Mesh;
-use crate::numeric::{self, Bounds, SingularMatrix};
-use crate::shape::Sphere;
+use crate::numeric::Bounds;
+use crate::shape::{Implicit, Shape};
 
 /// Everything that is rendered. Lengths are metres unless a file says otherwise, colours linear RGB.
 #[derive(Clone, Debug, Default)]
@@ -82,68 +82,31 @@ impl Default for Background {
 pub enum Geometry {
     /// A triangle mesh.
     Mesh(Mesh),
-    /// A sphere.
-    Sphere(Sphere),
+    /// An analytic shape.
+    Shape(Shape),
 }
 
 impl Geometry {
-    /// The smallest box around it, in object space.
+    /// The smallest box around it, in object space; infinite for what has no end.
     pub fn bounds(&self) -> Bounds {
         match self {
             Geometry::Mesh(mesh) => mesh.bounds(),
-            Geometry::Sphere(sphere) => sphere.bounds(),
+            Geometry::Shape(shape) => shape.bounds(),
         }
+    }
+
+    /// Whether no box holds it: the infinite plane, which everything that goes by boxes leaves out.
+    #[inline(always)]
+    pub fn is_unbounded(&self) -> bool {
+        matches!(self, Geometry::Shape(Shape::Plane))
     }
 
     /// How many primitives it holds: triangles of a mesh, one for an analytic shape.
     pub fn primitive_count(&self) -> usize {
         match self {
             Geometry::Mesh(mesh) => mesh.triangles.len(),
-            Geometry::Sphere(_) => 1,
+            Geometry::Shape(_) => 1,
         }
-    }
-}
-
-/// A geometry placed in the world.
-#[derive(Clone, Debug)]
-pub struct Instance {
-    /// What messages call it: the node's name or number.
-    pub name: String,
-    /// Index into [`Scene::geometries`].
-    pub geometry: u32,
-    /// Index into [`Scene::materials`].
-    pub material: u32,
-    /// Object to world.
-    pub world_from_object: DAffine3,
-    /// World to object, the checked inverse.
-    pub object_from_world: DAffine3,
-}
-
-impl Instance {
-    /// Places `geometry` by `world_from_object`.
-    pub fn new(
-        name: impl Into<String>,
-        geometry: u32,
-        material: u32,
-        world_from_object: DAffine3,
-    ) -> Result<Instance, SingularMatrix> {
-        Ok(Instance {
-            name: name.into(),
-            geometry,
-            material,
-            world_from_object,
-            object_from_world: numeric::inverse(&world_from_object)?,
-        })
-    }
-
-    /// Whether object space is world space, as it is for every baked mesh.
-    pub fn is_identity(&self) -> bool {
-        self.world_from_object == DAffine3::IDENTITY
-    }
-
-    /// Whether the placement turns left into right, so that windings seen from the front run clockwise.
-    pub fn is_mirrored(&self) -> bool {
-        self.world_from_object.matrix3.determinant() < 0.0
     }
 }
 
@@ -154,12 +117,23 @@ impl Scene {
         &self.geometries[self.instances[instance as usize].geometry as usize]
     }
 
-    /// The box around all instances, in world space.
+    /// The box around all instances but those without an end, in world space.
     pub fn bounds(&self) -> Bounds {
         let object_bounds: Vec<Bounds> = self.geometries.iter().map(Geometry::bounds).collect();
+        self.bounds_from(&object_bounds)
+    }
+
+    /// [`Scene::bounds`] from the bounds of the geometries.
+    pub(crate) fn bounds_from(&self, object_bounds: &[Bounds]) -> Bounds {
         self.instances
             .iter()
-            .map(|i| object_bounds[i.geometry as usize].transformed(&i.world_from_object))
+            .filter(|i| !self.geometries[i.geometry as usize].is_unbounded())
+            .map(|i| {
+                i.world_bounds(
+                    &self.geometries[i.geometry as usize],
+                    &object_bounds[i.geometry as usize],
+                )
+            })
             .fold(Bounds::EMPTY, Bounds::union)
     }
 
@@ -169,7 +143,7 @@ impl Scene {
             .iter()
             .map(|i| match &self.geometries[i.geometry as usize] {
                 Geometry::Mesh(mesh) => mesh.triangles.len(),
-                Geometry::Sphere(_) => 0,
+                Geometry::Shape(_) => 0,
             })
             .sum()
     }

@@ -10,8 +10,8 @@ use glam::{DAffine3, DVec3};
 
 use super::{Falloff, Geometry, LightKind, Projection, Scene, bake};
 use crate::mesh::Mesh;
-use crate::numeric::{self, Bounds};
-use crate::shape::Sphere;
+use crate::numeric::Bounds;
+use crate::shape::{Shape, Sphere};
 
 /// The map from the file's coordinates to the scene's: `(p - center) * scale`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -140,40 +140,43 @@ impl Scene {
             *mesh = moved_mesh(mesh, &normalisation);
             let back = normalisation.inverse_map();
             for instance in self.instances.iter_mut().filter(|i| i.geometry as usize == index) {
-                instance.world_from_object *= back;
-                instance.object_from_world = numeric::inverse(&instance.world_from_object)
-                    .unwrap_or(normalisation.map() * instance.object_from_world);
+                // The factor is a power of two: a map that had an inverse keeps one.
+                let is_placed = instance.place(instance.world_from_object() * back);
+                debug_assert!(is_placed.is_ok());
             }
         }
     }
 
-    /// Geometries that stand unmoved exactly once move themselves; all others are moved by their instances.
+    /// Meshes and spheres that stand unmoved exactly once move themselves, which is exact for them; all others are
+    /// moved by their instances.
     fn move_instances(&mut self, normalisation: &Normalisation) {
         let use_counts = self.use_counts();
-        let map = normalisation.map();
         for instance in &mut self.instances {
             let geometry = &mut self.geometries[instance.geometry as usize];
             if use_counts[instance.geometry as usize] == 1 && instance.is_identity() {
                 match geometry {
-                    Geometry::Mesh(mesh) => *mesh = moved_mesh(mesh, normalisation),
-                    Geometry::Sphere(sphere) => {
+                    Geometry::Mesh(mesh) => {
+                        *mesh = moved_mesh(mesh, normalisation);
+                        continue;
+                    }
+                    Geometry::Shape(Shape::Sphere(sphere)) => {
                         *sphere = Sphere {
                             center: normalisation.point(sphere.center),
                             radius: sphere.radius * normalisation.scale,
-                        }
+                        };
+                        continue;
                     }
+                    Geometry::Shape(_) => (),
                 }
-                continue;
             }
-            let old = instance.world_from_object;
-            instance.world_from_object = DAffine3 {
-                matrix3: old.matrix3 * normalisation.scale,
-                translation: normalisation.point(old.translation),
-            };
+            let old = instance.world_from_object();
             // A power of two changes no condition number, so the inverse exists where it did; computed afresh it is
             // free of the cancellation of far translations.
-            instance.object_from_world = numeric::inverse(&instance.world_from_object)
-                .unwrap_or(instance.object_from_world * map.inverse());
+            let is_placed = instance.place(DAffine3 {
+                matrix3: old.matrix3 * normalisation.scale,
+                translation: normalisation.point(old.translation),
+            });
+            debug_assert!(is_placed.is_ok());
         }
     }
 
@@ -278,7 +281,10 @@ mod tests {
             moved(DVec3::new(0.5, 0.5, 0.5)),
         );
         Scene {
-            geometries: vec![Geometry::Mesh(triangle), Geometry::Sphere(Sphere::UNIT)],
+            geometries: vec![
+                Geometry::Mesh(triangle),
+                Geometry::Shape(Shape::Sphere(Sphere::UNIT)),
+            ],
             instances: vec![
                 Instance::new("triangle", 0, 0, DAffine3::IDENTITY).unwrap(),
                 Instance::new("sphere", 1, 0, map).unwrap(),
@@ -311,7 +317,7 @@ mod tests {
     fn positions(scene: &Scene) -> Vec<[f32; 3]> {
         match &scene.geometries[0] {
             Geometry::Mesh(mesh) => mesh.positions.to_vec(),
-            Geometry::Sphere(_) => Vec::new(),
+            Geometry::Shape(_) => Vec::new(),
         }
     }
 
@@ -337,8 +343,8 @@ mod tests {
             let scene = normalised(exponent);
             assert_eq!(positions(&scene), positions(&reference), "{exponent}");
             assert_eq!(
-                scene.instances[1].world_from_object,
-                reference.instances[1].world_from_object
+                scene.instances[1].world_from_object(),
+                reference.instances[1].world_from_object()
             );
             assert_eq!(scene.lights[0].intensity, reference.lights[0].intensity);
             assert_eq!(scene.lights[0].kind, reference.lights[0].kind);

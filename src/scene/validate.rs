@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DMat3, DVec3};
 
 use super::survey::{all_finite, survey};
 use super::{
@@ -10,8 +10,9 @@ use super::{
     Procedural, Projection, Scene, Space, Texture,
 };
 use crate::mesh::Mesh;
-use crate::numeric::{self, Bounds, Ray};
+use crate::numeric::{Bounds, Ray};
 use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
+use crate::shape::{Implicit, Shape, Sphere, Torus};
 
 /// What is wrong with a scene, worded as advice.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -37,7 +38,7 @@ impl Scene {
             let item = || format!("geometry {index}");
             let geometry_bounds = match geometry {
                 Geometry::Mesh(mesh) => check_vertices(mesh).map_err(|fault| error(item(), fault))?,
-                Geometry::Sphere(sphere) => sphere.bounds(),
+                Geometry::Shape(shape) => shape.bounds(),
             };
             bounds.push(geometry_bounds);
         }
@@ -91,9 +92,14 @@ impl Scene {
         let Some(material) = self.materials.get(instance.material as usize) else {
             return Err(out_of_range("material", instance.material, self.materials.len()));
         };
-        check_transform(instance)?;
-        let world = bounds[instance.geometry as usize].transformed(&instance.world_from_object);
-        if !in_range(world.magnitude()) {
+        // What has no end is held to be where its origin is.
+        let reach = if geometry.is_unbounded() {
+            instance.world_from_object().translation.abs().max_element()
+        } else {
+            let bounds = &bounds[instance.geometry as usize];
+            instance.world_bounds(geometry, bounds).magnitude()
+        };
+        if !in_range(reach) {
             return Err("leaves the range of coordinates: normalise the scene or make it smaller".into());
         }
         let Geometry::Mesh(mesh) = geometry else {
@@ -287,6 +293,19 @@ fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
     Ok(survey.bounds)
 }
 
+/// What a shape's own constructor has not checked.
+fn check_shape(shape: &Shape) -> Result<(), String> {
+    match *shape {
+        Shape::Sphere(Sphere { center, radius }) if !(is_size(radius) && center.is_finite()) => {
+            Err("is a sphere without a positive, finite radius and a finite centre: correct them".into())
+        }
+        Shape::Torus(Torus { minor_radius }) if !(minor_radius > 0.0 && minor_radius < 1.0) => {
+            Err("is a torus whose tube's radius is not between 0 and 1: correct it".into())
+        }
+        _ => Ok(()),
+    }
+}
+
 fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
     let vertex_range = || {
         if in_range(bounds.magnitude()) {
@@ -296,12 +315,9 @@ fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
         }
     };
     match geometry {
-        Geometry::Sphere(sphere) => {
-            if !(sphere.radius > 0.0 && sphere.radius < f64::INFINITY && sphere.center.is_finite()) {
-                return Err(
-                    "is a sphere without a positive, finite radius and a finite centre: correct them".into(),
-                );
-            }
+        Geometry::Shape(Shape::Plane) => Ok(()),
+        Geometry::Shape(shape) => {
+            check_shape(shape)?;
             vertex_range()
         }
         Geometry::Mesh(mesh) => {
@@ -313,25 +329,6 @@ fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
             }
             vertex_range()
         }
-    }
-}
-
-/// Finite, and the inverse is one: ‖M M⁻¹ - I‖ stays within 16 roundings of the condition number, in the maximum norm.
-fn check_transform(instance: &Instance) -> Result<(), String> {
-    let (map, inverse) = (instance.world_from_object, instance.object_from_world);
-    numeric::inverse(&map)
-        .map_err(|singular| format!("{singular}: give it a matrix that can be inverted"))?;
-    let residual: DAffine3 = map * inverse;
-    let condition = row_sum(&map.matrix3) * row_sum(&inverse.matrix3);
-    let bound = 16.0 * f64::EPSILON * condition;
-    let linear = row_sum(&(residual.matrix3 - DMat3::IDENTITY));
-    let moved = residual.translation.abs().max_element();
-    let reach = map.translation.abs().max_element();
-    // Comparisons with NaN are false, so a NaN anywhere is refused.
-    if linear <= bound && moved <= bound * reach {
-        Ok(())
-    } else {
-        Err("its two transforms are not inverse to each other: make it with `Instance::new`".into())
     }
 }
 
@@ -452,7 +449,7 @@ mod tests {
         Filter, Image, Interior, Layer, Lecture, MetallicRoughness, Parameter, Sampler, Texels, TextureUse,
         Wrap,
     };
-    use crate::shape::Sphere;
+    use glam::DAffine3;
 
     /// A textured triangle, a sphere, a light and a camera, all in order.
     fn scene() -> Scene {
@@ -465,7 +462,7 @@ mod tests {
         };
         let turned = DAffine3::from_rotation_x(0.4) * DAffine3::from_scale(DVec3::new(-1e3, 1.0, 1e-3));
         Scene {
-            geometries: vec![Geometry::Mesh(mesh), Geometry::Sphere(Sphere::UNIT)],
+            geometries: vec![Geometry::Mesh(mesh), Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
             instances: vec![
                 Instance::new("triangle", 0, 0, turned).unwrap(),
                 Instance::new("ball", 1, 0, DAffine3::IDENTITY).unwrap(),
@@ -518,7 +515,7 @@ mod tests {
     fn mesh(scene: &mut Scene) -> &mut Mesh {
         match &mut scene.geometries[0] {
             Geometry::Mesh(mesh) => mesh,
-            Geometry::Sphere(_) => unreachable!(),
+            Geometry::Shape(_) => unreachable!(),
         }
     }
 
@@ -531,7 +528,7 @@ mod tests {
     #[test]
     fn every_fault_is_found_and_its_item_named() {
         type Break = fn(&mut Scene);
-        let breaks: [(&str, Break); 30] = [
+        let breaks: [(&str, Break); 31] = [
             ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 3]])),
             ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 1]])),
             ("geometry 0", |s| {
@@ -548,27 +545,35 @@ mod tests {
             }),
             ("instance 0", |s| mesh(s).tex_coords.clear()),
             ("geometry 1", |s| {
-                s.geometries[1] = Geometry::Sphere(Sphere {
+                s.geometries[1] = Geometry::Shape(Shape::Sphere(Sphere {
                     radius: -1.0,
                     ..Sphere::UNIT
-                })
+                }))
             }),
             ("geometry 1", |s| {
-                s.geometries[1] = Geometry::Sphere(Sphere {
+                s.geometries[1] = Geometry::Shape(Shape::Sphere(Sphere {
                     radius: 1e30,
                     ..Sphere::UNIT
-                })
+                }))
+            }),
+            ("geometry 1", |s| {
+                s.geometries[1] = Geometry::Shape(Shape::Torus(Torus { minor_radius: 1.0 }))
+            }),
+            ("geometry 1", |s| {
+                s.geometries[1] = Geometry::Shape(Shape::Torus(Torus {
+                    minor_radius: f64::NAN,
+                }))
             }),
             ("instance 1", |s| s.instances[1].geometry = 2),
             ("instance 1", |s| s.instances[1].material = 1),
             ("instance 1", |s| {
-                s.instances[1].object_from_world = DAffine3::from_rotation_x(1e-3)
+                let far = DAffine3::from_translation(DVec3::splat(1e30));
+                s.instances[1].place(far).unwrap();
             }),
             ("instance 1", |s| {
-                s.instances[1].world_from_object.matrix3.x_axis = DVec3::ZERO
-            }),
-            ("instance 1", |s| {
-                s.instances[1].object_from_world.translation.y = f64::NAN
+                s.geometries[1] = Geometry::Shape(Shape::Plane);
+                let far = DAffine3::from_translation(DVec3::splat(1e30));
+                s.instances[1].place(far).unwrap();
             }),
             ("material 0", |s| s.materials[0].emission[1] = f32::INFINITY),
             ("material 0", |s| {

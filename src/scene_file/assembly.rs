@@ -5,6 +5,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::Arc;
 
 use glam::DAffine3;
 
@@ -31,7 +32,7 @@ pub(super) struct Assembly {
 /// One object.
 #[derive(Debug)]
 pub(super) struct Node {
-    pub(super) name: String,
+    pub(super) name: Arc<str>,
     /// What its own transforms do.
     pub(super) map: DAffine3,
     pub(super) copies: Option<Copies>,
@@ -242,7 +243,10 @@ impl Assembler {
             if let Some(name) = &form.name
                 && taken.insert(name, ()).is_some()
             {
-                let sentence = format!("the name `{}` is taken by an object before it: choose another", **name);
+                let sentence = format!(
+                    "the name `{}` is taken by an object before it: choose another",
+                    **name
+                );
                 return Err(unit.source.error(name.fault(sentence)));
             }
             let node = self.node(unit, form, number)?;
@@ -261,9 +265,17 @@ impl Assembler {
         Ok(assembly)
     }
 
-    fn node(&mut self, unit: &mut Unit, form: &At<ObjectForm>, number: usize) -> Result<Node, SceneFileError> {
+    fn node(
+        &mut self,
+        unit: &mut Unit,
+        form: &At<ObjectForm>,
+        number: usize,
+    ) -> Result<Node, SceneFileError> {
         let source = unit.source.clone();
-        let name = form.name.as_ref().map_or_else(|| format!("object {}", number + 1), |n| n.to_string());
+        let name = form
+            .name
+            .as_ref()
+            .map_or_else(|| format!("object {}", number + 1), |n| n.to_string());
         let map = map_of(form.transform.iter().map(|step| &**step))
             .map_err(|(step, sentence)| source.error(form.transform[step].fault(sentence)))?;
         let material = match &form.material {
@@ -279,7 +291,7 @@ impl Assembler {
         self.check_coordinates(&what, material)
             .map_err(|sentence| source.error(form.fault(sentence)))?;
         Ok(Node {
-            name,
+            name: name.into(),
             map,
             copies,
             what,
@@ -301,7 +313,9 @@ impl Assembler {
             (Some(shape), None, None, None) => self.shape_of(unit, shape).map(What::Geometry),
             (None, Some(group), None, None) => {
                 if let Some(first) = unit.open_groups.iter().position(|open| *open == **group) {
-                    let ring = [&unit.open_groups[first..], &[group.to_string()]].concat().join("` in `");
+                    let ring = [&unit.open_groups[first..], &[group.to_string()]]
+                        .concat()
+                        .join("` in `");
                     let sentence = format!("groups contain each other (`{ring}`): break the ring");
                     return Err(source.error(group.fault(sentence)));
                 }
@@ -327,7 +341,8 @@ impl Assembler {
 
     fn shape_of(&mut self, unit: &Unit, shape: &At<ShapeRef>) -> Result<u32, SceneFileError> {
         let fail = |fault: super::shape::ShapeFault| {
-            unit.source.error_at(fault.span.unwrap_or(shape.span.clone()), fault.sentence)
+            unit.source
+                .error_at(fault.span.unwrap_or(shape.span.clone()), fault.sentence)
         };
         let name = match &**shape {
             ShapeRef::Inline(form) => {
@@ -343,7 +358,9 @@ impl Assembler {
             let mut known: Vec<&str> = ShapeForm::words().collect();
             known.extend(unit.shapes.keys().map(String::as_str));
             let advice = suggestion(name, &known);
-            return Err(unit.source.error(shape.fault(format!("there is no shape `{name}`: {advice}"))));
+            return Err(unit
+                .source
+                .error(shape.fault(format!("there is no shape `{name}`: {advice}"))));
         };
         let geometry = self.add(form.geometry().map_err(fail)?);
         self.words.insert(name.clone(), geometry);
@@ -354,7 +371,8 @@ impl Assembler {
     fn include(&mut self, unit: &Unit, file: &At<String>) -> Result<Rc<Assembly>, SceneFileError> {
         let path = unit.folder.join(&**file);
         let key = path.canonicalize().map_err(|e| {
-            unit.source.error(file.fault(format!("{} cannot be read ({e}): check the path", path.display())))
+            unit.source
+                .error(file.fault(format!("{} cannot be read ({e}): check the path", path.display())))
         })?;
         if self.open_files.contains(&key) {
             let sentence = format!("{} includes itself in the end: break the ring", path.display());
@@ -417,27 +435,34 @@ impl Assembler {
             .min(self.texels_left);
         scene.geometries.extend(part.geometries);
         scene.images.extend(part.images);
-        scene.textures.extend(part.textures.into_iter().map(|mut texture| {
-            if let Texture::Image { image, .. } = &mut texture {
-                *image += images;
-            }
-            texture
-        }));
-        scene.materials.extend(part.materials.into_iter().map(|mut material| {
-            for layer in &mut material.layers {
-                layer.texture.texture += textures;
-            }
-            material
-        }));
+        scene
+            .textures
+            .extend(part.textures.into_iter().map(|mut texture| {
+                if let Texture::Image { image, .. } = &mut texture {
+                    *image += images;
+                }
+                texture
+            }));
+        scene
+            .materials
+            .extend(part.materials.into_iter().map(|mut material| {
+                for layer in &mut material.layers {
+                    layer.texture.texture += textures;
+                }
+                material
+            }));
         let file = source.path.display().to_string();
-        let warnings = part.warnings.into_iter().map(|warning| format!("{file}: {warning}"));
+        let warnings = part
+            .warnings
+            .into_iter()
+            .map(|warning| format!("{file}: {warning}"));
         scene.warnings.extend(warnings);
         let nodes: Vec<Node> = part
             .instances
             .into_iter()
             .map(|instance| Node {
+                map: instance.world_from_object(),
                 name: instance.name,
-                map: instance.world_from_object,
                 copies: None,
                 what: What::Geometry(instance.geometry + geometries),
                 material: Some(instance.material + materials),
@@ -499,7 +524,10 @@ fn check_names<'f>(names: impl Iterator<Item = Option<&'f At<String>>>, kind: &s
     let mut taken: Vec<&str> = Vec::new();
     for name in names.flatten() {
         if taken.contains(&name.as_str()) {
-            return Err(name.fault(format!("the name `{}` is taken by a {kind} before it: choose another", **name)));
+            return Err(name.fault(format!(
+                "the name `{}` is taken by a {kind} before it: choose another",
+                **name
+            )));
         }
         taken.push(name);
     }
@@ -508,7 +536,9 @@ fn check_names<'f>(names: impl Iterator<Item = Option<&'f At<String>>>, kind: &s
 
 fn copies(form: &ObjectForm) -> Result<Option<Copies>, Fault> {
     match (&form.repeat, &form.scatter) {
-        (Some(_), Some(scatter)) => Err(scatter.fault("stands beside `repeat`: give one, and a group for the other")),
+        (Some(_), Some(scatter)) => {
+            Err(scatter.fault("stands beside `repeat`: give one, and a group for the other"))
+        }
         (Some(repeat), None) => repeat.copies().map(Some).map_err(|s| repeat.fault(s)),
         (None, Some(scatter)) => scatter.copies().map(Some).map_err(|s| scatter.fault(s)),
         (None, None) => Ok(None),
@@ -533,7 +563,10 @@ fn read(path: &Path) -> Result<Source, SceneFileError> {
     let unreadable = |e: std::io::Error| file_error(path, format!("cannot be read ({e}): check the path"));
     let size = std::fs::metadata(path).map_err(unreadable)?.len();
     if size > MAX_BYTES {
-        return Err(file_error(path, format!("has {size} bytes: put its meshes into a glTF file and give it as `gltf`")));
+        return Err(file_error(
+            path,
+            format!("has {size} bytes: put its meshes into a glTF file and give it as `gltf`"),
+        ));
     }
     let bytes = std::fs::read(path).map_err(unreadable)?;
     match String::from_utf8(bytes) {

@@ -55,7 +55,10 @@ impl CameraForm {
         } else {
             self.look_at()?
         };
-        let name = self.name.as_ref().map_or_else(|| format!("camera {number}"), |n| n.to_string());
+        let name = self
+            .name
+            .as_ref()
+            .map_or_else(|| format!("camera {number}"), |n| n.to_string());
         let camera = Camera {
             name,
             world_from_camera,
@@ -76,7 +79,9 @@ impl CameraForm {
             (self.height.is_some(), "height"),
         ];
         if let Some((_, key)) = strangers.iter().find(|(given, _)| *given) {
-            return Err(format!("has both `eye` and `{key}`: give a frame or a look-at, not both"));
+            return Err(format!(
+                "has both `eye` and `{key}`: give a frame or a look-at, not both"
+            ));
         }
         let parts = (self.eye, self.i, self.j, self.k, self.near, self.window);
         let (Some(eye), Some(i), Some(j), Some(k), Some(distance), Some([width, height])) = parts else {
@@ -102,12 +107,16 @@ impl CameraForm {
             return Err(format!("has `{key}` without `eye`: add `eye` or take it away"));
         }
         let (Some(from), Some(at)) = (self.from, self.at) else {
-            return Err("stands nowhere: give `from` and `at`, or `eye`, `i`, `j`, `k`, `near` and `window`".into());
+            return Err(
+                "stands nowhere: give `from` and `at`, or `eye`, `i`, `j`, `k`, `near` and `window`".into(),
+            );
         };
         let up = self.up.map_or(DVec3::from_array(UP), |up| up.0);
         let projection = match (self.fov, self.height) {
             (Some(_), Some(_)) => {
-                return Err("has both `fov` and `height`: give one, as a parallel projection has no angle".into());
+                return Err(
+                    "has both `fov` and `height`: give one, as a parallel projection has no angle".into(),
+                );
             }
             (_, Some(height)) => Projection::Orthographic {
                 y_mag: 0.5 * height,
@@ -149,10 +158,9 @@ mod tests {
     fn a_look_at_camera_and_the_lectures_frame_see_the_same() {
         // 90 degrees high at distance 2 is a window of 4 by 4.
         let look = camera("from = [1, 2, 3]\nat = [1, 2, 0]\nfov = 90\nnear = 2").unwrap();
-        let frame = camera(
-            "eye = [1, 2, 3]\ni = [1, 0, 0]\nj = [0, 1, 0]\nk = [0, 0, 1]\nnear = 2\nwindow = [4, 4]",
-        )
-        .unwrap();
+        let frame =
+            camera("eye = [1, 2, 3]\ni = [1, 0, 0]\nj = [0, 1, 0]\nk = [0, 0, 1]\nnear = 2\nwindow = [4, 4]")
+                .unwrap();
         let [a, b] = [look, frame].map(|c| c.view(10, 10).ray(0.25, 0.75));
         assert_eq!(a.origin, b.origin);
         assert!((a.direction * 2.0 - b.direction).length() < 8.0 * f64::EPSILON);
@@ -166,8 +174,14 @@ mod tests {
             ("from = [0, 0, 0]\nat = [0, 0, 0]", "looks nowhere"),
             ("from = [0, 0, 0]\nat = [0, 5, 0]", "along `up`"),
             ("from = [0, 0, 0]\nat = [0, 0, 1]\nfov = 180", "between 0 and 180"),
-            ("from = [0, 0, 0]\nat = [0, 0, 1]\nfov = 20\nheight = 1", "both `fov` and `height`"),
-            ("from = [0, 0, 0]\nat = [0, 0, 1]\nwindow = [1, 1]", "without `eye`"),
+            (
+                "from = [0, 0, 0]\nat = [0, 0, 1]\nfov = 20\nheight = 1",
+                "both `fov` and `height`",
+            ),
+            (
+                "from = [0, 0, 0]\nat = [0, 0, 1]\nwindow = [1, 1]",
+                "without `eye`",
+            ),
             ("eye = [0, 0, 0]\nfov = 20", "both `eye` and `fov`"),
             ("eye = [0, 0, 0]", "is not whole"),
             (

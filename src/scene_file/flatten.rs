@@ -38,19 +38,31 @@ pub(super) fn flatten(
     place_assembly(scene, assembly, top)
 }
 
-fn place_assembly(scene: &mut Scene, assembly: &Assembly, inherited: Inherited) -> Result<(), SceneFileError> {
+fn place_assembly(
+    scene: &mut Scene,
+    assembly: &Assembly,
+    inherited: Inherited,
+) -> Result<(), SceneFileError> {
     if inherited.lights {
-        let lights = assembly.lights.iter().map(|light| moved_light(light, &inherited.world));
+        let lights = assembly
+            .lights
+            .iter()
+            .map(|light| moved_light(light, &inherited.world));
         scene.lights.extend(lights);
     }
     if inherited.cameras {
         let cameras = assembly.cameras.iter();
-        scene.cameras.extend(cameras.filter_map(|camera| moved_camera(camera, &inherited.world)));
+        scene
+            .cameras
+            .extend(cameras.filter_map(|camera| moved_camera(camera, &inherited.world)));
     }
     for node in &assembly.nodes {
         let count = node.copies.as_ref().map_or(1, Copies::count);
         for number in 0..count {
-            let copy = node.copies.as_ref().map_or(DAffine3::IDENTITY, |copies| copies.map(number));
+            let copy = node
+                .copies
+                .as_ref()
+                .map_or(DAffine3::IDENTITY, |copies| copies.map(number));
             let inside = Inherited {
                 world: inherited.world * copy * node.map,
                 material: node.material.unwrap_or(inherited.material),
@@ -66,10 +78,11 @@ fn place_assembly(scene: &mut Scene, assembly: &Assembly, inherited: Inherited) 
 fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), SceneFileError> {
     match &node.what {
         What::Geometry(geometry) => {
-            let instance = Instance::new(node.name.clone(), *geometry, inside.material, inside.world).map_err(|e| {
-                let sentence = format!("with all that it is in, {e}: scale less extremely");
-                node.source.error_at(node.span.clone(), sentence)
-            })?;
+            let instance = Instance::new(node.name.clone(), *geometry, inside.material, inside.world)
+                .map_err(|e| {
+                    let sentence = format!("with all that it is in, {e}: scale less extremely");
+                    node.source.error_at(node.span.clone(), sentence)
+                })?;
             scene.instances.push(instance);
             Ok(())
         }
@@ -117,7 +130,10 @@ fn moved_light(light: &Light, world: &DAffine3) -> Light {
             falloff,
         },
     };
-    Light { kind, ..light.clone() }
+    Light {
+        kind,
+        ..light.clone()
+    }
 }
 
 /// The camera where `world` puts it, without scale, shear and mirroring: the view axis keeps its direction, up is made
@@ -140,20 +156,28 @@ fn moved_camera(camera: &Camera, world: &DAffine3) -> Option<Camera> {
 /// Places everything well, bakes what stands once, and supplies a camera where there is none.
 pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileError> {
     let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
-    scene.apply_normalisation(Normalisation::fitting(&finite_bounds(&scene, &bounds)));
+    scene.apply_normalisation(Normalisation::fitting(&scene.bounds_from(&bounds)));
     scene.normalise_object_spaces(&bounds);
     for (name, dropped) in scene.bake_single_uses() {
-        scene.warnings.push(format!("{name} {}", dropped_sentence(dropped)));
+        scene
+            .warnings
+            .push(format!("{name} {}", dropped_sentence(dropped)));
     }
     scene.remove_empty_meshes();
     if scene.instances.is_empty() {
-        return Err(file_error(path, "has only triangles without area: make its objects larger"));
+        return Err(file_error(
+            path,
+            "has only triangles without area: make its objects larger",
+        ));
     }
     if scene.cameras.is_empty() {
         let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
-        let finite = finite_bounds(&scene, &bounds);
+        let finite = scene.bounds_from(&bounds);
         if finite.is_empty() {
-            return Err(file_error(path, "has no camera and nothing finite to frame: add a [camera]"));
+            return Err(file_error(
+                path,
+                "has no camera and nothing finite to frame: add a [camera]",
+            ));
         }
         scene.cameras.push(framing_camera(&finite));
     }
@@ -161,14 +185,4 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
         Ok(()) => Ok(scene),
         Err(error) => Err(file_error(path, error.to_string())),
     }
-}
-
-/// The box around all instances but those without end; `bounds` are those of the geometries.
-fn finite_bounds(scene: &Scene, bounds: &[Bounds]) -> Bounds {
-    scene
-        .instances
-        .iter()
-        .filter(|i| bounds[i.geometry as usize].magnitude() < f64::INFINITY)
-        .map(|i| bounds[i.geometry as usize].transformed(&i.world_from_object))
-        .fold(Bounds::EMPTY, Bounds::union)
 }

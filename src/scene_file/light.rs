@@ -120,7 +120,10 @@ impl LightForm {
     /// The light, called by its number where it has no name.
     pub(super) fn light(&self, number: usize) -> Result<Light, String> {
         self.check_keys()?;
-        let name = self.name.as_ref().map_or_else(|| format!("light {number}"), |n| n.to_string());
+        let name = self
+            .name
+            .as_ref()
+            .map_or_else(|| format!("light {number}"), |n| n.to_string());
         let kind = match self.kind {
             Kind::Directional => LightKind::Directional {
                 to_light: -self.aim()?,
@@ -207,7 +210,9 @@ impl LightForm {
             },
         };
         if self.range.is_some() {
-            return Err("has a `range` that its `falloff` does not know: take it away or make it \"physical\"".into());
+            return Err(
+                "has a `range` that its `falloff` does not know: take it away or make it \"physical\"".into(),
+            );
         }
         Ok(falloff)
     }
@@ -298,13 +303,19 @@ mod tests {
     use super::*;
 
     fn light(text: &str) -> Result<Light, String> {
-        toml::from_str::<LightForm>(text).map_err(|e| e.to_string())?.light(0)
+        toml::from_str::<LightForm>(text)
+            .map_err(|e| e.to_string())?
+            .light(0)
     }
 
     #[test]
     fn a_spot_light_points_at_what_it_is_pointed_at() {
-        let spot = light("kind = 'spot'\nposition = [0, 4, 0]\nat = [0, 1, 0]\ninner = 0\nouter = 60").unwrap();
-        let LightKind::Spot { direction, cos_outer, .. } = spot.kind else {
+        let spot =
+            light("kind = 'spot'\nposition = [0, 4, 0]\nat = [0, 1, 0]\ninner = 0\nouter = 60").unwrap();
+        let LightKind::Spot {
+            direction, cos_outer, ..
+        } = spot.kind
+        else {
             unreachable!()
         };
         assert_eq!(direction, glam::DVec3::NEG_Y);
@@ -314,15 +325,33 @@ mod tests {
     #[test]
     fn a_light_of_one_kind_has_no_keys_of_another() {
         for (bad, words) in [
-            ("kind = 'directional'\ndirection = [0, -1, 0]\nposition = [0, 1, 0]", "has no `position`"),
-            ("kind = 'point'\nposition = [0, 1, 0]\ninner = 3", "has no `inner`"),
+            (
+                "kind = 'directional'\ndirection = [0, -1, 0]\nposition = [0, 1, 0]",
+                "has no `position`",
+            ),
+            (
+                "kind = 'point'\nposition = [0, 1, 0]\ninner = 3",
+                "has no `inner`",
+            ),
             ("kind = 'point'", "stands nowhere"),
             ("kind = 'directional'\ndirection = [0, 0, 0]", "without length"),
             ("kind = 'point'\nposition = [0, 1, 0]\nintensity = -1", "negative"),
-            ("kind = 'point'\nposition = [0, 1, 0]\nfalloff = 'none'\nrange = 3", "`range`"),
-            ("kind = 'point'\nposition = [0, 1, 0]\nfalloff = [0, 0, 0]", "makes no sense"),
-            ("kind = 'spot'\nposition = [0, 1, 0]\nat = [0, 0, 0]\ninner = 50", "its cone"),
-            ("kind = 'spot'\nposition = [0, 1, 0]\nat = [0, 0, 0]\nouter = 400", "its cone"),
+            (
+                "kind = 'point'\nposition = [0, 1, 0]\nfalloff = 'none'\nrange = 3",
+                "`range`",
+            ),
+            (
+                "kind = 'point'\nposition = [0, 1, 0]\nfalloff = [0, 0, 0]",
+                "makes no sense",
+            ),
+            (
+                "kind = 'spot'\nposition = [0, 1, 0]\nat = [0, 0, 0]\ninner = 50",
+                "its cone",
+            ),
+            (
+                "kind = 'spot'\nposition = [0, 1, 0]\nat = [0, 0, 0]\nouter = 400",
+                "its cone",
+            ),
         ] {
             let error = light(bad).unwrap_err();
             assert!(error.contains(words), "{bad}: {error}");

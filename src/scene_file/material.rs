@@ -215,10 +215,9 @@ impl MaterialForm {
         let usual = MetallicRoughness::DEFAULT;
         let number = |param: &Option<Param<Color>>, key: &str, usual: f32| match param {
             None => Ok(usual),
-            Some(param) => param
-                .value()
-                .grey()
-                .ok_or_else(|| format!("its `{key}` is a colour, but metallic-roughness has a number there: give one")),
+            Some(param) => param.value().grey().ok_or_else(|| {
+                format!("its `{key}` is a colour, but metallic-roughness has a number there: give one")
+            }),
         };
         // A map that packs both needs factors of 1 to show.
         let (metallic, roughness) = match (&self.metallic_roughness, self.metal, self.glass) {
@@ -227,12 +226,19 @@ impl MaterialForm {
             (None, None, Some(_)) => (0.0, 0.0),
             (None, None, None) => (METALLIC, ROUGHNESS),
         };
-        let clear = if self.glass.is_some() { 1.0 } else { usual.transmission };
+        let clear = if self.glass.is_some() {
+            1.0
+        } else {
+            usual.transmission
+        };
         Ok(MetallicRoughness {
             metallic: self.metallic.as_ref().map_or(metallic, Param::value),
             roughness: self.roughness.as_ref().map_or(roughness, Param::value),
             specular: number(&self.specular, "specular", usual.specular)?,
-            specular_color: self.specular_color.as_ref().map_or(usual.specular_color, |p| p.value().0),
+            specular_color: self
+                .specular_color
+                .as_ref()
+                .map_or(usual.specular_color, |p| p.value().0),
             transmission: number(&self.transmission, "transmission", clear)?,
         })
     }
@@ -247,14 +253,30 @@ impl MaterialForm {
             (self.reflection.is_some(), "reflection", &[Lecture]),
             (self.fresnel.is_some(), "fresnel", &[Lecture]),
             (self.specular.is_some(), "specular", &[Lecture, MetallicRoughness]),
-            (self.transmission.is_some(), "transmission", &[Lecture, MetallicRoughness]),
+            (
+                self.transmission.is_some(),
+                "transmission",
+                &[Lecture, MetallicRoughness],
+            ),
             (self.metal.is_some(), "metal", &[Lecture, MetallicRoughness]),
             (self.glass.is_some(), "glass", &[Lecture, MetallicRoughness]),
             (self.metallic.is_some(), "metallic", &[MetallicRoughness]),
             (self.roughness.is_some(), "roughness", &[MetallicRoughness]),
-            (self.metallic_roughness.is_some(), "metallic_roughness", &[MetallicRoughness]),
-            (self.specular_color.is_some(), "specular_color", &[MetallicRoughness]),
-            (self.occlusion.is_some(), "occlusion", &[Lecture, MetallicRoughness]),
+            (
+                self.metallic_roughness.is_some(),
+                "metallic_roughness",
+                &[MetallicRoughness],
+            ),
+            (
+                self.specular_color.is_some(),
+                "specular_color",
+                &[MetallicRoughness],
+            ),
+            (
+                self.occlusion.is_some(),
+                "occlusion",
+                &[Lecture, MetallicRoughness],
+            ),
         ];
         for (given, key, models) in keys {
             if given && !models.contains(&self.model) {
@@ -263,7 +285,9 @@ impl MaterialForm {
                     Lecture => "lecture",
                     ModelName::Unlit => "unlit",
                 };
-                return Err(format!("the model \"{model}\" has no `{key}`: take it away or give another `model`"));
+                return Err(format!(
+                    "the model \"{model}\" has no `{key}`: take it away or give another `model`"
+                ));
             }
         }
         Ok(())
@@ -391,7 +415,8 @@ mod tests {
     #[test]
     fn a_texture_is_turned_after_it_is_scaled() {
         let form: MaterialForm =
-            toml::from_str("roughness = { texture = 'x', scale = [2, 3], rotate = 90, offset = [0.5, 0] }").unwrap();
+            toml::from_str("roughness = { texture = 'x', scale = [2, 3], rotate = 90, offset = [0.5, 0] }")
+                .unwrap();
         let [u, v] = form.layers()[0].transform.apply([1.0, 1.0]);
         // (1, 1) -> (2, 3) -> (-3, 2) -> (-2.5, 2).
         assert!((u + 2.5).abs() < 1e-6 && (v - 2.0).abs() < 1e-6, "{u} {v}");

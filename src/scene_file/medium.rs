@@ -109,15 +109,23 @@ impl MaterialForm {
             (self.sellmeier.is_some(), "sellmeier"),
             (self.cauchy.is_some(), "cauchy"),
         ];
-        let given: Vec<&str> = ways.iter().filter(|(given, _)| *given).map(|(_, key)| *key).collect();
+        let given: Vec<&str> = ways
+            .iter()
+            .filter(|(given, _)| *given)
+            .map(|(_, key)| *key)
+            .collect();
         if let [first, second, ..] = given[..] {
-            return Err(format!("has both `{first}` and `{second}`: give one index of refraction"));
+            return Err(format!(
+                "has both `{first}` and `{second}`: give one index of refraction"
+            ));
         }
         let plain = match (self.ior, self.speed) {
             (Some(ior), _) => Some(ior),
             (None, Some(speed)) if speed > 0.0 && speed <= 1.0 => Some(ior_from_speed(speed)),
             (None, Some(speed)) => {
-                return Err(format!("its `speed` is {speed}: give a fraction of the speed of light, over 0 and up to 1"));
+                return Err(format!(
+                    "its `speed` is {speed}: give a fraction of the speed of light, over 0 and up to 1"
+                ));
             }
             (None, None) => None,
         };
@@ -127,7 +135,9 @@ impl MaterialForm {
                 return Ok(Some(Dispersion::Cauchy(Cauchy::from_abbe(ior, abbe))));
             }
             (Some(_), Some(abbe)) => {
-                return Err(format!("its `abbe` is {abbe}: give a positive number, 20 to 90 for glasses"));
+                return Err(format!(
+                    "its `abbe` is {abbe}: give a positive number, 20 to 90 for glasses"
+                ));
             }
             (None, Some(_)) => return Err("has `abbe` without `ior` or `speed`: add one of them".into()),
             (None, None) => {}
@@ -150,16 +160,24 @@ impl MaterialForm {
             }),
             (None, Some(color), Some(distance)) => {
                 if !(distance > 0.0 && distance < f64::INFINITY) {
-                    return Err(format!("its `attenuation_distance` is {distance}: give metres, more than 0"));
+                    return Err(format!(
+                        "its `attenuation_distance` is {distance}: give metres, more than 0"
+                    ));
                 }
                 if color.0.iter().any(|c| *c > 1.0) {
-                    return Err("its `attenuation_color` is over 1, but no medium adds light: give at most 1".into());
+                    return Err(
+                        "its `attenuation_color` is over 1, but no medium adds light: give at most 1".into(),
+                    );
                 }
                 Ok(Absorption::from_color(color.0.map(f64::from), distance))
             }
             (Some(_), ..) => Err("has both `absorption` and an attenuation: give one".into()),
-            (None, Some(_), None) => Err("has `attenuation_color` without `attenuation_distance`: add it".into()),
-            (None, None, Some(_)) => Err("has `attenuation_distance` without `attenuation_color`: add it".into()),
+            (None, Some(_), None) => {
+                Err("has `attenuation_color` without `attenuation_distance`: add it".into())
+            }
+            (None, None, Some(_)) => {
+                Err("has `attenuation_distance` without `attenuation_color`: add it".into())
+            }
         }
     }
 }

@@ -178,7 +178,9 @@ fn output(form: Option<&At<OutputForm>>, source: &Source) -> Result<Output, Scen
         return refuse(format!("its depth is {depth}: give 0 to {MAX_DEPTH}"));
     }
     if let Some(exposure) = form.exposure.filter(|ev| !(ev.abs() <= MAX_EXPOSURE)) {
-        return refuse(format!("its exposure is {exposure}: give stops from -{MAX_EXPOSURE} to {MAX_EXPOSURE}"));
+        return refuse(format!(
+            "its exposure is {exposure}: give stops from -{MAX_EXPOSURE} to {MAX_EXPOSURE}"
+        ));
     }
     Ok(Output {
         size: form.size,

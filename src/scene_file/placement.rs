@@ -178,7 +178,9 @@ impl Copies {
     fn checked(self) -> Result<Copies, String> {
         let [least, most] = self.scale;
         if !(0.0 < least && least <= most && most < f64::INFINITY) {
-            return Err(format!("scales copies by {least} to {most}: give positive numbers, the lesser first"));
+            return Err(format!(
+                "scales copies by {least} to {most}: give positive numbers, the lesser first"
+            ));
         }
         if self.counts.contains(&0) {
             return Err("makes no copy: give counts of 1 or more".into());
@@ -219,7 +221,9 @@ fn uniform(seed: u32, number: u64, choice: Choice) -> f64 {
         z ^ (z >> 31)
     };
     let keys = [u64::from(seed), number, choice as u64];
-    let hash = keys.into_iter().fold(0, |h: u64, key| mix(h.wrapping_add(GOLDEN) ^ key));
+    let hash = keys
+        .into_iter()
+        .fold(0, |h: u64, key| mix(h.wrapping_add(GOLDEN) ^ key));
     (hash >> 11) as f64 / (1u64 << 53) as f64
 }
 
@@ -242,7 +246,10 @@ mod tests {
         // (1, 0, 0) doubled is (2, 0, 0), turned (0, 2, 0), moved (5, 2, 0).
         let map = map("[{ scale = 2 }, { rotate = [0, 0, 1, 90] }, { translate = [5, 0, 0] }]").unwrap();
         let p = map.transform_point3(DVec3::X);
-        assert!((p - DVec3::new(5.0, 2.0, 0.0)).length() < 4.0 * f64::EPSILON, "{p}");
+        assert!(
+            (p - DVec3::new(5.0, 2.0, 0.0)).length() < 4.0 * f64::EPSILON,
+            "{p}"
+        );
     }
 
     #[test]

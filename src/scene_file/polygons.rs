@@ -67,7 +67,10 @@ impl PolygonsForm {
 /// The triangles of a flat convex polygon, all from its first vertex.
 fn fan(points: &[DVec3], face: &[u32], slack: f64) -> Result<Vec<[u32; 3]>, String> {
     if let Some(bad) = face.iter().find(|v| **v as usize >= points.len()) {
-        return Err(format!("names vertex {bad} of {}: correct the number", points.len()));
+        return Err(format!(
+            "names vertex {bad} of {}: correct the number",
+            points.len()
+        ));
     }
     if face.len() < 3 {
         return Err(format!("has {} vertices: give at least three", face.len()));
@@ -85,12 +88,15 @@ fn fan(points: &[DVec3], face: &[u32], slack: f64) -> Result<Vec<[u32; 3]>, Stri
     }
     // Left turns everywhere, and all the fan's triangles on one side: a dent fails the first, a star the second.
     let turns_right = |a: DVec3, b: DVec3| a.cross(b).dot(n) < -slack * (a.length() + b.length());
-    let has_dent = (0..face.len()).any(|i| turns_right(corner(i + 1) - corner(i), corner(i + 2) - corner(i + 1)));
+    let has_dent =
+        (0..face.len()).any(|i| turns_right(corner(i + 1) - corner(i), corner(i + 2) - corner(i + 1)));
     let crosses = (1..face.len() - 1).any(|i| turns_right(corner(i) - corner(0), corner(i + 1) - corner(0)));
     if has_dent || crosses {
         return Err("is not convex: split it into convex faces".into());
     }
-    Ok((1..face.len() - 1).map(|i| [face[0], face[i], face[i + 1]]).collect())
+    Ok((1..face.len() - 1)
+        .map(|i| [face[0], face[i], face[i + 1]])
+        .collect())
 }
 
 /// Whether a triangle is one after its corners were rounded. Corners on an edge of a polygon give some that are not.
@@ -136,12 +142,17 @@ mod tests {
         let pentagon = mesh(&text("[0, 1, 2, 3, 4]")).unwrap();
         assert_eq!(&pentagon.triangles[..], [[0, 1, 2], [0, 2, 3], [0, 3, 4]]);
         // The same corners as a star turn left everywhere, but go round twice.
-        assert!(mesh(&text("[0, 2, 4, 1, 3]")).unwrap_err().contains("is not convex"));
+        assert!(
+            mesh(&text("[0, 2, 4, 1, 3]"))
+                .unwrap_err()
+                .contains("is not convex")
+        );
     }
 
     #[test]
     fn a_corner_in_the_middle_of_an_edge_is_no_dent() {
-        let square = mesh("vertices = [[0,0,0],[1,0,0],[2,0,0],[2,2,0],[0,2,0]]\nfaces = [[0,1,2,3,4]]").unwrap();
+        let square =
+            mesh("vertices = [[0,0,0],[1,0,0],[2,0,0],[2,2,0],[0,2,0]]\nfaces = [[0,1,2,3,4]]").unwrap();
         assert_eq!(square.triangles.len(), 2);
     }
 
@@ -163,10 +174,9 @@ mod tests {
 
     #[test]
     fn smooth_normals_are_unit_means_of_the_faces_around() {
-        let roof = mesh(
-            "smooth = true\nvertices = [[0,0,0],[1,0,0],[0,1,0],[0,0,1]]\nfaces = [[0,1,2],[0,2,3]]",
-        )
-        .unwrap();
+        let roof =
+            mesh("smooth = true\nvertices = [[0,0,0],[1,0,0],[0,1,0],[0,0,1]]\nfaces = [[0,1,2],[0,2,3]]")
+                .unwrap();
         // Faces toward +z and +x of one size meet at vertex 0.
         let [x, y, z] = roof.normals.unwrap()[0];
         assert!((x - z).abs() < 1e-6 && y == 0.0 && (x * x + z * z - 1.0).abs() < 1e-6);

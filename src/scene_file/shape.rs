@@ -1,4 +1,4 @@
-//! Shapes in a scene file, and the one place where they become geometries.
+//! Shapes in a scene file, and how they become geometries.
 
 use std::fmt;
 use std::ops::Range;
@@ -52,7 +52,9 @@ pub(super) enum ShapeForm {
 }
 
 /// The shapes that may be called by a word.
-const WORDS: [&str; 8] = ["sphere", "plane", "cube", "disk", "quad", "cylinder", "cone", "torus"];
+const WORDS: [&str; 8] = [
+    "sphere", "plane", "cube", "disk", "quad", "cylinder", "cone", "torus",
+];
 
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -136,10 +138,7 @@ pub(super) struct ShapeFault {
 
 impl From<String> for ShapeFault {
     fn from(sentence: String) -> ShapeFault {
-        ShapeFault {
-            span: None,
-            sentence,
-        }
+        ShapeFault { span: None, sentence }
     }
 }
 
@@ -183,22 +182,17 @@ impl ShapeForm {
             ShapeForm::Quadric(form) => Shape::Quadric(Arc::new(form.quadric()?)),
             ShapeForm::Mesh(form) => return form.mesh().map(Geometry::Mesh),
         };
-        Ok(geometry_of(shape)?)
-    }
-}
-
-/// The geometry that a shape is.
-fn geometry_of(shape: Shape) -> Result<Geometry, String> {
-    match shape {
-        Shape::Sphere(sphere) => Ok(Geometry::Sphere(sphere)),
-        _ => Err("cannot be rendered yet: give a sphere or a mesh".into()),
+        Ok(Geometry::Shape(shape))
     }
 }
 
 impl SphereForm {
     fn sphere(&self) -> Result<Sphere, String> {
         if !(self.radius > 0.0 && self.radius < f64::INFINITY) {
-            return Err(format!("is a sphere of radius {}: give a positive radius", self.radius));
+            return Err(format!(
+                "is a sphere of radius {}: give a positive radius",
+                self.radius
+            ));
         }
         Ok(Sphere {
             center: self.center.0,

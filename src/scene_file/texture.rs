@@ -195,7 +195,9 @@ impl TextureForm {
             (self.turbulence.is_some() && !knows_turbulence, "turbulence"),
         ];
         refuse(&strangers, "this pattern")?;
-        let colors = self.colors.map_or([[0.0, 0.0, 0.0, 1.0], [1.0; 4]], |c| c.map(|c| c.0));
+        let colors = self
+            .colors
+            .map_or([[0.0, 0.0, 0.0, 1.0], [1.0; 4]], |c| c.map(|c| c.0));
         let space = match self.space.unwrap_or(SpaceForm::Object) {
             SpaceForm::Uv => Space::Uv,
             SpaceForm::Object => Space::Object,

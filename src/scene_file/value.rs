@@ -73,7 +73,8 @@ impl Color {
 pub(super) struct Rgba(pub(super) [f32; 4]);
 
 const COLOR_FORMS: &str = "a number, [red, green, blue] or \"#rrggbb\"";
-const RGBA_FORMS: &str = "a number, [red, green, blue], [red, green, blue, alpha], \"#rrggbb\" or \"#rrggbbaa\"";
+const RGBA_FORMS: &str =
+    "a number, [red, green, blue], [red, green, blue, alpha], \"#rrggbb\" or \"#rrggbbaa\"";
 
 /// Reads colours; the string says which forms are allowed.
 struct ColorVisitor(&'static str);
@@ -94,8 +95,7 @@ impl<'de> Visitor<'de> for ColorVisitor {
     }
 
     fn visit_str<E: Error>(self, text: &str) -> Result<Vec<f32>, E> {
-        hex_channels(text)
-            .ok_or_else(|| E::custom(format!("`{text}` is no colour: give {}", self.0)))
+        hex_channels(text).ok_or_else(|| E::custom(format!("`{text}` is no colour: give {}", self.0)))
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Vec<f32>, A::Error> {
@@ -109,7 +109,9 @@ fn channels<E: Error>(numbers: impl IntoIterator<Item = f64>) -> Result<Vec<f32>
     if numbers.iter().all(|x| (0.0..f32::INFINITY).contains(x)) {
         Ok(numbers)
     } else {
-        Err(E::custom("a colour is negative or not finite: give numbers of 0 or more"))
+        Err(E::custom(
+            "a colour is negative or not finite: give numbers of 0 or more",
+        ))
     }
 }
 
@@ -412,7 +414,9 @@ pub(super) enum NoValue {}
 
 impl<'de> Deserialize<'de> for NoValue {
     fn deserialize<D: Deserializer<'de>>(_: D) -> Result<NoValue, D::Error> {
-        Err(de::Error::custom("has no value besides its texture: leave it out"))
+        Err(de::Error::custom(
+            "has no value besides its texture: leave it out",
+        ))
     }
 }
 
@@ -459,7 +463,9 @@ struct Inner<T>(Result<T, Vec<At<T>>>);
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for Inner<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Inner<T>, D::Error> {
-        deserializer.deserialize_any(OneOrManyVisitor(PhantomData)).map(Inner)
+        deserializer
+            .deserialize_any(OneOrManyVisitor(PhantomData))
+            .map(Inner)
     }
 }
 
@@ -508,12 +514,22 @@ mod tests {
         let Color([r, g, b]) = read("x = \"#ff8000\"").unwrap();
         assert_eq!((r, b), (1.0, 0.0));
         assert!((g - 0.215_860_5).abs() < f32::EPSILON);
-        assert_eq!(read::<Rgba>("x = \"#ffffff00\"").unwrap(), Rgba([1.0, 1.0, 1.0, 0.0]));
+        assert_eq!(
+            read::<Rgba>("x = \"#ffffff00\"").unwrap(),
+            Rgba([1.0, 1.0, 1.0, 0.0])
+        );
     }
 
     #[test]
     fn what_is_no_colour_is_told_at_its_place() {
-        for bad in ["x = -1", "x = [0, 1]", "x = \"red\"", "x = [0, inf, 0]", "x = \"#ff\"", "x = \"#é1234\""] {
+        for bad in [
+            "x = -1",
+            "x = [0, 1]",
+            "x = \"red\"",
+            "x = [0, inf, 0]",
+            "x = \"#ff\"",
+            "x = \"#é1234\"",
+        ] {
             let error = read::<Color>(bad).unwrap_err();
             assert_eq!(error.span().unwrap().start, 4, "{bad}: {error}");
         }

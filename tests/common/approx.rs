@@ -106,6 +106,13 @@ impl Approx {
         self.clamp(0.0, f64::INFINITY)
     }
 
+    /// The angle of the point (`x`, `self`) from +x towards +y, by C's `atan2`.
+    pub fn atan2(self, x: Approx) -> Approx {
+        let squared = self.value * self.value + x.value * x.value;
+        let moved = self.value.abs() * x.error + x.value.abs() * self.error;
+        Approx::computed(self.value.atan2(x.value), moved / squared)
+    }
+
     /// How sure the sign is: the value in units of its error bound. Beyond ±1 no f32 computation can get it wrong.
     pub fn slack(self) -> f64 {
         if self.error == 0.0 {

@@ -7,6 +7,7 @@
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use whit::mesh::Mesh;
 use whit::scene::{Geometry, Scene};
+use whit::shape::Shape;
 
 use super::approx::{Approx, Approx3, ROUNDING};
 
@@ -115,7 +116,7 @@ impl<'s> World<'s> {
     pub fn new(scene: &'s Scene) -> World<'s> {
         let mut balls = Vec::new();
         for (index, instance) in scene.instances.iter().enumerate() {
-            let map = instance.world_from_object;
+            let map = instance.world_from_object();
             let condition = norm(&map.matrix3) * norm(&map.inverse().matrix3);
             let mut add = |primitive: u32, center: DVec3, radius: f64| {
                 balls.push(Ball {
@@ -135,10 +136,11 @@ impl<'s> World<'s> {
                         add(primitive, center, radius);
                     }
                 }
-                Geometry::Sphere(sphere) => {
+                Geometry::Shape(Shape::Sphere(sphere)) => {
                     let center = map.transform_point3(sphere.center);
                     add(0, center, sphere.radius * norm(&map.matrix3));
                 }
+                Geometry::Shape(_) => unreachable!("of shapes, the referee knows spheres"),
             }
         }
         World {
@@ -146,7 +148,7 @@ impl<'s> World<'s> {
             object_from_world: scene
                 .instances
                 .iter()
-                .map(|i| i.world_from_object.inverse())
+                .map(|i| i.world_from_object().inverse())
                 .collect(),
             balls,
         }
@@ -212,7 +214,7 @@ impl<'s> World<'s> {
     fn candidate(&self, ray: &Ray, instance: u32, primitive: u32) -> Option<Candidate> {
         let leaving = ray.leaves == Some((instance, primitive));
         let placed = &self.scene.instances[instance as usize];
-        let local = if placed.world_from_object == DAffine3::IDENTITY {
+        let local = if placed.world_from_object() == DAffine3::IDENTITY {
             *ray
         } else {
             let map = &self.object_from_world[instance as usize];
@@ -226,10 +228,11 @@ impl<'s> World<'s> {
             // A flat triangle is never met again by a ray that leaves it.
             Geometry::Mesh(_) if leaving => return None,
             Geometry::Mesh(mesh) => triangle(&local, corners(mesh, primitive))?,
-            Geometry::Sphere(sphere) => {
+            Geometry::Shape(Shape::Sphere(sphere)) => {
                 let f = local.origin - Approx3::exact(sphere.center);
                 sphere_root(&local, f, sphere.radius, leaving)
             }
+            Geometry::Shape(_) => return None,
         };
         let range = (t - Approx::exact(ray.t_near)).slack().min(below(t, ray.t_far));
         let found = Found {

@@ -6,7 +6,7 @@ use whit::scene::{
     Falloff, Filter, Geometry, Image, Layer, LightKind, Material, Parameter, Sampler, Scene, Texels, Texture,
     TextureUse, Wrap,
 };
-use whit::shape::Sphere;
+use whit::shape::{Shape, Sphere};
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, Ray, World};
@@ -97,7 +97,7 @@ fn in_a_white_furnace_a_white_dielectric_shines_by_its_diffuse_and_its_specular_
 fn in_a_white_furnace_a_perfect_mirror_cannot_be_seen() {
     let mut scene = Scene::default();
     let silver = add_material(&mut scene, metal([1.0; 3], 0.0));
-    let sphere = add_geometry(&mut scene, Geometry::Sphere(Sphere::UNIT));
+    let sphere = add_geometry(&mut scene, Geometry::Shape(Shape::Sphere(Sphere::UNIT)));
     place(
         &mut scene,
         sphere,
@@ -161,10 +161,10 @@ fn a_lamp_behind_a_surface_or_behind_something_gives_nothing() {
     lamp_at(&mut scene, DVec3::new(2.0, 0.0, 2.0), 10.0);
     assert!(pixel(&scene, SINGLE).radiance.x.value > 0.01);
     // A ball around the middle of the feeler.
-    let sphere = Geometry::Sphere(Sphere {
+    let sphere = Geometry::Shape(Shape::Sphere(Sphere {
         center: DVec3::new(1.0, 0.0, 1.0),
         radius: 0.2,
-    });
+    }));
     let sphere = add_geometry(&mut scene, sphere);
     place(&mut scene, sphere, 0, DAffine3::IDENTITY);
     assert_radiance(&scene, SINGLE, [0.0; 3]);

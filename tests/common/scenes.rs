@@ -6,12 +6,14 @@
 )]
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use whit::mesh::Mesh;
+use whit::numeric::Bounds;
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
-use whit::shape::Sphere;
+use whit::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
 
 /// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's multiplier).
 pub struct Random(pub u64);
@@ -232,8 +234,8 @@ pub fn spheres() -> Scene {
     let floor = box_mesh(Vec3::new(-3.0, -3.1, -3.0), Vec3::new(3.0, -2.9, 3.0));
     scene(
         vec![
-            Geometry::Sphere(Sphere::UNIT),
-            Geometry::Sphere(ground),
+            Geometry::Shape(Shape::Sphere(Sphere::UNIT)),
+            Geometry::Shape(Shape::Sphere(ground)),
             Geometry::Mesh(floor),
         ],
         places,
@@ -259,6 +261,64 @@ pub fn coplanar_duplicates() -> Scene {
             Geometry::Mesh(box_lattice(3)),
         ],
         places,
+    )
+}
+
+/// Every analytic shape, by name. The quadric is an ellipsoid that its box does not cut.
+pub fn all_shapes() -> Vec<(&'static str, Shape)> {
+    let half_space = |n: DVec3| HalfSpace { n, h: 1.0 };
+    let corners = [
+        DVec3::ONE,
+        DVec3::new(-1.0, -1.0, 1.0),
+        DVec3::new(-1.0, 1.0, -1.0),
+        DVec3::new(1.0, -1.0, -1.0),
+    ];
+    let tetrahedron = Polyhedron::from_half_spaces(&corners.map(half_space)).unwrap();
+    let clip = Bounds {
+        min: -DVec3::ONE,
+        max: DVec3::ONE,
+    };
+    let ellipsoid = Quadric::new([1.5, 0.2, 0.0, 0.1, 2.0, 0.0, 0.0, 3.0, 0.0, -0.6], clip).unwrap();
+    let sphere = Sphere {
+        center: DVec3::new(0.1, -0.2, 0.3),
+        radius: 0.8,
+    };
+    vec![
+        ("sphere", Shape::Sphere(sphere)),
+        ("plane", Shape::Plane),
+        ("cube", Shape::Cube),
+        ("polyhedron", Shape::Polyhedron(Arc::new(tetrahedron))),
+        ("disk", Shape::Disk),
+        ("quad", Shape::Quad),
+        ("cylinder", Shape::Cylinder(Cylinder { capped: true })),
+        ("tube", Shape::Cylinder(Cylinder { capped: false })),
+        ("cone", Shape::Cone(Cone { capped: true })),
+        ("open cone", Shape::Cone(Cone { capped: false })),
+        ("torus", Shape::Torus(Torus { minor_radius: 0.35 })),
+        ("quadric", Shape::Quadric(Arc::new(ellipsoid))),
+    ]
+}
+
+/// As it is, scaled, turned and scaled, mirrored, and strongly stretched.
+pub fn all_placements() -> [DAffine3; 5] {
+    let at = |x: f64, y: f64, z: f64| DAffine3::from_translation(DVec3::new(x, y, z));
+    let turn = DAffine3::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1);
+    [
+        DAffine3::IDENTITY,
+        at(2.0, 1.0, -0.5) * DAffine3::from_scale(DVec3::splat(0.7)),
+        at(-2.0, 0.5, 1.0) * turn * DAffine3::from_scale(DVec3::splat(1.3)),
+        at(0.5, -2.0, 0.3) * turn.inverse() * DAffine3::from_scale(DVec3::new(-1.0, 0.8, 1.2)),
+        at(0.3, 0.2, 2.0) * turn * DAffine3::from_scale(DVec3::new(4.0, 0.6, 0.02)),
+    ]
+}
+
+/// A shape in all its placements, beside a baked box.
+pub fn placed_shape(shape: Shape) -> Scene {
+    let cube = box_mesh(Vec3::splat(-2.5), Vec3::splat(-1.5));
+    let places = all_placements().map(|map| (0, map));
+    scene(
+        vec![Geometry::Shape(shape), Geometry::Mesh(cube)],
+        places.into_iter().chain([(1, DAffine3::IDENTITY)]).collect(),
     )
 }
 
@@ -345,7 +405,7 @@ pub fn lattice_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
         if let Geometry::Mesh(mesh) = &scene.geometries[instance.geometry as usize] {
             for &p in mesh.positions.iter() {
                 let p = instance
-                    .world_from_object
+                    .world_from_object()
                     .transform_point3(Vec3::from(p).as_dvec3())
                     .as_vec3();
                 (0..3).for_each(|axis| coordinates[axis].push(p[axis]));

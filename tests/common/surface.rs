@@ -1,10 +1,13 @@
 //! What a ray has met, made ready to be shaded: normals, texture values, the glTF lobe.
 
+use std::f64::consts::{PI, TAU};
+
 use glam::{DAffine3, DVec3};
 use whit::mesh::Mesh;
 use whit::scene::{
     Filter, Geometry, Image, Instance, Material, Model, Parameter, Scene, Texels, Texture, TextureUse, Wrap,
 };
+use whit::shape;
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, Found, Ray, World, corners, transform_point, transform_vector};
@@ -49,11 +52,12 @@ impl Surface {
                 place.on_triangle(mesh, found, doubt),
                 Inputs::of_mesh(mesh, found),
             ),
-            Geometry::Sphere(sphere) => {
+            Geometry::Shape(shape::Shape::Sphere(sphere)) => {
                 let p = transform_point(place.object_from_world, ray.origin + ray.direction * found.t);
                 let outward = p - Approx3::exact(sphere.center);
-                (place.on_sphere(p, outward, doubt), Inputs::of_shape())
+                (place.on_sphere(p, outward, doubt), Inputs::of_sphere(outward))
             }
+            Geometry::Shape(_) => unreachable!("of shapes, the referee knows spheres"),
         };
         shape.shaded_as(scene, instance, &inputs, doubt)
     }
@@ -77,7 +81,7 @@ struct Place<'a> {
 
 impl Place<'_> {
     fn on_triangle(&self, mesh: &Mesh, found: &Found, doubt: &mut Doubt) -> Shape {
-        let map = &self.instance.world_from_object;
+        let map = &self.instance.world_from_object();
         let [v0, v1, v2] = corners(mesh, found.primitive);
         let p = Approx3::exact(v0) + Approx3::exact(v1 - v0) * found.u + Approx3::exact(v2 - v0) * found.v;
         let [e1, e2] = [v1 - v0, v2 - v0].map(|e| Approx3::rounded(map.transform_vector3(e)));
@@ -103,7 +107,7 @@ impl Place<'_> {
     fn shape(&self, p: Approx3, size: DVec3, ng: Approx3, ns: Approx3) -> Shape {
         // A step off the surface is a few roundings of the coordinates and of the triangle's extent.
         let step = DVec3::splat(8.0 * ROUNDING * size.max_element());
-        let map = &self.instance.world_from_object;
+        let map = &self.instance.world_from_object();
         let (p, start) = if *map == DAffine3::IDENTITY {
             (p, p.widened(step))
         } else {
@@ -191,10 +195,19 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    fn of_shape() -> Inputs<'a> {
+    /// Longitude from +x towards +y over the whole turn, latitude from the south pole over half of it.
+    fn of_sphere(outward: Approx3) -> Inputs<'a> {
+        let [x, y, z] = outward.to_array();
+        let angle = y.atan2(x) / Approx::rounded(TAU);
+        let longitude = if angle.value < 0.0 {
+            angle + Approx::ONE
+        } else {
+            angle
+        };
+        let latitude = (x.squared() + y.squared()).sqrt().atan2(-z) / Approx::rounded(PI);
         Inputs {
             color: Approx3::ONE,
-            tex_coord: Box::new(|_| [Approx::ZERO; 2]),
+            tex_coord: Box::new(move |_| [longitude, latitude]),
         }
     }
 

@@ -10,7 +10,7 @@ use whit::scene::{
     Background, Camera, Falloff, Filter, Geometry, Image, Instance, Layer, Light, LightKind, Material,
     Parameter, Projection, Sampler, Scene, Texels, Texture, TextureUse, Wrap,
 };
-use whit::shape::Sphere;
+use whit::shape::{Shape, Sphere};
 
 use super::meshes::{Shading, ball, rectangle, textured_panel, wedge, with_normals};
 
@@ -92,7 +92,7 @@ pub fn facing_mirrors() -> WaveScene {
     );
     let glass = rectangle(3.0, 2.2);
     let flat = add_geometry(&mut scene, Geometry::Mesh(ball(1, Shading::Flat)));
-    let sphere = add_geometry(&mut scene, Geometry::Sphere(Sphere::UNIT));
+    let sphere = add_geometry(&mut scene, Geometry::Shape(Shape::Sphere(Sphere::UNIT)));
     let floor = rectangle(7.0, 7.0);
     bake(
         &mut scene,
@@ -154,10 +154,10 @@ pub fn placements() -> WaveScene {
     let wedge = add_geometry(&mut scene, Geometry::Mesh(wedge()));
     let sphere = add_geometry(
         &mut scene,
-        Geometry::Sphere(Sphere {
+        Geometry::Shape(Shape::Sphere(Sphere {
             center: DVec3::new(0.4, -0.2, 0.1),
             radius: 0.7,
-        }),
+        })),
     );
     let ground = add_geometry(&mut scene, Geometry::Mesh(rectangle(9.0, 9.0)));
     let shear = DAffine3::from_mat3(DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.2), DVec3::Z));
@@ -284,7 +284,7 @@ pub fn textures() -> WaveScene {
         }
     }
     // A sphere has no coordinates and reads the texel at (0, 0).
-    let sphere = add_geometry(&mut scene, Geometry::Sphere(Sphere::UNIT));
+    let sphere = add_geometry(&mut scene, Geometry::Shape(Shape::Sphere(Sphere::UNIT)));
     place(
         &mut scene,
         sphere,
@@ -325,10 +325,10 @@ pub fn inside() -> WaveScene {
     let green = add_material(&mut scene, matte([0.2, 0.6, 0.25], 0.5));
     let sphere = add_geometry(
         &mut scene,
-        Geometry::Sphere(Sphere {
+        Geometry::Shape(Shape::Sphere(Sphere {
             center: DVec3::ZERO,
             radius: 4.0,
-        }),
+        })),
     );
     let reversed = with_normals(ball(2, Shading::Smooth), |p| p.map(|axis| -axis));
     let placed_reversed = add_geometry(&mut scene, Geometry::Mesh(reversed.clone()));

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::builder::{Branch, Built, build};
 use super::primitives::{Primitives, RunKind};
-use crate::accel::brute::shape_hit;
+use crate::accel::planes::Planes;
 use crate::accel::{AccelError, AccelOptions, Hit};
 use crate::scene::{Geometry, Scene};
 
@@ -14,6 +14,8 @@ pub(super) struct Levels<'s, T> {
     pub(super) scene: &'s Scene,
     /// The world.
     pub(super) world: Level<'s, T>,
+    /// What no tree can hold.
+    pub(super) planes: Planes,
     /// By geometry; absent where no instance but a baked one uses it.
     pub(super) objects: Vec<Option<Level<'s, T>>>,
     /// Most bytes in use at any time of the build.
@@ -67,6 +69,7 @@ impl<'s, T: Layout> Levels<'s, T> {
         Ok(Levels {
             scene,
             world,
+            planes: Planes::of(scene),
             objects,
             peak_bytes: meter.peak_bytes,
         })
@@ -82,10 +85,11 @@ impl<'s, T: Layout> Levels<'s, T> {
     pub(super) fn summary(&self) -> String {
         let objects = self.objects.iter().flatten().count();
         let count = self.world.primitives.count();
-        format!("BSP of {count} primitives in the world, {objects} trees of placed meshes")
+        let planes = self.planes.count();
+        format!("BSP of {count} primitives in the world, {objects} trees of placed meshes, {planes} planes")
     }
 
-    /// The hit on world number `number`; `primitive` is that of a placed mesh.
+    /// The hit on world number `number`; `primitive` is that of a placed mesh or a shape.
     #[inline(always)]
     pub(super) fn hit(&self, number: u32, primitive: u32, [t, u, v]: [f32; 3]) -> Hit {
         let run = self.world.primitives.run(number);
@@ -94,10 +98,11 @@ impl<'s, T: Layout> Levels<'s, T> {
             RunKind::Whole(_) => primitive,
         };
         Hit {
+            instance: run.instance,
             primitive,
+            t,
             u,
             v,
-            ..shape_hit(run.instance, t)
         }
     }
 }

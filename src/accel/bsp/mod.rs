@@ -1,7 +1,7 @@
 //! Our own backend: an axis-aligned BSP tree in two levels, in safe Rust.
 //!
 //! The world tree holds the triangles of all baked meshes, the analytic shapes and the placed meshes; every mesh that is
-//! placed has a tree of its own, which the ray enters in object space.
+//! placed has a tree of its own, which the ray enters in object space. Infinite planes are outside all trees.
 //!
 //! * [`builder`] cuts the cells, [`heuristic`] says where, [`clip`] what lies on which side.
 //! * [`counters`] counts what rays cause, if that is compiled in.
@@ -21,6 +21,7 @@ mod single;
 mod slack;
 mod wide;
 
+use super::planes::Planes;
 use super::{Accel, AccelError, AccelOptions, AccelReport, Kernel, LANES, RayOrder, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch};
 use crate::scene::Scene;
@@ -40,6 +41,15 @@ enum Walker<'s> {
     Reference(Levels<'s, PlaneTree>),
     Single(Levels<'s, WideTree>),
     Packet(Levels<'s, WideTree>),
+}
+
+impl Walker<'_> {
+    fn planes(&self) -> &Planes {
+        match self {
+            Walker::Reference(levels) => &levels.planes,
+            Walker::Single(levels) | Walker::Packet(levels) => &levels.planes,
+        }
+    }
 }
 
 impl<'s> BspAccel<'s> {
@@ -78,6 +88,10 @@ impl Accel for BspAccel<'_> {
                 });
             }
         }
+        let planes = self.walker.planes();
+        if !planes.is_empty() {
+            planes.intersect(packets);
+        }
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
@@ -91,6 +105,10 @@ impl Accel for BspAccel<'_> {
                     }
                 });
             }
+        }
+        let planes = self.walker.planes();
+        if !planes.is_empty() {
+            planes.occluded(packets);
         }
     }
 

@@ -37,7 +37,7 @@ pub(super) enum RunKind<'s> {
 }
 
 impl<'s> Primitives<'s> {
-    /// Everything in the world; `None` if there is more than 32 bits can number.
+    /// Everything in the world but what has no end; `None` if there is more than 32 bits can number.
     pub(super) fn of_world(scene: &'s Scene) -> Option<Primitives<'s>> {
         let mut world = Primitives {
             runs: Vec::with_capacity(scene.instances.len()),
@@ -48,9 +48,11 @@ impl<'s> Primitives<'s> {
             let geometry = &scene.geometries[instance.geometry as usize];
             let kind = match geometry {
                 Geometry::Mesh(mesh) if instance.is_identity() => RunKind::Triangles(mesh),
-                _ => RunKind::Whole(
-                    object_bounds[instance.geometry as usize].transformed(&instance.world_from_object),
-                ),
+                _ if geometry.is_unbounded() => continue,
+                _ => {
+                    let bounds = &object_bounds[instance.geometry as usize];
+                    RunKind::Whole(instance.world_bounds(geometry, bounds))
+                }
             };
             world.push(index as u32, kind)?;
         }

@@ -16,7 +16,8 @@ use super::levels::{Layout, Levels};
 use super::primitives::{Primitives, RunKind};
 use super::slack::{Line, Slack};
 use crate::accel::Hit;
-use crate::accel::brute::{ray_in, shape_hit, sphere_hit};
+use crate::accel::brute::ray_in;
+use crate::accel::shapes::shape_hit;
 use crate::mesh::Mesh;
 use crate::mesh::triangle::Shear;
 use crate::numeric::Ray;
@@ -170,9 +171,9 @@ impl Levels<'_, PlaneTree> {
     fn nearest_within(&self, index: u32, ray: &Ray, best: &mut Best) {
         let instance = &self.scene.instances[index as usize];
         match &self.scene.geometries[instance.geometry as usize] {
-            Geometry::Sphere(sphere) => {
-                if let Some(t) = sphere_hit(instance, sphere, ray) {
-                    best.offer(shape_hit(index, t));
+            Geometry::Shape(shape) => {
+                if let Some(hit) = shape_hit(index, instance, shape, ray) {
+                    best.offer(hit);
                 }
             }
             Geometry::Mesh(mesh) => {
@@ -210,7 +211,7 @@ impl Levels<'_, PlaneTree> {
     fn is_blocked_within(&self, index: u32, ray: &Ray) -> bool {
         let instance = &self.scene.instances[index as usize];
         match &self.scene.geometries[instance.geometry as usize] {
-            Geometry::Sphere(sphere) => sphere_hit(instance, sphere, ray).is_some(),
+            Geometry::Shape(shape) => shape_hit(index, instance, shape, ray).is_some(),
             Geometry::Mesh(mesh) => {
                 let Some(object) = &self.objects[instance.geometry as usize] else {
                     return false;

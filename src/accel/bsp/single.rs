@@ -5,7 +5,8 @@ use super::counters;
 use super::levels::Levels;
 use super::slack::Line;
 use super::wide::{Child, Leaf, Node, WIDTH, WideTree};
-use crate::accel::brute::{ray_in, sphere_hit};
+use crate::accel::brute::ray_in;
+use crate::accel::shapes::shape_hit;
 use crate::accel::{Hit, LANES, RayPacket};
 use crate::mesh::lanes::{Isa, lanes};
 use crate::mesh::triangle::{PACK, Shear};
@@ -67,7 +68,7 @@ pub(super) struct Found {
     pub(super) u: f32,
     pub(super) v: f32,
     pub(super) number: u32,
-    /// Where `number` is that of a placed mesh: its triangle.
+    /// Where `number` is that of a placed mesh or a shape: its triangle or part.
     pub(super) primitive: u32,
 }
 
@@ -165,12 +166,12 @@ pub(super) fn ask_whole(
     let run = levels.world.primitives.run(number);
     let instance = &levels.scene.instances[run.instance as usize];
     match &levels.scene.geometries[instance.geometry as usize] {
-        Geometry::Sphere(sphere) => match sphere_hit(instance, sphere, ray) {
-            Some(t) if found.is_beaten_by(t, number) => {
+        Geometry::Shape(shape) => match shape_hit(run.instance, instance, shape, ray) {
+            Some(hit) if found.is_beaten_by(hit.t, number) => {
                 *found = Found {
-                    t,
+                    t: hit.t,
                     number,
-                    primitive: 0,
+                    primitive: hit.primitive,
                     u: 0.0,
                     v: 0.0,
                 };

@@ -217,6 +217,17 @@ impl Foreign {
         unsafe { at.read() }
     }
 
+    /// Writes one row.
+    #[inline(always)]
+    pub(super) fn store<const W: usize>(&self, row: usize, bits: [u32; W]) {
+        let at = self
+            .base
+            .wrapping_add(row * self.count + self.first)
+            .cast::<[u32; W]>();
+        // SAFETY: within the packet by the promise of `new`, which no one else uses meanwhile.
+        unsafe { at.write_unaligned(bits) };
+    }
+
     /// Writes one value of one lane.
     #[inline(always)]
     pub(super) fn set(&self, row: usize, lane: usize, bits: u32) {

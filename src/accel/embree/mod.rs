@@ -1,11 +1,13 @@
 //! Finding hits with the system's Embree, 3.13 or 4.
 //!
 //! One Embree scene holds the world. A mesh whose object space is world space becomes native triangles under the
-//! instance's own number, over the scene's own arrays. Everything else is one user geometry: each sphere and each placed
+//! instance's own number, over the scene's own arrays. Everything else is one user geometry: each shape and each placed
 //! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every further
 //! one. A placed mesh has an Embree scene of its own, built once for all its instances; the callback carries the rays into
 //! it in f64. Embree's own instances would round the inverse to f32, and on 3.13.5 a coherent `rtcOccluded16` over them
 //! never returns.
+//!
+//! Infinite planes are outside Embree, which would drop them.
 //!
 //! Ties go to the smallest `t`, then instance, then primitive, wherever a callback decides. Between two native triangles at
 //! the same `t` Embree decides, by the order in which it meets them.
@@ -14,6 +16,7 @@ mod device;
 mod lanes;
 mod raw;
 mod scene;
+mod sphere;
 mod trace;
 mod user;
 
@@ -23,6 +26,7 @@ use self::device::Device;
 use self::scene::EmbreeScene;
 use self::trace::Width;
 use self::user::UserGeometry;
+use super::planes::Planes;
 use super::{Accel, AccelError, AccelOptions, AccelReport, RayOrder, RayPacket};
 use crate::scene::Scene;
 
@@ -33,6 +37,7 @@ pub struct EmbreeAccel<'s> {
     user: Arc<UserGeometry<'s>>,
     device: Device,
     width: Width,
+    planes: Planes,
     summary: String,
 }
 
@@ -63,6 +68,7 @@ impl<'s> EmbreeAccel<'s> {
             user,
             device,
             width,
+            planes: Planes::of(scene),
             summary,
         })
     }
@@ -76,10 +82,16 @@ impl<'s> EmbreeAccel<'s> {
 impl Accel for EmbreeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
         trace::intersect(&self.world, self.width, packets, order);
+        if !self.planes.is_empty() {
+            self.planes.intersect(packets);
+        }
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
         trace::occluded(&self.world, self.width, packets, order);
+        if !self.planes.is_empty() {
+            self.planes.occluded(packets);
+        }
     }
 
     fn report(&self) -> AccelReport {

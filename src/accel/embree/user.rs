@@ -1,4 +1,4 @@
-//! The user geometry: spheres and placed meshes, each one primitive, tested by callbacks from Embree.
+//! The user geometry: shapes and placed meshes, each one primitive, tested by callbacks from Embree.
 //!
 //! A callback gets the rays of one Embree packet, of any width, and the number of one primitive. It writes hits into the
 //! packet itself, under the number of the scene's instance.
@@ -11,75 +11,84 @@ use glam::{DAffine3, DVec3};
 
 use super::lanes::{Foreign, Lanes, ray_of, row};
 use super::scene::{EmbreeScene, SceneRef};
+use super::sphere::{SphereLanes, is_worth_lanes};
 use super::trace::{hit_of, new_query};
+use crate::accel::shapes::{shape_hit, world_sphere};
 use crate::accel::{ACTIVE, Hit, NO_HIT, RayOrder};
-use crate::numeric::{Bounds, Ray, object_ray};
+use crate::mesh::lanes::dispatch;
+use crate::numeric::{Bounds, object_ray};
 use crate::scene::{Geometry, Instance, Scene};
-use crate::shape::Sphere;
+use crate::shape::Shape;
 
 /// Everything that Embree asks our callbacks about.
 pub(super) struct UserGeometry<'s> {
-    primitives: Vec<Primitive>,
-    /// Scenes of placed meshes, by geometry.
-    parts: Vec<Option<EmbreeScene<'s>>>,
+    scene: &'s Scene,
+    /// The instance that each primitive is.
+    instances: Vec<u32>,
+    /// By geometry; absent where it is no placed mesh.
+    parts: Vec<Option<Box<Part<'s>>>>,
     panic_count: AtomicU64,
 }
 
-/// One primitive of the user geometry.
-struct Primitive {
-    instance: u32,
-    object_from_world: DAffine3,
-    bounds: ([f32; 3], [f32; 3]),
-    what: What,
-}
-
-enum What {
-    Sphere(Sphere),
-    /// The mesh of that geometry.
-    Mesh(u32),
+/// A placed mesh in its own space.
+struct Part<'s> {
+    scene: EmbreeScene<'s>,
+    bounds: Bounds,
 }
 
 /// Whether an instance is a primitive of the user geometry.
 pub(super) fn is_user(scene: &Scene, instance: &Instance) -> bool {
     match &scene.geometries[instance.geometry as usize] {
-        Geometry::Sphere(_) => true,
         Geometry::Mesh(mesh) => !instance.is_identity() && !mesh.triangles.is_empty(),
+        shape => !shape.is_unbounded(),
     }
 }
 
 impl<'s> UserGeometry<'s> {
     /// `parts` holds a committed scene for every mesh with a placed instance.
-    pub(super) fn new(scene: &Scene, parts: Vec<Option<EmbreeScene<'s>>>) -> UserGeometry<'s> {
-        let placed = (0u32..)
+    pub(super) fn new(scene: &'s Scene, parts: Vec<Option<EmbreeScene<'s>>>) -> UserGeometry<'s> {
+        let instances = (0u32..)
             .zip(&scene.instances)
-            .filter(|(_, instance)| is_user(scene, instance));
-        let mut object_bounds: Vec<Option<Bounds>> = vec![None; scene.geometries.len()];
-        let primitives = placed
-            .map(|(index, instance)| {
-                let geometry = &scene.geometries[instance.geometry as usize];
-                let bounds =
-                    object_bounds[instance.geometry as usize].get_or_insert_with(|| geometry.bounds());
-                Primitive {
-                    instance: index,
-                    object_from_world: instance.object_from_world,
-                    bounds: padded_bounds(bounds, instance),
-                    what: match geometry {
-                        Geometry::Sphere(sphere) => What::Sphere(*sphere),
-                        Geometry::Mesh(_) => What::Mesh(instance.geometry),
-                    },
-                }
-            })
-            .collect();
+            .filter(|(_, instance)| is_user(scene, instance))
+            .map(|(index, _)| index);
+        let parts = parts.into_iter().zip(&scene.geometries).map(|(part, geometry)| {
+            let with_bounds = |scene| {
+                Box::new(Part {
+                    scene,
+                    bounds: geometry.bounds(),
+                })
+            };
+            part.map(with_bounds)
+        });
         UserGeometry {
-            primitives,
-            parts,
+            scene,
+            instances: instances.collect(),
+            parts: parts.collect(),
             panic_count: AtomicU64::new(0),
         }
     }
 
-    /// Spheres and placed meshes.
+    /// Shapes and placed meshes.
     pub(super) fn primitive_count(&self) -> usize {
-        self.primitives.len()
+        self.instances.len()
+    }
+
+    /// The instance that a primitive is, with its number.
+    #[inline(always)]
+    fn instance(&self, primitive: usize) -> Option<(u32, &'s Instance)> {
+        let index = *self.instances.get(primitive)?;
+        Some((index, self.scene.instances.get(index as usize)?))
+    }
+
+    /// The box of a primitive in world space, padded.
+    fn bounds(&self, primitive: usize) -> Option<([f32; 3], [f32; 3])> {
+        let (_, instance) = self.instance(primitive)?;
+        let geometry = &self.scene.geometries[instance.geometry as usize];
+        let object = match (&self.parts[instance.geometry as usize], geometry) {
+            (Some(part), _) => part.bounds,
+            (None, shape) => shape.bounds(),
+        };
+        Some(padded(&instance.world_bounds(geometry, &object)))
     }
 
     /// Callbacks that have panicked.
@@ -101,7 +110,8 @@ impl<'s> UserGeometry<'s> {
     }
 
     fn part(&self, geometry: u32) -> Option<SceneRef<'_>> {
-        self.parts[geometry as usize].as_ref().map(EmbreeScene::as_ref)
+        let part = self.parts[geometry as usize].as_ref()?;
+        Some(part.scene.as_ref())
     }
 }
 
@@ -109,9 +119,7 @@ impl<'s> UserGeometry<'s> {
 /// against the geometry by a few 2^-24 of the coordinates involved.
 const PLACEMENT_PADDING: f64 = 1.0 / (1 << 20) as f64;
 
-/// The box of a placed geometry, in world space.
-fn padded_bounds(object: &Bounds, instance: &Instance) -> ([f32; 3], [f32; 3]) {
-    let world = object.transformed(&instance.world_from_object);
+fn padded(world: &Bounds) -> ([f32; 3], [f32; 3]) {
     let padding = DVec3::splat(PLACEMENT_PADDING * world.magnitude());
     Bounds {
         min: world.min - padding,
@@ -126,10 +134,9 @@ pub(super) unsafe extern "C" fn on_bounds(args: *const sys::RTCBoundsFunctionArg
     let args = unsafe { &*args };
     // SAFETY: the pointer that `attach_user` set, kept by `EmbreeAccel` while the scene lives.
     let user = unsafe { &*args.geometryUserPtr.cast::<UserGeometry>() };
-    let (low, high) = user
-        .primitives
-        .get(args.primID as usize)
-        .map_or(EMPTY_BOX, |p| p.bounds);
+    let mut bounds = EMPTY_BOX;
+    user.guarded(|| bounds = user.bounds(args.primID as usize).unwrap_or(EMPTY_BOX));
+    let (low, high) = bounds;
     let bounds = sys::RTCBounds {
         lower_x: low[0],
         lower_y: low[1],
@@ -179,9 +186,12 @@ pub(super) unsafe extern "C" fn on_occluded(args: *const sys::RTCOccludedFunctio
     call.run(user, Question::Any);
 }
 
+/// What Embree asks.
 #[derive(Clone, Copy, PartialEq)]
-enum Question {
+pub(super) enum Question {
+    /// The nearest hit.
     Nearest,
+    /// Whether there is one.
     Any,
 }
 
@@ -219,10 +229,10 @@ impl Call {
         let packet = unsafe { Foreign::new(self.rays, self.count, first) };
         let mut hit = [0; W];
         let done = user.guarded(|| {
-            if let Some(primitive) = user.primitives.get(self.primitive) {
-                hit = match &primitive.what {
-                    What::Sphere(sphere) => answer_sphere::<W>(primitive, sphere, packet, &asked, question),
-                    What::Mesh(geometry) => match user.part(*geometry) {
+            if let Some(primitive) = user.instance(self.primitive) {
+                hit = match &user.scene.geometries[primitive.1.geometry as usize] {
+                    Geometry::Shape(shape) => answer_shape::<W>(primitive, shape, packet, &asked, question),
+                    Geometry::Mesh(_) => match user.part(primitive.1.geometry) {
                         Some(part) => self.answer_mesh::<W>(primitive, part, packet, &asked, question),
                         None => [0; W],
                     },
@@ -238,15 +248,26 @@ impl Call {
     }
 }
 
-/// Tests one sphere in f64, on the exact extension of the f32 rays.
+/// Tests one shape in f64, on the exact extension of the f32 rays.
 #[inline(always)]
-fn answer_sphere<const W: usize>(
-    primitive: &Primitive,
-    sphere: &Sphere,
+fn answer_shape<const W: usize>(
+    (index, instance): (u32, &Instance),
+    shape: &Shape,
     packet: Foreign,
     asked: &[i32; W],
     question: Question,
 ) -> [i32; W] {
+    if is_worth_lanes(asked)
+        && let Some(sphere) = world_sphere(instance, shape)
+    {
+        return dispatch(SphereLanes {
+            sphere,
+            index,
+            packet,
+            asked,
+            question,
+        });
+    }
     let (origin, direction) = (
         packet.vectors::<W>(row::ORIGIN),
         packet.vectors::<W>(row::DIRECTION),
@@ -255,31 +276,11 @@ fn answer_sphere<const W: usize>(
     let mut hit = [0; W];
     for lane in (0..W).filter(|&lane| asked[lane] != 0) {
         let ray = ray_of(&origin, &direction, (t_near[lane], t_far[lane]), lane);
-        if let Some(t) = sphere_hit(primitive, sphere, &ray) {
-            let found = Hit {
-                instance: primitive.instance,
-                primitive: 0,
-                t,
-                u: 0.0,
-                v: 0.0,
-            };
+        if let Some(found) = shape_hit(index, instance, shape, &ray) {
             hit[lane] = answer(packet, lane, t_far[lane], &found, question);
         }
     }
     hit
-}
-
-/// The first parameter past `t_near`, rounded once, if it is not beyond `t_far`.
-///
-/// `t_far` is the ray's own or the `t` of a hit found before, and that was rounded too: so the comparison is made after
-/// rounding, or spheres at the same `t` would be told apart by the order of the questions.
-#[inline(always)]
-fn sphere_hit(primitive: &Primitive, sphere: &Sphere, ray: &Ray) -> Option<f32> {
-    let map = &primitive.object_from_world;
-    let origin = map.transform_point3(ray.origin.as_dvec3());
-    let direction = map.transform_vector3(ray.direction.as_dvec3());
-    let t = sphere.nearest(origin, direction, f64::from(ray.t_near), f64::INFINITY)? as f32;
-    (t <= ray.t_far && t.is_finite()).then_some(t)
 }
 
 impl Call {
@@ -287,7 +288,7 @@ impl Call {
     #[inline(always)]
     fn answer_mesh<const W: usize>(
         &self,
-        primitive: &Primitive,
+        (index, instance): (u32, &Instance),
         part: SceneRef,
         packet: Foreign,
         asked: &[i32; W],
@@ -298,10 +299,11 @@ impl Call {
             packet.vectors::<W>(row::DIRECTION),
         );
         let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
+        let object_from_world: DAffine3 = instance.object_from_world();
         let mut lanes = Lanes::<W>::new();
         for lane in (0..W).filter(|&lane| asked[lane] != 0) {
             let ray = ray_of(&origin, &direction, (t_near[lane], t_far[lane]), lane);
-            lanes.set(lane, &object_ray(&primitive.object_from_world, &ray));
+            lanes.set(lane, &object_ray(&object_from_world, &ray));
         }
         let mut hit = [0; W];
         if !lanes.any_active() {
@@ -328,7 +330,7 @@ impl Call {
                 _ => continue,
             };
             let found = Hit {
-                instance: primitive.instance,
+                instance: index,
                 ..found
             };
             hit[lane] = answer(packet, lane, t_far[lane], &found, question);
@@ -365,6 +367,8 @@ mod tests {
     use super::super::EmbreeAccel;
     use super::*;
     use crate::accel::{Accel, AccelOptions, RayPacket};
+    use crate::numeric::Ray;
+    use crate::shape::Sphere;
     use glam::Vec3;
 
     thread_local! {
@@ -379,7 +383,7 @@ mod tests {
     #[test]
     fn a_panic_in_a_callback_is_a_counted_miss() {
         let scene = Scene {
-            geometries: vec![Geometry::Sphere(Sphere::UNIT)],
+            geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
             instances: vec![Instance::new("sphere", 0, 0, DAffine3::IDENTITY).unwrap()],
             ..Scene::default()
         };
@@ -402,7 +406,7 @@ mod tests {
     #[test]
     fn a_callback_serves_any_number_of_lanes() {
         let scene = Scene {
-            geometries: vec![Geometry::Sphere(Sphere::UNIT)],
+            geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
             instances: vec![Instance::new("sphere", 0, 0, DAffine3::IDENTITY).unwrap()],
             ..Scene::default()
         };

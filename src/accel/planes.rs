@@ -1,0 +1,190 @@
+//! Infinite planes: no box holds them, so no tree does. They are asked after the traversal, all lanes at once.
+//!
+//! Embree drops whatever has an infinite box, and in a BSP of our own a plane would be in every cell it crosses. Scenes
+//! have a plane or two, if any, and one costs a division a ray.
+
+use glam::{DAffine3, DVec3};
+use multiversion::multiversion;
+
+use super::RayPacket;
+use crate::numeric::{LANES, Lanes};
+use crate::scene::Scene;
+
+/// The infinite planes of a scene, in the order of their instances.
+pub(super) struct Planes(Vec<PlaneForm>);
+
+/// A placed plane as the height above it: the last row of the map to its object space, where it is z = 0.
+struct PlaneForm {
+    instance: u32,
+    gradient: DVec3,
+    offset: f64,
+}
+
+impl Planes {
+    /// Collects them.
+    pub(super) fn of(scene: &Scene) -> Planes {
+        let planes = (0u32..)
+            .zip(&scene.instances)
+            .filter(|(_, instance)| scene.geometries[instance.geometry as usize].is_unbounded())
+            .map(|(index, instance)| PlaneForm::new(index, &instance.object_from_world()));
+        Planes(planes.collect())
+    }
+
+    /// Whether there are none.
+    #[inline(always)]
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// How many there are.
+    pub(super) fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Takes over the hits that are nearer than what the packets hold.
+    pub(super) fn intersect(&self, packets: &mut [RayPacket]) {
+        for packet in packets {
+            nearest(&self.0, packet);
+        }
+    }
+
+    /// Blocks the lanes that meet any.
+    pub(super) fn occluded(&self, packets: &mut [RayPacket]) {
+        for packet in packets {
+            block(&self.0, packet);
+        }
+    }
+}
+
+impl PlaneForm {
+    fn new(instance: u32, object_from_world: &DAffine3) -> PlaneForm {
+        let m = object_from_world.matrix3;
+        PlaneForm {
+            instance,
+            gradient: DVec3::new(m.x_axis.z, m.y_axis.z, m.z_axis.z),
+            offset: object_from_world.translation.z,
+        }
+    }
+
+    /// The parameters at which active lanes cross it within their intervals, rounded once; infinite where they do not.
+    ///
+    /// The operations of [`crate::shape::Plane`] on the ray in object space, in the same order, to the same bits.
+    #[inline(always)]
+    fn crossings(&self, packet: &RayPacket) -> Lanes<f32> {
+        let rise = |v: [f32; 3]| {
+            let [x, y, z] = v.map(f64::from);
+            self.gradient.x * x + self.gradient.y * y + self.gradient.z * z
+        };
+        let mut crossings = [f32::INFINITY; LANES];
+        for l in 0..LANES {
+            let of = |v: &[Lanes<f32>; 3]| [v[0][l], v[1][l], v[2][l]];
+            let (height, slope) = (
+                rise(of(&packet.origin)) + self.offset,
+                rise(of(&packet.direction)),
+            );
+            // The sum makes +0 of -0.
+            let exact = -height / slope + 0.0;
+            let t = exact as f32;
+            let crosses = (packet.active[l] != 0)
+                & (slope != 0.0)
+                & (exact >= f64::from(packet.t_near[l]))
+                & (t <= packet.t_far[l]);
+            crossings[l] = if crosses { t } else { f32::INFINITY };
+        }
+        crossings
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+fn nearest(planes: &[PlaneForm], packet: &mut RayPacket) {
+    for plane in planes {
+        let crossings = plane.crossings(packet);
+        for l in 0..LANES {
+            let t = crossings[l];
+            // Where nothing was hit, the instance held is the highest number.
+            let is_first = (t < packet.t_far[l]) | (plane.instance < packet.instance[l]);
+            let taken = (t < f32::INFINITY) & is_first;
+            packet.t_far[l] = if taken { t } else { packet.t_far[l] };
+            packet.u[l] = if taken { 0.0 } else { packet.u[l] };
+            packet.v[l] = if taken { 0.0 } else { packet.v[l] };
+            packet.primitive[l] = if taken { 0 } else { packet.primitive[l] };
+            packet.instance[l] = if taken { plane.instance } else { packet.instance[l] };
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+fn block(planes: &[PlaneForm], packet: &mut RayPacket) {
+    for plane in planes {
+        let crossings = plane.crossings(packet);
+        for l in 0..LANES {
+            let met = crossings[l] < f32::INFINITY;
+            packet.t_far[l] = if met { f32::NEG_INFINITY } else { packet.t_far[l] };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::accel::Hit;
+    use crate::numeric::Ray;
+    use crate::scene::{Geometry, Instance};
+    use crate::shape::Shape;
+
+    fn floors(heights: &[f64]) -> Scene {
+        let place = |&z: &f64| Instance::new("", 0, 0, DAffine3::from_translation(z * DVec3::Z)).unwrap();
+        Scene {
+            geometries: vec![Geometry::Shape(Shape::Plane)],
+            instances: heights.iter().map(place).collect(),
+            ..Scene::default()
+        }
+    }
+
+    fn falling(from: f32) -> RayPacket {
+        let mut packet = RayPacket::EMPTY;
+        packet.set(5, &Ray::new(Vec3::new(0.0, 0.0, from), Vec3::NEG_Z));
+        packet
+    }
+
+    #[test]
+    fn the_nearest_plane_is_taken_and_of_equal_ones_the_first() {
+        let planes = Planes::of(&floors(&[0.0, 2.0, 2.0]));
+        let mut packets = [falling(3.0)];
+        planes.intersect(&mut packets);
+        let hit = packets[0].hit(5).unwrap();
+        assert_eq!((hit.instance, hit.t), (1, 1.0));
+        assert_eq!(packets[0].hit(4), None);
+    }
+
+    #[test]
+    fn what_the_traversal_found_is_kept_unless_a_plane_is_nearer_or_numbered_lower() {
+        let planes = Planes::of(&floors(&[0.0, 1.0]));
+        for (instance, t, expected) in [(9, 1.5, 9), (9, 2.0, 1), (0, 2.0, 0), (9, 2.5, 1)] {
+            let mut packets = [falling(3.0)];
+            let found = Hit {
+                instance,
+                primitive: 7,
+                t,
+                u: 0.5,
+                v: 0.5,
+            };
+            packets[0].set_hit(5, &found);
+            planes.intersect(&mut packets);
+            assert_eq!(packets[0].hit(5).unwrap().instance, expected, "{instance} at {t}");
+        }
+    }
+
+    #[test]
+    fn a_ray_is_blocked_only_within_its_interval() {
+        let planes = Planes::of(&floors(&[0.0]));
+        for (t_near, t_far, expected) in [(0.0, 2.9, false), (0.0, 3.0, true), (3.1, 9.0, false)] {
+            let mut packets = [falling(3.0)];
+            (packets[0].t_near[5], packets[0].t_far[5]) = (t_near, t_far);
+            planes.occluded(&mut packets);
+            assert_eq!(packets[0].is_blocked(5), expected, "{t_near} to {t_far}");
+        }
+    }
+}

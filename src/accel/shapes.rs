@@ -1,0 +1,63 @@
+//! Analytic shapes as all backends ask them: one function, so that they give the same bits.
+//!
+//! The f32 ray is exact by definition; its f64 extension is carried into object space and never rounded there. The
+//! parameter is rounded to f32 once, and compared after that: the end of a ray may be the parameter of a hit found
+//! before, which was rounded too, and surfaces at the same parameter must not be told apart by the order of the
+//! questions.
+
+use glam::DVec3;
+
+use super::Hit;
+use crate::numeric::Ray;
+use crate::scene::Instance;
+use crate::shape::{Implicit, Shape, ShapeHit, ShapeRay, Sphere};
+
+/// Where a ray meets a placed shape first within its interval: `primitive` is the part of the shape.
+#[inline(always)]
+pub(super) fn shape_hit(index: u32, instance: &Instance, shape: &Shape, ray: &Ray) -> Option<Hit> {
+    let ShapeHit { t, part } = match world_sphere(instance, shape) {
+        Some(sphere) => {
+            let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+            let t = sphere.nearest(origin, direction, f64::from(ray.t_near), f64::INFINITY)?;
+            ShapeHit { t, part: 0 }
+        }
+        None => shape.intersect(&shape_ray(instance, ray))?,
+    };
+    let t = t as f32;
+    (t <= ray.t_far && t < f32::INFINITY).then_some(Hit {
+        instance: index,
+        primitive: part,
+        t,
+        u: 0.0,
+        v: 0.0,
+    })
+}
+
+/// The sphere in world space that an instance is, if it is one: rays need not be carried anywhere to meet it.
+#[inline(always)]
+pub(super) fn world_sphere(instance: &Instance, shape: &Shape) -> Option<Sphere> {
+    match shape {
+        Shape::Sphere(sphere) => instance.world_sphere(sphere),
+        _ => None,
+    }
+}
+
+/// The ray in object space, from its nearest parameter on.
+#[inline(always)]
+fn shape_ray(instance: &Instance, ray: &Ray) -> ShapeRay {
+    let (origin, direction) = object_line(instance, ray);
+    ShapeRay {
+        t_near: ray.t_near.into(),
+        ..ShapeRay::new(origin, direction)
+    }
+}
+
+/// Origin and direction in object space; the parameter keeps its meaning.
+#[inline(always)]
+fn object_line(instance: &Instance, ray: &Ray) -> (DVec3, DVec3) {
+    let map = instance.object_from_world();
+    (
+        map.transform_point3(ray.origin.as_dvec3()),
+        map.transform_vector3(ray.direction.as_dvec3()),
+    )
+}

@@ -1,0 +1,90 @@
+//! The point of an analytic shape that a ray has hit, in world space, in f64.
+//!
+//! A backend says which part was hit, and where along the ray to f32. The ray's crossing of that part is computed once
+//! more in f64, and the point is then projected onto the surface, which takes its own rounding away.
+
+use crate::numeric::{Ray, transform_normal};
+use crate::scene::Instance;
+use crate::shape::{Implicit, Shape, ShapePoint, ShapeRay};
+
+/// The point of `part` at the end of `ray`, whose `t_far` is the hit's parameter.
+///
+/// The normal is the outward one. Where the placement mirrors, `dpdu x dpdv` points against it.
+pub(super) fn world_point(instance: &Instance, shape: &Shape, ray: &Ray, part: u32) -> ShapePoint {
+    let (map, inverse) = (instance.world_from_object(), instance.object_from_world());
+    let line = ShapeRay::new(
+        inverse.transform_point3(ray.origin.as_dvec3()),
+        inverse.transform_vector3(ray.direction.as_dvec3()),
+    );
+    let reported = f64::from(ray.t_far);
+    let mut nearest = f64::NAN;
+    shape.crossings(&line, &mut |hit| {
+        // The first comparison is with NaN.
+        let is_nearer = !((hit.t - reported).abs() >= (nearest - reported).abs());
+        if hit.part == part && is_nearer {
+            nearest = hit.t;
+        }
+    });
+    // Rounding may lose a grazed crossing; what was reported is then the best there is.
+    let t = if nearest.is_nan() { reported } else { nearest };
+    let point = shape.point(line.at(t), part);
+    if instance.is_identity() {
+        return point;
+    }
+    let p = map.transform_point3(point.p);
+    ShapePoint {
+        p,
+        n: transform_normal(&map.matrix3, point.n),
+        uv: point.uv,
+        dpdu: map.transform_vector3(point.dpdu),
+        dpdv: map.transform_vector3(point.dpdv),
+        error: point.error.transformed(&map, &inverse, p),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DVec3, Vec3};
+
+    use super::*;
+    use crate::shape::Sphere;
+
+    #[test]
+    fn a_squashed_mirrored_sphere_has_the_normal_of_its_ellipsoid() {
+        // x² / 4 + y² + z² = 1 at x = 1: y = √3 / 2, gradient (x / 4, y) ~ (1, 2 √3).
+        let map = DAffine3::from_scale(DVec3::new(-2.0, 1.0, 1.0));
+        let instance = Instance::new("", 0, 0, map).unwrap();
+        let ray = Ray {
+            t_far: 4.133_975,
+            ..Ray::new(Vec3::new(1.0, 5.0, 0.0), Vec3::NEG_Y)
+        };
+        let point = world_point(&instance, &Shape::Sphere(Sphere::UNIT), &ray, 0);
+        assert!((point.p - DVec3::new(1.0, 0.75f64.sqrt(), 0.0)).length() < 1e-15);
+        let gradient = DVec3::new(1.0, 2.0 * 3f64.sqrt(), 0.0).normalize();
+        assert!((point.n - gradient).length() < 1e-15, "{}", point.n);
+        // Longitude 120 degrees: a third of the turn. The equator is half way up.
+        assert!((point.uv[0] - 1.0 / 3.0).abs() < 1e-15 && point.uv[1] == 0.5);
+        assert!(point.dpdu.dot(point.n).abs() < 1e-14 && point.dpdv.dot(point.n).abs() < 1e-14);
+        assert!(point.dpdu.cross(point.dpdv).dot(point.n) < 0.0);
+    }
+
+    #[test]
+    fn the_face_that_was_reported_is_the_one_that_is_worked_out() {
+        let instance = Instance::new("", 0, 0, DAffine3::IDENTITY).unwrap();
+        // Through the cube from above: in at t = 2, out at t = 4, through other faces.
+        let ray = |t_far| Ray {
+            t_far,
+            ..Ray::new(Vec3::new(0.25, 0.5, 3.0), Vec3::NEG_Z)
+        };
+        let mut parts = Vec::new();
+        Shape::Cube.crossings(
+            &ShapeRay::new(DVec3::new(0.25, 0.5, 3.0), DVec3::NEG_Z),
+            &mut |hit| parts.push(hit),
+        );
+        for (hit, z) in parts.iter().zip([1.0, -1.0]) {
+            let point = world_point(&instance, &Shape::Cube, &ray(hit.t as f32), hit.part);
+            assert_eq!((point.p, point.n), (DVec3::new(0.25, 0.5, z), z * DVec3::Z));
+        }
+        assert_eq!(parts.len(), 2);
+    }
+}

@@ -178,6 +178,19 @@ fn ten_thousand_scattered_copies_are_the_same_every_time() {
 }
 
 #[test]
+fn a_mesh_that_is_carved_from_a_pattern_keeps_its_object_space() {
+    let text = |space: &str| {
+        format!(
+            "[shape.s.mesh]\nvertices = [[0,0,0],[1,0,0],[0,1,0]]\nuv = [[0,0],[1,0],[0,1]]\nfaces = [[0,1,2]]\n\
+             [texture.t]\npattern = 'wood'\nspace = '{space}'\n[material.m]\nbase_color = {{ texture = 't' }}\n\
+             [[object]]\nshape = 's'\nmaterial = 'm'\ntransform = [{{ translate = [0, 0, 2] }}]\n"
+        )
+    };
+    assert!(!load_text(&text("object"), &[]).scene.instances[0].is_identity());
+    assert!(load_text(&text("uv"), &[]).scene.instances[0].is_identity());
+}
+
+#[test]
 fn the_command_line_overrides_what_the_file_says_of_the_picture() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();

@@ -142,6 +142,10 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileEr
     let mut scene = assembler.scene;
     surround(&mut scene, &document);
     flatten::flatten(&mut scene, &assembly, default_material)?;
+    if scene.instances.iter().all(|i| i.material != default_material) {
+        // It is the last one, so no index changes.
+        scene.materials.pop();
+    }
     let scene = flatten::finish(scene, path)?;
     Ok(SceneFile {
         scene,

@@ -12,7 +12,7 @@
 //! 4. [`image`] writes the picture.
 //!
 //! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`image`] · [`scene`] · [`shading`] ·
-//! [`gltf`] [`accel`] · [`render`] · [`report`] · [`cli`].
+//! [`gltf`] [`accel`] · [`scene_file`] · [`render`] · [`report`] · [`cli`].
 //!
 //! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one
 //! function of `gltf/map.rs` that maps a file into memory.
@@ -50,5 +50,6 @@ pub mod optics;
 pub mod render;
 pub mod report;
 pub mod scene;
+pub mod scene_file;
 pub mod shading;
 pub mod shape;

@@ -142,7 +142,7 @@ fn the_sound_triangle_loads() {
     std::fs::write(&file, triangle().to_string()).unwrap();
     let scene = load(&file).unwrap();
     assert_eq!(scene.triangle_count(), 1);
-    assert_eq!(scene.instances[0].name, "thing");
+    assert_eq!(&*scene.instances[0].name, "thing");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! What may be typed: the flags and their ranges. Nothing below this room knows a flag.
 
+use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::LazyLock;
@@ -9,13 +10,23 @@ use clap::{Args as ArgGroup, Parser, Subcommand};
 use crate::accel::{Backend, Precision};
 use crate::image::ImageFormat;
 use crate::render::{FilterKind, Pattern, PixelFilter};
+use crate::scene_file::{self, MAX_EXPOSURE};
 
-/// Most samples a pixel: 2^16, where noise is 1/256 of that of one sample.
-const MAX_SPP: i64 = 1 << 16;
+/// Most samples a pixel.
+const MAX_SPP: i64 = scene_file::MAX_SPP as i64;
 /// Most generations of reflection.
-const MAX_DEPTH: i64 = 255;
+const MAX_DEPTH: i64 = scene_file::MAX_DEPTH as i64;
 /// Beyond it neighbouring wavelengths are under a nanometre apart, finer than any index of refraction is known.
 const MAX_WAVELENGTHS: i64 = 400;
+/// Samples a pixel where neither the command line nor the scene says it.
+pub(super) const DEFAULT_SPP: u32 = 16;
+/// Generations of reflection where neither says it.
+pub(super) const DEFAULT_DEPTH: u32 = 5;
+/// Image size where neither says it.
+pub(super) const DEFAULT_SIZE: ImageSize = ImageSize {
+    width: 1024,
+    height: 1024,
+};
 /// More threads than any machine that this is likely to meet.
 const MAX_THREADS: i64 = 1024;
 /// Most repetitions of a benchmark.
@@ -26,7 +37,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| match embree_version() {
     None => format!("{} (without Embree)", env!("CARGO_PKG_VERSION")),
 });
 
-/// A Whitted-style ray tracer for glTF scenes.
+/// A Whitted-style ray tracer for scene files and glTF scenes.
 ///
 /// Finds hits through the system's Embree or through its own BSP tree.
 #[derive(Debug, Parser)]
@@ -46,6 +57,8 @@ pub(super) enum Command {
     Render(RenderArgs),
     /// Say what was understood of a scene
     Info(InfoArgs),
+    /// Print the JSON schema of scene files, for editors
+    Schema,
     /// Time Embree against the BSP on the same recorded rays
     Bench(BenchArgs),
 }
@@ -65,7 +78,7 @@ With several scenes, one that fails does not keep the others from being rendered
 #[command(after_help = RENDER_EXAMPLES)]
 #[group(id = "target", required = true, args = ["output", "out"])]
 pub(super) struct RenderArgs {
-    /// glTF scenes (.glb, .gltf)
+    /// Scenes: scene files (.toml) and glTF (.glb, .gltf)
     #[arg(required = true, value_name = "SCENE")]
     pub(super) scenes: Vec<PathBuf>,
 
@@ -103,8 +116,8 @@ pub(super) struct RenderArgs {
     pub(super) ambient: Option<Ambient>,
 
     /// Stops of exposure for PNG images: radiance is multiplied by 2^EV
-    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = exposure, allow_hyphen_values = true)]
-    pub(super) exposure: f32,
+    #[arg(long, value_name = "EV", help = or_scene("Stops of exposure for PNG images: radiance is multiplied by 2^EV", 0), value_parser = exposure, allow_hyphen_values = true)]
+    pub(super) exposure: Option<f32>,
 
     /// Write rays, seconds and memory as JSON; with several scenes a list
     #[arg(long, value_name = "FILE")]
@@ -119,8 +132,8 @@ pub(super) struct RenderArgs {
 #[derive(Clone, Debug, ArgGroup)]
 pub(super) struct SamplingArgs {
     /// Samples a pixel; with --adaptive the most that a pixel gets
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
-    pub(super) spp: u32,
+    #[arg(long, value_name = "N", help = or_scene("Samples a pixel; with --adaptive the most that a pixel gets", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    pub(super) spp: Option<u32>,
 
     /// How samples lie in a pixel
     #[arg(long, value_enum, default_value_t = Pattern::default())]
@@ -155,12 +168,12 @@ pub(super) enum Aov {
 #[derive(Clone, Copy, Debug, ArgGroup)]
 pub(super) struct FrameArgs {
     /// Image size in pixels
-    #[arg(long, value_name = "WxH", default_value = "1024x1024")]
-    pub(super) size: ImageSize,
+    #[arg(long, value_name = "WxH", help = or_scene("Image size in pixels", DEFAULT_SIZE))]
+    pub(super) size: Option<ImageSize>,
 
     /// Generations of reflected and refracted rays; 0 for none
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
-    pub(super) depth: u32,
+    #[arg(long, value_name = "N", help = or_scene("Generations of reflected and refracted rays; 0 for none", DEFAULT_DEPTH), value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
+    pub(super) depth: Option<u32>,
 
     /// Wavelengths that a path splits into where glass disperses it
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=MAX_WAVELENGTHS))]
@@ -186,7 +199,7 @@ pub(super) struct TracingArgs {
 /// Flags of `whit info`.
 #[derive(Debug, ArgGroup)]
 pub(super) struct InfoArgs {
-    /// glTF scene (.glb, .gltf)
+    /// Scene file (.toml) or glTF scene (.glb, .gltf)
     #[arg(value_name = "SCENE")]
     pub(super) scene: PathBuf,
 
@@ -207,7 +220,7 @@ Example:
 #[derive(Debug, ArgGroup)]
 #[command(after_help = BENCH_HELP)]
 pub(super) struct BenchArgs {
-    /// glTF scenes (.glb, .gltf)
+    /// Scenes: scene files (.toml) and glTF (.glb, .gltf)
     #[arg(required = true, value_name = "SCENE")]
     pub(super) scenes: Vec<PathBuf>,
 
@@ -239,7 +252,18 @@ pub(super) struct ImageSize {
 
 impl ImageSize {
     /// Most pixels of an image; the machine's memory usually sets a lower limit.
-    pub(super) const MAX_PIXELS: u64 = 1 << 31;
+    pub(super) const MAX_PIXELS: u64 = scene_file::MAX_PIXELS;
+}
+
+impl fmt::Display for ImageSize {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}x{}", self.width, self.height)
+    }
+}
+
+/// Help for what a scene file may say too.
+fn or_scene(what: &str, default: impl fmt::Display) -> String {
+    format!("{what} [default: the scene file's, else {default}]")
 }
 
 impl FromStr for ImageSize {
@@ -293,9 +317,6 @@ impl FromStr for Ambient {
         }
     }
 }
-
-/// Beyond this many stops every f32 would be black or white.
-const MAX_EXPOSURE: f32 = 100.0;
 
 fn exposure(text: &str) -> Result<f32, String> {
     text.parse()

@@ -9,7 +9,6 @@ use crate::accel::bsp::BspAccel;
 #[cfg(feature = "embree")]
 use crate::accel::embree::EmbreeAccel;
 use crate::accel::{Accel, AccelError, AccelOptions, AccelReport, Backend, Kernel, Precision};
-use crate::gltf::{self, LoadOptions};
 use crate::image::check_writable;
 use crate::render::{self, Ledger, Monitor, RenderSettings};
 use crate::report::bench::{BenchRow, BenchTable, FrameTime, Mode, RayKind, Spread};
@@ -22,6 +21,7 @@ use super::job::{Tracing, choose_camera, settings};
 use super::output;
 use super::progress::{Progress, Verbosity};
 use super::replay::{Differences, Engine, RaySet, differences, replay_seconds};
+use super::scene;
 
 /// Everything that `whit bench` is to do with each scene.
 struct BenchJob {
@@ -68,7 +68,7 @@ fn bench_scene(
 ) -> Result<Vec<BenchRow>, Failure> {
     let name = path.display().to_string();
     progress.phase(&name, "load");
-    let scene = pool.install(|| gltf::load(path, &LoadOptions::default()))?;
+    let scene = pool.install(|| scene::load(path))?.scene;
     let camera = choose_camera(&scene, path, None)?;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));

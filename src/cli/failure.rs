@@ -3,6 +3,7 @@
 use crate::accel::AccelError;
 use crate::gltf::GltfError;
 use crate::image::ImageError;
+use crate::scene_file::SceneFileError;
 
 use super::output;
 
@@ -73,6 +74,12 @@ fn usage_sentence(error: &clap::Error) -> String {
 
 impl From<GltfError> for Failure {
     fn from(error: GltfError) -> Failure {
+        Failure::Input(error.to_string())
+    }
+}
+
+impl From<SceneFileError> for Failure {
+    fn from(error: SceneFileError) -> Failure {
         Failure::Input(error.to_string())
     }
 }

@@ -1,16 +1,19 @@
 //! `whit info`: what was understood of a scene.
 
-use crate::gltf::{self, LoadOptions};
 use crate::report::info::SceneInfo;
 
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::output;
+use super::{output, scene};
 
 /// Prints what the scene holds.
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
-    let scene = gltf::load(&args.scene, &LoadOptions::default())?;
-    let info = SceneInfo::of(&scene, &args.scene);
+    let loaded = scene::load(&args.scene)?;
+    let info = SceneInfo {
+        groups: loaded.group_count,
+        included_files: loaded.include_count + loaded.gltf_count,
+        ..SceneInfo::of(&loaded.scene, &args.scene)
+    };
     if !args.json {
         return output::print(&info.to_string());
     }

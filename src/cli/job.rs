@@ -10,8 +10,12 @@ use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
 use crate::scene::{Camera, Scene};
+use crate::scene_file::Output;
 
-use super::args::{Aov, FrameArgs, RenderArgs, SamplingArgs, TracingArgs};
+use super::args::{
+    Aov, DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, FrameArgs, ImageSize, RenderArgs, SamplingArgs,
+    TracingArgs,
+};
 use super::failure::Failure;
 use super::progress::Verbosity;
 
@@ -19,7 +23,9 @@ use super::progress::Verbosity;
 #[derive(Debug)]
 pub(super) struct RenderJob {
     pub(super) targets: Vec<Target>,
+    /// Where `wish` leaves something open, the scene may say it: see [`RenderJob::shot`].
     pub(super) settings: RenderSettings,
+    wish: Output,
     pub(super) backend: Backend,
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
@@ -58,7 +64,7 @@ impl RenderJob {
                 "`--isa` is for Embree: leave it out with `--backend {backend}`"
             )));
         }
-        let sampling = Sampling::new(&args.sampling, args.exposure)?;
+        let sampling = Sampling::new(&args.sampling, args.exposure.unwrap_or(0.0))?;
         let targets = targets(args)?;
         if sampling.aovs && targets.iter().any(|target| target.format != ImageFormat::Exr) {
             return Err(Failure::Input(
@@ -74,13 +80,19 @@ impl RenderJob {
         }
         Ok(RenderJob {
             targets,
-            settings: sampling.applied_to(settings(args.frame, args.sampling.spp)?)?,
+            settings: sampling.applied_to(settings(args.frame, args.sampling.spp.unwrap_or(DEFAULT_SPP))?)?,
+            wish: Output {
+                size: args.frame.size.map(|size| [size.width, size.height]),
+                spp: args.sampling.spp,
+                depth: args.frame.depth,
+                exposure: args.exposure,
+            },
             backend,
             tracing: Tracing::new(&args.tracing),
             camera: args.camera.clone(),
             ambient: args.ambient.map(|a| a.0),
             tone: ToneMap {
-                exposure_ev: args.exposure,
+                exposure_ev: args.exposure.unwrap_or(0.0),
             },
             stats: args.stats.clone(),
             verbosity: if args.quiet {
@@ -89,6 +101,41 @@ impl RenderJob {
                 Verbosity::Normal
             },
         })
+    }
+}
+
+/// A scene's settings and tone: what the command line says, else what the scene says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Shot {
+    pub(super) settings: RenderSettings,
+    pub(super) tone: ToneMap,
+}
+
+impl RenderJob {
+    /// The settings for a scene that says `output` of its picture.
+    pub(super) fn shot(&self, output: &Output) -> Result<Shot, Failure> {
+        let mut shot = Shot {
+            settings: self.settings,
+            tone: self.tone,
+        };
+        let settings = &mut shot.settings;
+        if let (None, Some([width, height])) = (self.wish.size, output.size) {
+            (settings.width, settings.height) = (width, height);
+        }
+        if let (None, Some(spp)) = (self.wish.spp, output.spp) {
+            settings.spp = spp;
+        }
+        if let (None, Some(depth)) = (self.wish.depth, output.depth) {
+            settings.depth = depth;
+        }
+        if let (None, Some(exposure)) = (self.wish.exposure, output.exposure) {
+            shot.tone.exposure_ev = exposure;
+            if let Some(adaptive) = &mut settings.adaptive {
+                adaptive.gain = f64::from(exposure).exp2();
+            }
+        }
+        check_memory(settings)?;
+        Ok(shot)
     }
 }
 
@@ -252,11 +299,12 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
 
 /// Render settings of a size that the machine can hold.
 pub(super) fn settings(frame: FrameArgs, spp: u32) -> Result<RenderSettings, Failure> {
+    let ImageSize { width, height } = frame.size.unwrap_or(DEFAULT_SIZE);
     let settings = RenderSettings {
-        width: frame.size.width,
-        height: frame.size.height,
+        width,
+        height,
         spp,
-        depth: frame.depth,
+        depth: frame.depth.unwrap_or(DEFAULT_DEPTH),
         wavelengths: frame.wavelengths,
         ..RenderSettings::default()
     };

@@ -13,6 +13,7 @@ mod output;
 mod progress;
 mod render;
 mod replay;
+mod scene;
 
 use clap::Parser;
 
@@ -29,6 +30,7 @@ pub fn run() -> i32 {
         match args.command {
             Command::Render(args) => render::run(&args),
             Command::Info(args) => info::run(&args),
+            Command::Schema => output::print(&crate::scene_file::json_schema()),
             Command::Bench(args) => bench::run(&args),
         }
     });

@@ -4,7 +4,6 @@ use std::mem;
 use std::time::Instant;
 
 use crate::accel::{self, Accel, AccelOptions};
-use crate::gltf::{self, LoadOptions};
 use crate::image::{self, ExtraChannel};
 use crate::render::{self, Monitor, Rendering};
 use crate::report::memory;
@@ -12,13 +11,15 @@ use crate::report::stats::{
     AccelStats, CutoffStats, ImageStats, PhaseSeconds, RayCounts, RenderStats, SceneStats, effect_stats,
 };
 use crate::scene::{Background, Camera, Scene};
+use crate::scene_file::SceneFile;
 
 use super::args::RenderArgs;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{RenderJob, Target, choose_camera, effective_precision};
+use super::job::{RenderJob, Shot, Target, choose_camera, effective_precision};
 use super::output;
 use super::progress::{Progress, Verbosity};
+use super::scene;
 
 /// Renders what the arguments ask for.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
@@ -66,8 +67,9 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<R
     let mut seconds = PhaseSeconds::default();
 
     progress.phase(&name, "load");
-    let (scene, load_seconds) = timed(|| load(job, target))?;
+    let (SceneFile { scene, output, .. }, load_seconds) = timed(|| load(job, target))?;
     seconds.load = load_seconds;
+    let shot = job.shot(&output)?;
     let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
@@ -78,16 +80,18 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<R
     seconds.build = build_seconds;
 
     progress.phase(&name, "render");
-    let (rendering, render_seconds) = timed(|| trace(job, &scene, camera, &*accel, progress))?;
+    let (rendering, render_seconds) = timed(|| trace(&shot, &scene, camera, &*accel, progress))?;
     seconds.render = render_seconds;
     seconds.trace = rendering.ledger.trace_seconds();
 
-    let ((), write_seconds) = timed(|| write_image(job, target, &rendering))?;
+    let ((), write_seconds) = timed(|| write_image(&shot, target, &rendering))?;
     seconds.write = write_seconds;
     seconds.total = start.elapsed().as_secs_f64();
-    say_finished(job, target, seconds.total, progress)?;
+    say_finished(job, target, (&rendering, seconds.total), progress)?;
 
     let mut stats = stats(job, target, &scene, &*accel, &rendering);
+    (stats.spp, stats.depth) = (shot.settings.spp, shot.settings.depth);
+    stats.image.exposure_ev = shot.tone.exposure_ev;
     stats.image.camera.clone_from(&camera.name);
     stats.seconds = seconds;
     if job.targets.last() == Some(target) {
@@ -105,14 +109,15 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
     Ok((result, start.elapsed().as_secs_f64()))
 }
 
-fn load(job: &RenderJob, target: &Target) -> Result<Scene, Failure> {
-    let mut scene = gltf::load(&target.scene, &LoadOptions::default())?;
+fn load(job: &RenderJob, target: &Target) -> Result<SceneFile, Failure> {
+    let mut loaded = scene::load(&target.scene)?;
+    let scene = &mut loaded.scene;
     if let Some(ambient) = job.ambient {
         scene.ambient = ambient;
         scene.background = Background::Uniform(ambient);
     }
     interrupt::check()?;
-    Ok(scene)
+    Ok(loaded)
 }
 
 fn build<'s>(job: &RenderJob, scene: &'s Scene, progress: &Progress) -> Result<Box<dyn Accel + 's>, Failure> {
@@ -130,7 +135,7 @@ fn build<'s>(job: &RenderJob, scene: &'s Scene, progress: &Progress) -> Result<B
 }
 
 fn trace(
-    job: &RenderJob,
+    shot: &Shot,
     scene: &Scene,
     camera: &Camera,
     accel: &dyn Accel,
@@ -140,10 +145,10 @@ fn trace(
         progress: &|fraction| progress.fraction(fraction),
         cancel: &interrupt::CANCELLED,
     };
-    render::render(scene, camera, accel, &job.settings, &monitor).ok_or(Failure::Interrupted)
+    render::render(scene, camera, accel, &shot.settings, &monitor).ok_or(Failure::Interrupted)
 }
 
-fn write_image(job: &RenderJob, target: &Target, rendering: &Rendering) -> Result<(), Failure> {
+fn write_image(shot: &Shot, target: &Target, rendering: &Rendering) -> Result<(), Failure> {
     let (image, path) = (&rendering.image, &target.image);
     interrupt::finish_first(|| match &rendering.aovs {
         Some(aovs) => {
@@ -154,21 +159,26 @@ fn write_image(job: &RenderJob, target: &Target, rendering: &Rendering) -> Resul
             ];
             image::write_exr_with(image, &extra, path)
         }
-        None => image::write(image, path, target.format, job.tone),
+        None => image::write(image, path, target.format, shot.tone),
     })?;
     Ok(())
 }
 
 /// One line an image on standard output.
-fn say_finished(job: &RenderJob, target: &Target, seconds: f64, progress: &Progress) -> Result<(), Failure> {
+fn say_finished(
+    job: &RenderJob,
+    target: &Target,
+    (rendering, seconds): (&Rendering, f64),
+    progress: &Progress,
+) -> Result<(), Failure> {
     if job.verbosity == Verbosity::Quiet {
         return Ok(());
     }
     let line = format!(
         "{}: {}x{}, {seconds:.2} s\n",
         target.image.display(),
-        job.settings.width,
-        job.settings.height
+        rendering.image.width,
+        rendering.image.height
     );
     progress.suspend(|| output::print(&line))
 }

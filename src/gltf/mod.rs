@@ -35,13 +35,15 @@ use glam::DMat3;
 use rayon::prelude::*;
 
 pub use error::GltfError;
+pub(crate) use primitive::dropped_sentence;
+pub(crate) use view::framing_camera;
 
 use crate::numeric::Bounds;
 use crate::scene::{Background, Geometry, Instance, Normalisation, Scene};
 use document::Document;
 use material::Materials;
 use node::PlacedNode;
-use primitive::{PrimitiveId, ReadPrimitive, dropped_sentence};
+use primitive::{PrimitiveId, ReadPrimitive};
 
 /// Limits on what a file may ask for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,6 +75,22 @@ impl Default for LoadOptions {
 /// A file that is not readable, not glTF 2.0, needs an unknown extension, refers to what it does not hold, or leaves
 /// no triangle to render.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, GltfError> {
+    let (document, scene, bounds) = read(path, options)?;
+    document.finish(scene, bounds)
+}
+
+/// Loads a file as a part of another scene: in its own coordinates, with the cameras and lights that it has and no
+/// others, and not yet validated. What [`load`] says of files and errors holds.
+pub(crate) fn load_part(path: &Path, options: &LoadOptions) -> Result<Scene, GltfError> {
+    let (document, scene, _) = read(path, options)?;
+    if scene.instances.is_empty() {
+        return Err(document.empty(&scene.warnings));
+    }
+    Ok(scene)
+}
+
+/// The file's scene in its own coordinates, and the bounds of its geometries.
+fn read(path: &Path, options: &LoadOptions) -> Result<(Document, Scene, Vec<Bounds>), GltfError> {
     let mut scene = Scene::default();
     let document = Document::open(path, &mut scene.warnings)?;
     let nodes = document.placed_nodes()?;
@@ -85,7 +103,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, GltfError> {
             .extend(document.camera_at(node, &mut scene.warnings)?);
         scene.lights.extend(document.light_at(node, &mut scene.warnings)?);
     }
-    document.finish(scene, bounds)
+    Ok((document, scene, bounds))
 }
 
 /// The primitives that the scene's nodes use, each read once.

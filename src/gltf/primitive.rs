@@ -311,7 +311,7 @@ fn unit_or_zero(n: [f32; 3]) -> [f32; 3] {
 }
 
 /// What was dropped, as the end of a sentence.
-pub(super) fn dropped_sentence(dropped: Dropped) -> String {
+pub(crate) fn dropped_sentence(dropped: Dropped) -> String {
     let count = |n: usize, of: &str| {
         let s = if n == 1 { "" } else { "s" };
         (n > 0).then(|| format!("{n} triangle{s} {of}"))

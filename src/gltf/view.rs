@@ -24,7 +24,7 @@ const LEFT_SHOULDER: DVec3 = DVec3::new(-0.5, 0.8, 1.0);
 
 /// The camera that frames `bounds`: 45 degrees high, from the front, slightly right and above, at the distance where
 /// the box just fits a square picture, with a margin of a twentieth.
-pub(super) fn framing_camera(bounds: &Bounds) -> Camera {
+pub(crate) fn framing_camera(bounds: &Bounds) -> Camera {
     let back = DEFAULT_SIDE.normalize();
     let axes = axes_looking_along(-back, DVec3::Y);
     let center = bounds.center();

@@ -150,16 +150,16 @@ impl<'a> Textured<'a> {
             instance,
             packet,
             l,
-            p_object: instance
-                .object_from_world()
-                .transform_point3(points.point(l)),
+            p_object: instance.object_from_world().transform_point3(points.point(l)),
             axes: axes_on_surface(cone.width, direction / length, points.geometric_normal(l)),
         }
     }
 
     /// Where a layer's texture is looked up.
     fn look_up(&self, layer: &Layer) -> (Chart, TexturePoint, Footprint) {
-        let chart = self.view.chart(self.instance, layer.texture.tex_coord, self.packet, self.l);
+        let chart = self
+            .view
+            .chart(self.instance, layer.texture.tex_coord, self.packet, self.l);
         let transform = &layer.texture.transform;
         let turned = |[u, v]: [f32; 2]| {
             let matrix = transform.matrix;

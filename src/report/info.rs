@@ -1,11 +1,14 @@
 //! What was understood of a scene: `whit info`.
 
+use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::scene::{Geometry, LightKind, Projection, Scene};
+use crate::optics::LINE_D;
+use crate::scene::{Geometry, LightKind, Material, Model, Projection, Scene};
+use crate::shape::Shape;
 
 use super::effects;
 use super::memory::{self, MemoryForecast};
@@ -21,6 +24,12 @@ pub struct SceneInfo {
     pub shapes: usize,
     /// Meshes and shapes.
     pub geometries: usize,
+    /// Instances by what they are instances of, by the shape's name.
+    pub objects: BTreeMap<&'static str, usize>,
+    /// Groups of a scene file, which were flattened.
+    pub groups: usize,
+    /// Other files that a scene file includes.
+    pub included_files: usize,
     /// Placed geometries.
     pub instances: usize,
     /// Instances that are not baked into world space.
@@ -29,6 +38,8 @@ pub struct SceneInfo {
     pub mesh_bytes: u64,
     /// Materials, the default one included where it is used.
     pub materials: usize,
+    /// Their main values, in order.
+    pub material_list: Vec<MaterialInfo>,
     /// Textures of materials.
     pub textures: usize,
     /// Decoded images.
@@ -51,6 +62,103 @@ pub struct SceneInfo {
     pub effects: EffectReasons,
     /// What was dropped or approximated while loading.
     pub warnings: Vec<String>,
+}
+
+/// A material.
+#[derive(Clone, Debug, Serialize)]
+pub struct MaterialInfo {
+    /// As in the file, or made up.
+    pub name: String,
+    /// `metallic-roughness`, `lecture` or `unlit`.
+    pub model: &'static str,
+    /// Linear RGBA.
+    pub base_color: [f32; 4],
+    /// The model's values that are not zero, in words.
+    pub values: String,
+    /// The parameters that a texture changes.
+    pub textured: Vec<String>,
+    /// Index of refraction at the d line, where light may enter.
+    pub ior: Option<f64>,
+    /// Abbe number of the medium inside; null without dispersion.
+    pub abbe: Option<f64>,
+    /// What a metre of it swallows, where light may enter.
+    pub absorption: Option<[f64; 3]>,
+}
+
+impl MaterialInfo {
+    fn of(material: &Material) -> MaterialInfo {
+        let (model, values) = match &material.model {
+            Model::MetallicRoughness(m) => (
+                "metallic-roughness",
+                format!(
+                    "metallic {}, roughness {}, transmission {}",
+                    m.metallic, m.roughness, m.transmission
+                ),
+            ),
+            Model::Lecture(l) => (
+                "lecture",
+                format!(
+                    "ra {}, rd {}, rsp {}, f {}, kr {}, kt {}",
+                    rgb(l.ambient),
+                    rgb(l.diffuse),
+                    rgb(l.specular),
+                    l.exponent,
+                    rgb(l.reflection),
+                    rgb(l.transmission)
+                ),
+            ),
+            Model::Unlit => ("unlit", String::new()),
+        };
+        let interior = material.interior;
+        MaterialInfo {
+            name: material.name.clone(),
+            model,
+            base_color: material.base_color,
+            values,
+            textured: material
+                .layers
+                .iter()
+                .map(|l| format!("{:?}", l.parameter))
+                .collect(),
+            ior: interior.map(|inside| inside.ior.ior(LINE_D)),
+            abbe: interior
+                .map(|inside| inside.ior.abbe_number())
+                .filter(|abbe| abbe.is_finite()),
+            absorption: interior.map(|inside| inside.absorption.sigma_a),
+        }
+    }
+}
+
+/// A colour in one word: one number where it is grey.
+fn rgb([r, g, b]: [f32; 3]) -> String {
+    if r == g && g == b {
+        r.to_string()
+    } else {
+        format!("({r} {g} {b})")
+    }
+}
+
+impl fmt::Display for MaterialInfo {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let [r, g, b, _] = self.base_color;
+        write!(f, "`{}`, {}, colour {}", self.name, self.model, rgb([r, g, b]))?;
+        if !self.values.is_empty() {
+            write!(f, ", {}", self.values)?;
+        }
+        if !self.textured.is_empty() {
+            write!(f, ", textures on {}", self.textured.join(", "))?;
+        }
+        if let Some(ior) = self.ior {
+            write!(f, ", inside n = {ior:.4}")?;
+        }
+        if let Some(abbe) = self.abbe {
+            write!(f, " (Abbe {abbe:.1})")?;
+        }
+        match self.absorption {
+            Some(sigma_a) if sigma_a != [0.0; 3] => write!(f, ", absorbs {sigma_a:?} a metre"),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// A light.
@@ -119,7 +227,11 @@ impl SceneInfo {
             instances: scene.instances.len(),
             transformed_instances: scene.instances.iter().filter(|i| !i.is_identity()).count(),
             mesh_bytes: memory::mesh_bytes(scene),
+            objects: objects(scene),
+            groups: 0,
+            included_files: 0,
             materials: scene.materials.len(),
+            material_list: scene.materials.iter().map(MaterialInfo::of).collect(),
             textures: scene.textures.len(),
             images: scene.images.len(),
             image_bytes: memory::image_bytes(scene),
@@ -140,6 +252,29 @@ impl SceneInfo {
             warnings: scene.warnings.clone(),
         }
     }
+}
+
+fn objects(scene: &Scene) -> BTreeMap<&'static str, usize> {
+    let mut counts = BTreeMap::new();
+    for instance in &scene.instances {
+        let kind = match &scene.geometries[instance.geometry as usize] {
+            Geometry::Mesh(_) => "mesh",
+            Geometry::Shape(shape) => match shape {
+                Shape::Sphere(_) => "sphere",
+                Shape::Plane => "plane",
+                Shape::Cube => "cube",
+                Shape::Polyhedron(_) => "polyhedron",
+                Shape::Disk => "disk",
+                Shape::Quad => "quad",
+                Shape::Cylinder(_) => "cylinder",
+                Shape::Cone(_) => "cone",
+                Shape::Torus(_) => "torus",
+                Shape::Quadric(_) => "quadric",
+            },
+        };
+        *counts.entry(kind).or_insert(0) += 1;
+    }
+    counts
 }
 
 fn lights(scene: &Scene) -> Vec<LightInfo> {
@@ -197,6 +332,9 @@ fn bounds(scene: &Scene) -> Option<BoundsInfo> {
     })
 }
 
+/// Materials that are told to a person; JSON has all.
+const MOST_MATERIALS: usize = 32;
+
 /// The form for a person: one subject a line.
 impl fmt::Display for SceneInfo {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
@@ -217,7 +355,22 @@ impl fmt::Display for SceneInfo {
             "instances",
             format!("{} ({} transformed)", self.instances, self.transformed_instances),
         )?;
+        let objects: Vec<String> = self
+            .objects
+            .iter()
+            .map(|(kind, n)| format!("{n} {kind}"))
+            .collect();
+        line("objects", objects.join(", "))?;
+        if self.groups + self.included_files > 0 {
+            line(
+                "flattened",
+                format!("{} groups, {} included files", self.groups, self.included_files),
+            )?;
+        }
         line("materials", self.materials.to_string())?;
+        for (number, material) in self.material_list.iter().enumerate().take(MOST_MATERIALS) {
+            line(&format!("material {number}"), material.to_string())?;
+        }
         line(
             "textures",
             format!(
@@ -282,8 +435,8 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::scene::{Falloff, Instance, Light, Material, Normalisation};
-    use crate::shape::{Shape, Sphere};
+    use crate::scene::{Falloff, Instance, Light, Normalisation};
+    use crate::shape::Sphere;
 
     fn scene() -> Scene {
         Scene {

@@ -6,7 +6,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::survey::{self, Dropped};
-use super::{Geometry, Scene};
+use super::{Geometry, Material, Scene, Space, Texture};
 use crate::mesh::{Mesh, Slab};
 use crate::numeric;
 
@@ -57,8 +57,16 @@ pub(crate) fn with_positions(mesh: &Mesh, moved: impl Fn(DVec3) -> DVec3 + Sync)
     }
 }
 
+/// Whether the object space of what has this material is seen, by a pattern that it is carved from.
+pub(crate) fn is_carved(material: &Material, textures: &[Texture]) -> bool {
+    material.layers.iter().any(|layer| {
+        let texture = textures.get(layer.texture.texture as usize);
+        matches!(texture, Some(Texture::Procedural(procedural)) if procedural.space == Space::Object)
+    })
+}
+
 impl Scene {
-    /// Bakes every mesh that stands in the world exactly once, unless it stands there unmoved.
+    /// Bakes every mesh that stands in the world exactly once, unless it stands there unmoved or its object space is seen.
     ///
     /// Rounding to f32 may leave triangles without an area; they are dropped, and their number is returned with the
     /// name of the instance they belonged to.
@@ -69,7 +77,11 @@ impl Scene {
             let Geometry::Mesh(mesh) = &mut self.geometries[instance.geometry as usize] else {
                 continue;
             };
-            if use_counts[instance.geometry as usize] != 1 || instance.is_identity() {
+            let is_carved = self
+                .materials
+                .get(instance.material as usize)
+                .is_some_and(|m| is_carved(m, &self.textures));
+            if use_counts[instance.geometry as usize] != 1 || instance.is_identity() || is_carved {
                 continue;
             }
             *mesh = bake_mesh(mesh, &instance.world_from_object());

@@ -22,6 +22,7 @@ pub use texture::{
     TextureUse, UvTransform, Wrap,
 };
 pub use validate::SceneError;
+pub(crate) use validate::{check_camera, check_light, check_procedural};
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;

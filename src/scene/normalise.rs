@@ -153,7 +153,9 @@ impl Scene {
         let use_counts = self.use_counts();
         for instance in &mut self.instances {
             let geometry = &mut self.geometries[instance.geometry as usize];
-            if use_counts[instance.geometry as usize] == 1 && instance.is_identity() {
+            let material = self.materials.get(instance.material as usize);
+            let is_carved = material.is_some_and(|m| bake::is_carved(m, &self.textures));
+            if use_counts[instance.geometry as usize] == 1 && instance.is_identity() && !is_carved {
                 match geometry {
                     Geometry::Mesh(mesh) => {
                         *mesh = moved_mesh(mesh, normalisation);

@@ -122,7 +122,8 @@ impl Scene {
         Ok(())
     }
 
-    fn check_material(&self, material: &Material) -> Result<(), String> {
+    /// What is wrong with a material, if its textures are there.
+    pub(crate) fn check_material(&self, material: &Material) -> Result<(), String> {
         let is_fraction = |x: &f32| (0.0..=1.0).contains(x);
         if !material.base_color.iter().all(is_fraction) {
             return Err("its base colour is outside [0, 1]: correct the colour".into());
@@ -167,9 +168,10 @@ impl Scene {
                 Texture::Image { image, .. } if *image as usize >= self.images.len() => {
                     out_of_range("image", *image, self.images.len())
                 }
-                Texture::Procedural(procedural) if !is_sound_procedure(procedural) => {
-                    "its colours, scale or pattern are not finite or out of range: correct them".into()
-                }
+                Texture::Procedural(procedural) => match check_procedural(procedural) {
+                    Ok(()) => continue,
+                    Err(fault) => fault,
+                },
                 _ => continue,
             };
             return Err(error(format!("texture {index}"), fault));
@@ -190,7 +192,8 @@ impl Scene {
 /// Octaves of noise that mean anything: each halves the height, so sixteen reach the last bits of a display value.
 const MOST_OCTAVES: u32 = 16;
 
-fn is_sound_procedure(procedural: &Procedural) -> bool {
+/// What is wrong with a pattern.
+pub(crate) fn check_procedural(procedural: &Procedural) -> Result<(), String> {
     let is_octaves = |octaves: u32| (1..=MOST_OCTAVES).contains(&octaves);
     let pattern = match procedural.pattern {
         Pattern::Checker | Pattern::Gradient => true,
@@ -199,9 +202,14 @@ fn is_sound_procedure(procedural: &Procedural) -> bool {
         Pattern::Wood { turbulence } => turbulence.is_finite(),
     };
     let colors = procedural.colors.as_flattened().iter();
-    pattern
+    let is_sound = pattern
         && colors.into_iter().all(|c| (0.0..f32::INFINITY).contains(c))
-        && procedural.scale.iter().all(|s| s.is_finite())
+        && procedural.scale.iter().all(|s| s.is_finite());
+    if is_sound {
+        Ok(())
+    } else {
+        Err("its colours, scale, octaves or turbulence are not finite or out of range: correct them".into())
+    }
 }
 
 fn check_model(model: &Model) -> Result<(), String> {
@@ -330,7 +338,8 @@ fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
     }
 }
 
-fn check_light(light: &Light) -> Result<(), String> {
+/// What is wrong with a light.
+pub(crate) fn check_light(light: &Light) -> Result<(), String> {
     if !is_radiance(&light.intensity) {
         return Err("its intensity is negative or not finite: correct the intensity".into());
     }
@@ -368,7 +377,8 @@ fn check_light(light: &Light) -> Result<(), String> {
     }
 }
 
-fn check_camera(camera: &Camera) -> Result<(), String> {
+/// What is wrong with a camera.
+pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     let place = camera.world_from_camera.translation;
     let axes = camera.world_from_camera.matrix3;
     let gram = axes.transpose() * axes - DMat3::IDENTITY;

@@ -1,0 +1,24 @@
+//! From a path to a scene, whatever kind of file it is.
+
+use std::path::Path;
+
+use crate::gltf::{self, LoadOptions};
+use crate::scene_file::{self, Output, SceneFile};
+
+use super::failure::Failure;
+
+/// Loads a scene file if the name ends in `.toml`, else a glTF file, which says nothing of the picture.
+pub(super) fn load(path: &Path) -> Result<SceneFile, Failure> {
+    let options = LoadOptions::default();
+    let is_scene_file = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    if is_scene_file {
+        return Ok(scene_file::load(path, &options)?);
+    }
+    Ok(SceneFile {
+        scene: gltf::load(path, &options)?,
+        output: Output::default(),
+        group_count: 0,
+        include_count: 0,
+        gltf_count: 0,
+    })
+}

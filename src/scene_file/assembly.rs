@@ -1,0 +1,579 @@
+//! Objects of a file with everything they refer to found: names, files, geometries, materials, numbers of copies.
+//!
+//! After it nothing can be missing, cyclic or too much; what is left is to flatten it.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
+
+use glam::DAffine3;
+
+use super::SceneFileError;
+use super::document::{Document, ObjectForm};
+use super::fault::{Fault, Source, file_error, suggestion};
+use super::placement::{Copies, map_of};
+use super::shape::{PlacedShape, ShapeForm, ShapeRef};
+use super::texture::{TextureKind, read_image};
+use super::value::At;
+use crate::gltf::{self, LoadOptions};
+use crate::scene::{Camera, Geometry, Layer, Light, Scene, Texture, TextureUse};
+
+/// Objects that are placed together: a group's, a file's.
+#[derive(Debug, Default)]
+pub(super) struct Assembly {
+    pub(super) nodes: Vec<Node>,
+    pub(super) lights: Vec<Light>,
+    pub(super) cameras: Vec<Camera>,
+    /// Instances in all.
+    pub(super) count: u64,
+}
+
+/// One object.
+#[derive(Debug)]
+pub(super) struct Node {
+    pub(super) name: Arc<str>,
+    /// What its own transforms do.
+    pub(super) map: DAffine3,
+    pub(super) copies: Option<Copies>,
+    pub(super) what: What,
+    pub(super) material: Option<u32>,
+    pub(super) lights: bool,
+    pub(super) cameras: bool,
+    /// Where messages say it is.
+    pub(super) source: Rc<Source>,
+    pub(super) span: std::ops::Range<usize>,
+}
+
+/// What an object is.
+#[derive(Debug)]
+pub(super) enum What {
+    /// An index into the scene's geometries.
+    Geometry(u32),
+    Assembly(Rc<Assembly>),
+    /// The meshes of a glTF file, which have materials.
+    Import(Rc<Assembly>),
+}
+
+/// Most instances of a scene: about 4 GiB of them.
+pub(super) const MAX_INSTANCES: u64 = 10_000_000;
+/// Most levels of groups and files within each other.
+const MAX_NESTING: usize = 64;
+/// Largest scene file in bytes; a mesh of that size belongs into a glTF file.
+const MAX_BYTES: u64 = 1 << 26;
+
+/// Makes assemblies and fills the scene with what they refer to.
+pub(super) struct Assembler {
+    pub(super) scene: Scene,
+    texels_left: u64,
+    /// Files and groups that are open.
+    nesting: usize,
+    /// Files that are being read, the outermost first.
+    open_files: Vec<PathBuf>,
+    includes: HashMap<PathBuf, Rc<Assembly>>,
+    imports: HashMap<PathBuf, Rc<Assembly>>,
+    words: HashMap<String, u32>,
+    default_material: Option<u32>,
+    pub(super) group_count: usize,
+}
+
+/// A file while its objects are made.
+struct Unit {
+    source: Rc<Source>,
+    folder: PathBuf,
+    document: Document,
+    materials: HashMap<String, u32>,
+    shapes: HashMap<String, u32>,
+    groups: HashMap<String, Rc<Assembly>>,
+    open_groups: Vec<String>,
+}
+
+impl Assembler {
+    pub(super) fn new(options: &LoadOptions) -> Assembler {
+        Assembler {
+            scene: Scene::default(),
+            texels_left: options.max_texels,
+            nesting: 0,
+            open_files: Vec::new(),
+            includes: HashMap::new(),
+            imports: HashMap::new(),
+            words: HashMap::new(),
+            default_material: None,
+            group_count: 0,
+        }
+    }
+
+    /// How many files were read, scene files and glTF files.
+    pub(super) fn file_counts(&self) -> [usize; 2] {
+        [self.includes.len(), self.imports.len()]
+    }
+
+    /// The material of objects that name none.
+    pub(super) fn default_material(&mut self) -> u32 {
+        let materials = &mut self.scene.materials;
+        *self.default_material.get_or_insert_with(|| {
+            let plain = super::material::MaterialForm::default();
+            materials.push(plain.material("default").unwrap_or_default());
+            materials.len() as u32 - 1
+        })
+    }
+
+    /// The objects of the file at `path`, and the file as it is written.
+    pub(super) fn file(&mut self, path: &Path) -> Result<(Assembly, Document, Rc<Source>), SceneFileError> {
+        let source = Rc::new(read(path)?);
+        let document: Document = toml::from_str(&source.text).map_err(|e| source.toml_error(&e))?;
+        let mut unit = Unit {
+            folder: path.parent().unwrap_or(Path::new("")).to_owned(),
+            materials: self.materials(&source, path, &document)?,
+            shapes: HashMap::new(),
+            groups: HashMap::new(),
+            open_groups: Vec::new(),
+            source: source.clone(),
+            document,
+        };
+        self.named_shapes(&mut unit)?;
+        let names: Vec<String> = unit.document.group.keys().cloned().collect();
+        for name in names {
+            self.group(&mut unit, &name)?;
+        }
+        let objects = std::mem::take(&mut unit.document.object);
+        let mut assembly = self.objects(&mut unit, &objects)?;
+        assembly.lights = lights(&unit)?;
+        assembly.cameras = cameras(&unit)?;
+        Ok((assembly, unit.document, source))
+    }
+
+    /// Reads textures and materials; returns the indices of the materials.
+    fn materials(
+        &mut self,
+        source: &Source,
+        path: &Path,
+        document: &Document,
+    ) -> Result<HashMap<String, u32>, SceneFileError> {
+        let mut textures = HashMap::new();
+        for (name, form) in &document.texture {
+            let texture = match form.kind().map_err(|s| source.error(form.fault(s)))? {
+                TextureKind::Procedural(procedural) => Texture::Procedural(procedural),
+                TextureKind::Image { file, sampler } => {
+                    let full = path.with_file_name(&**file);
+                    let image = read_image(&full, self.texels_left)
+                        .map_err(|s| source.error(file.fault(format!("the image {} {s}", full.display()))))?;
+                    self.texels_left -= (image.texels.len() as u64).min(self.texels_left);
+                    self.scene.images.push(image);
+                    Texture::Image {
+                        image: self.scene.images.len() as u32 - 1,
+                        sampler,
+                    }
+                }
+            };
+            textures.insert(name.clone(), self.scene.textures.len() as u32);
+            self.scene.textures.push(texture);
+        }
+        let mut materials = HashMap::new();
+        for (name, form) in &document.material {
+            let refuse = |sentence: String| source.error(form.fault(sentence));
+            let mut material = form.material(name).map_err(refuse)?;
+            for layer in form.layers() {
+                let texture = find("texture", layer.texture, &textures).map_err(|f| source.error(f))?;
+                material.layers.push(Layer {
+                    parameter: layer.parameter,
+                    texture: TextureUse {
+                        texture,
+                        tex_coord: layer.tex_coord,
+                        transform: layer.transform,
+                    },
+                    strength: layer.strength,
+                });
+            }
+            self.scene.check_material(&material).map_err(refuse)?;
+            materials.insert(name.clone(), self.scene.materials.len() as u32);
+            self.scene.materials.push(material);
+        }
+        Ok(materials)
+    }
+
+    fn named_shapes(&mut self, unit: &mut Unit) -> Result<(), SceneFileError> {
+        for (name, form) in &unit.document.shape {
+            if ShapeForm::of_word(name).is_some() {
+                let sentence = format!("`{name}` always means the plain {name}: choose another name");
+                return Err(unit.source.error(form.fault(sentence)));
+            }
+            let geometry = self.shape(&unit.source, form)?;
+            unit.shapes.insert(name.clone(), geometry);
+        }
+        Ok(())
+    }
+
+    fn shape(&mut self, source: &Source, form: &PlacedShape) -> Result<u32, SceneFileError> {
+        match form.geometry() {
+            Ok(geometry) => Ok(self.add(geometry)),
+            Err(fault) => Err(source.error_at(fault.span.unwrap_or(form.span.clone()), fault.sentence)),
+        }
+    }
+
+    fn add(&mut self, geometry: Geometry) -> u32 {
+        self.scene.geometries.push(geometry);
+        self.scene.geometries.len() as u32 - 1
+    }
+
+    /// A group of the file, made once.
+    fn group(&mut self, unit: &mut Unit, name: &str) -> Result<Rc<Assembly>, SceneFileError> {
+        if let Some(group) = unit.groups.get(name) {
+            return Ok(group.clone());
+        }
+        // Taken out while its objects are made; what is not there by then is open.
+        let Some(form) = unit.document.group.remove(name) else {
+            return Ok(Rc::default());
+        };
+        unit.open_groups.push(name.to_owned());
+        self.nesting += 1;
+        let made = self.objects(unit, &form.object)?;
+        self.nesting -= 1;
+        unit.open_groups.pop();
+        let group = Rc::new(made);
+        unit.groups.insert(name.to_owned(), group.clone());
+        self.group_count += 1;
+        Ok(group)
+    }
+
+    fn objects(&mut self, unit: &mut Unit, forms: &[At<ObjectForm>]) -> Result<Assembly, SceneFileError> {
+        let mut assembly = Assembly::default();
+        let mut taken: HashMap<&str, ()> = HashMap::new();
+        for (number, form) in forms.iter().enumerate() {
+            if let Some(name) = &form.name
+                && taken.insert(name, ()).is_some()
+            {
+                let sentence = format!(
+                    "the name `{}` is taken by an object before it: choose another",
+                    **name
+                );
+                return Err(unit.source.error(name.fault(sentence)));
+            }
+            let node = self.node(unit, form, number)?;
+            let inner = match &node.what {
+                What::Geometry(_) => 1,
+                What::Assembly(inside) | What::Import(inside) => inside.count,
+            };
+            let copies = node.copies.as_ref().map_or(1, Copies::count);
+            assembly.count = assembly.count.saturating_add(inner.saturating_mul(copies));
+            if assembly.count > MAX_INSTANCES {
+                let sentence = format!("makes more than {MAX_INSTANCES} objects in all: make fewer copies");
+                return Err(unit.source.error(form.fault(sentence)));
+            }
+            assembly.nodes.push(node);
+        }
+        Ok(assembly)
+    }
+
+    fn node(
+        &mut self,
+        unit: &mut Unit,
+        form: &At<ObjectForm>,
+        number: usize,
+    ) -> Result<Node, SceneFileError> {
+        let source = unit.source.clone();
+        let name = form
+            .name
+            .as_ref()
+            .map_or_else(|| format!("object {}", number + 1), |n| n.to_string());
+        let map = map_of(form.transform.iter().map(|step| &**step))
+            .map_err(|(step, sentence)| source.error(form.transform[step].fault(sentence)))?;
+        let material = match &form.material {
+            None => None,
+            Some(name) => Some(find("material", name, &unit.materials).map_err(|f| source.error(f))?),
+        };
+        let copies = copies(form).map_err(|f| source.error(f))?;
+        let what = self.what(unit, form)?;
+        if (form.lights || form.cameras) && form.gltf.is_none() && form.include.is_none() {
+            let sentence = "has no lights or cameras to bring along: leave `lights` and `cameras` to `gltf` and `include`";
+            return Err(source.error(form.fault(sentence)));
+        }
+        self.check_coordinates(&what, material)
+            .map_err(|sentence| source.error(form.fault(sentence)))?;
+        Ok(Node {
+            name: name.into(),
+            map,
+            copies,
+            what,
+            material,
+            lights: form.lights,
+            cameras: form.cameras,
+            source,
+            span: form.span.clone(),
+        })
+    }
+
+    fn what(&mut self, unit: &mut Unit, form: &At<ObjectForm>) -> Result<What, SceneFileError> {
+        let source = unit.source.clone();
+        if self.nesting > MAX_NESTING {
+            let sentence = format!("is nested more than {MAX_NESTING} levels deep: nest less");
+            return Err(source.error(form.fault(sentence)));
+        }
+        match (&form.shape, &form.group, &form.gltf, &form.include) {
+            (Some(shape), None, None, None) => self.shape_of(unit, shape).map(What::Geometry),
+            (None, Some(group), None, None) => {
+                if let Some(first) = unit.open_groups.iter().position(|open| *open == **group) {
+                    let ring = [&unit.open_groups[first..], &[group.to_string()]]
+                        .concat()
+                        .join("` in `");
+                    let sentence = format!("groups contain each other (`{ring}`): break the ring");
+                    return Err(source.error(group.fault(sentence)));
+                }
+                let known: HashMap<String, ()> = (unit.document.group.keys().chain(unit.groups.keys()))
+                    .map(|name| (name.clone(), ()))
+                    .collect();
+                find("group", group, &known).map_err(|f| source.error(f))?;
+                self.group(unit, group).map(What::Assembly)
+            }
+            (None, None, Some(file), None) => {
+                let path = unit.folder.join(&**file);
+                self.import(&path)
+                    .map(What::Import)
+                    .map_err(|sentence| source.error(file.fault(sentence)))
+            }
+            (None, None, None, Some(file)) => self.include(unit, file).map(What::Assembly),
+            _ => {
+                let sentence = "is not one thing: give exactly one of `shape`, `group`, `gltf` and `include`";
+                Err(source.error(form.fault(sentence)))
+            }
+        }
+    }
+
+    fn shape_of(&mut self, unit: &Unit, shape: &At<ShapeRef>) -> Result<u32, SceneFileError> {
+        let fail = |fault: super::shape::ShapeFault| {
+            unit.source
+                .error_at(fault.span.unwrap_or(shape.span.clone()), fault.sentence)
+        };
+        let name = match &**shape {
+            ShapeRef::Inline(form) => {
+                let geometry = form.geometry().map_err(fail)?;
+                return Ok(self.add(geometry));
+            }
+            ShapeRef::Name(name) => name,
+        };
+        if let Some(&geometry) = unit.shapes.get(name).or_else(|| self.words.get(name)) {
+            return Ok(geometry);
+        }
+        let Some(form) = ShapeForm::of_word(name) else {
+            let mut known: Vec<&str> = ShapeForm::words().collect();
+            known.extend(unit.shapes.keys().map(String::as_str));
+            let advice = suggestion(name, &known);
+            return Err(unit
+                .source
+                .error(shape.fault(format!("there is no shape `{name}`: {advice}"))));
+        };
+        let geometry = self.add(form.geometry().map_err(fail)?);
+        self.words.insert(name.clone(), geometry);
+        Ok(geometry)
+    }
+
+    /// Another scene file, read once.
+    fn include(&mut self, unit: &Unit, file: &At<String>) -> Result<Rc<Assembly>, SceneFileError> {
+        let path = unit.folder.join(&**file);
+        let key = path.canonicalize().map_err(|e| {
+            unit.source
+                .error(file.fault(format!("{} cannot be read ({e}): check the path", path.display())))
+        })?;
+        if self.open_files.contains(&key) {
+            let sentence = format!("{} includes itself in the end: break the ring", path.display());
+            return Err(unit.source.error(file.fault(sentence)));
+        }
+        if let Some(known) = self.includes.get(&key) {
+            return Ok(known.clone());
+        }
+        let assembly = self.opened(&path, key.clone())?.0;
+        let assembly = Rc::new(assembly);
+        self.includes.insert(key, assembly.clone());
+        Ok(assembly)
+    }
+
+    /// [`Assembler::file`], known to be open meanwhile.
+    pub(super) fn opened(
+        &mut self,
+        path: &Path,
+        key: PathBuf,
+    ) -> Result<(Assembly, Document, Rc<Source>), SceneFileError> {
+        self.open_files.push(key);
+        self.nesting += 1;
+        let made = self.file(path)?;
+        self.nesting -= 1;
+        self.open_files.pop();
+        Ok(made)
+    }
+
+    /// A glTF file, read once.
+    fn import(&mut self, path: &Path) -> Result<Rc<Assembly>, String> {
+        let key = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        if let Some(known) = self.imports.get(&key) {
+            return Ok(known.clone());
+        }
+        let options = LoadOptions {
+            max_texels: self.texels_left,
+        };
+        let part = gltf::load_part(path, &options).map_err(|error| error.to_string())?;
+        let source = Source {
+            path: path.to_owned(),
+            text: String::new(),
+        };
+        let assembly = Rc::new(self.absorb(part, Rc::new(source)));
+        self.imports.insert(key, assembly.clone());
+        Ok(assembly)
+    }
+
+    /// Takes everything out of a glTF file's scene; its indices move behind those that are there.
+    fn absorb(&mut self, part: Scene, source: Rc<Source>) -> Assembly {
+        let scene = &mut self.scene;
+        let geometries = scene.geometries.len() as u32;
+        let materials = scene.materials.len() as u32;
+        let textures = scene.textures.len() as u32;
+        let images = scene.images.len() as u32;
+        self.texels_left -= part
+            .images
+            .iter()
+            .map(|image| image.texels.len() as u64)
+            .sum::<u64>()
+            .min(self.texels_left);
+        scene.geometries.extend(part.geometries);
+        scene.images.extend(part.images);
+        scene
+            .textures
+            .extend(part.textures.into_iter().map(|mut texture| {
+                if let Texture::Image { image, .. } = &mut texture {
+                    *image += images;
+                }
+                texture
+            }));
+        scene
+            .materials
+            .extend(part.materials.into_iter().map(|mut material| {
+                for layer in &mut material.layers {
+                    layer.texture.texture += textures;
+                }
+                material
+            }));
+        let file = source.path.display().to_string();
+        let warnings = part
+            .warnings
+            .into_iter()
+            .map(|warning| format!("{file}: {warning}"));
+        scene.warnings.extend(warnings);
+        let nodes: Vec<Node> = part
+            .instances
+            .into_iter()
+            .map(|instance| Node {
+                map: instance.world_from_object(),
+                name: instance.name,
+                copies: None,
+                what: What::Geometry(instance.geometry + geometries),
+                material: Some(instance.material + materials),
+                lights: false,
+                cameras: false,
+                source: source.clone(),
+                span: 0..0,
+            })
+            .collect();
+        Assembly {
+            count: nodes.len() as u64,
+            nodes,
+            lights: part.lights,
+            cameras: part.cameras,
+        }
+    }
+
+    /// Whether a mesh has the texture coordinates that its object's material looks up.
+    fn check_coordinates(&self, what: &What, material: Option<u32>) -> Result<(), String> {
+        let (What::Geometry(geometry), Some(material)) = (what, material) else {
+            return Ok(());
+        };
+        let Geometry::Mesh(mesh) = &self.scene.geometries[*geometry as usize] else {
+            return Ok(());
+        };
+        let material = &self.scene.materials[material as usize];
+        let lacks = |layer: &&Layer| {
+            self.scene.looks_up_coordinates(layer.texture.texture)
+                && layer.texture.tex_coord as usize >= mesh.tex_coords.len()
+        };
+        match material.layers.iter().find(lacks) {
+            None => Ok(()),
+            Some(layer) => Err(format!(
+                "its material `{}` looks up texture coordinate set {}, which its mesh lacks: give the mesh `uv` or the \
+                 texture `space = \"object\"`",
+                material.name, layer.texture.tex_coord
+            )),
+        }
+    }
+}
+
+fn lights(unit: &Unit) -> Result<Vec<Light>, SceneFileError> {
+    let forms = &unit.document.light;
+    check_names(forms.iter().map(|form| form.name.as_ref()), "light").map_err(|f| unit.source.error(f))?;
+    (forms.iter().enumerate())
+        .map(|(number, form)| form.light(number).map_err(|s| unit.source.error(form.fault(s))))
+        .collect()
+}
+
+fn cameras(unit: &Unit) -> Result<Vec<Camera>, SceneFileError> {
+    let forms = &unit.document.camera.0;
+    check_names(forms.iter().map(|form| form.name.as_ref()), "camera").map_err(|f| unit.source.error(f))?;
+    (forms.iter().enumerate())
+        .map(|(number, form)| form.camera(number).map_err(|s| unit.source.error(form.fault(s))))
+        .collect()
+}
+
+fn check_names<'f>(names: impl Iterator<Item = Option<&'f At<String>>>, kind: &str) -> Result<(), Fault> {
+    let mut taken: Vec<&str> = Vec::new();
+    for name in names.flatten() {
+        if taken.contains(&name.as_str()) {
+            return Err(name.fault(format!(
+                "the name `{}` is taken by a {kind} before it: choose another",
+                **name
+            )));
+        }
+        taken.push(name);
+    }
+    Ok(())
+}
+
+fn copies(form: &ObjectForm) -> Result<Option<Copies>, Fault> {
+    match (&form.repeat, &form.scatter) {
+        (Some(_), Some(scatter)) => {
+            Err(scatter.fault("stands beside `repeat`: give one, and a group for the other"))
+        }
+        (Some(repeat), None) => repeat.copies().map(Some).map_err(|s| repeat.fault(s)),
+        (None, Some(scatter)) => scatter.copies().map(Some).map_err(|s| scatter.fault(s)),
+        (None, None) => Ok(None),
+    }
+}
+
+/// What a name stands for.
+fn find<T: Copy>(kind: &str, name: &At<String>, known: &HashMap<String, T>) -> Result<T, Fault> {
+    known.get(&**name).copied().ok_or_else(|| {
+        let mut names: Vec<&str> = known.keys().map(String::as_str).collect();
+        names.sort_unstable();
+        let advice = if names.is_empty() {
+            format!("add [{kind}.{}]", **name)
+        } else {
+            suggestion(name, &names)
+        };
+        name.fault(format!("there is no {kind} `{}`: {advice}", **name))
+    })
+}
+
+fn read(path: &Path) -> Result<Source, SceneFileError> {
+    let unreadable = |e: std::io::Error| file_error(path, format!("cannot be read ({e}): check the path"));
+    let size = std::fs::metadata(path).map_err(unreadable)?.len();
+    if size > MAX_BYTES {
+        return Err(file_error(
+            path,
+            format!("has {size} bytes: put its meshes into a glTF file and give it as `gltf`"),
+        ));
+    }
+    let bytes = std::fs::read(path).map_err(unreadable)?;
+    match String::from_utf8(bytes) {
+        Ok(text) => Ok(Source {
+            path: path.to_owned(),
+            text,
+        }),
+        Err(_) => Err(file_error(path, "is not text: give a scene file in TOML")),
+    }
+}

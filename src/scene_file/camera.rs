@@ -1,0 +1,196 @@
+//! Cameras: by look-at, or by the lecture's frame; a window in perspective or not.
+
+use glam::{DAffine3, DMat3, DVec3};
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::value::{At, Vector};
+use crate::scene::{Camera, Projection};
+
+/// A camera, by look-at (`from`, `at`, `up`, with `fov` for a perspective or `height` for a parallel projection) or by
+/// the lecture's frame (`eye`, `i`, `j`, `k`, `near`, `window`).
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CameraForm {
+    /// What `--camera` may call it.
+    pub(super) name: Option<At<String>>,
+    /// Where it stands.
+    from: Option<Vector>,
+    /// What it looks at.
+    at: Option<Vector>,
+    /// What is up in the picture.
+    #[schemars(extend("default" = UP))]
+    up: Option<Vector>,
+    /// Full vertical field of view in degrees, between 0 and 180.
+    #[schemars(extend("default" = FOV))]
+    fov: Option<f64>,
+    /// Height of the picture in metres, which makes the projection parallel.
+    height: Option<f64>,
+    /// The lecture's E: where rays start.
+    eye: Option<Vector>,
+    /// The lecture's i: to the right, a unit vector.
+    i: Option<Vector>,
+    /// The lecture's j: up, a unit vector.
+    j: Option<Vector>,
+    /// The lecture's k: backwards, a unit vector; the camera looks along -k.
+    k: Option<Vector>,
+    /// The lecture's 2w and 2h: full width and height of the window in the near plane. Pixels take its shape.
+    window: Option<[f64; 2]>,
+    /// Distance of the near plane; nothing nearer is seen. The lecture's n.
+    near: Option<f64>,
+    /// Distance of the far plane; nothing farther is seen.
+    far: Option<f64>,
+}
+
+/// What is up where a file does not say it.
+const UP: [f64; 3] = [0.0, 1.0, 0.0];
+/// Vertical field of view in degrees where a file does not say it: that of the camera that frames a glTF file.
+const FOV: f64 = 45.0;
+
+impl CameraForm {
+    /// The camera, called by its number where it has no name.
+    pub(super) fn camera(&self, number: usize) -> Result<Camera, String> {
+        let (world_from_camera, projection) = if self.eye.is_some() {
+            self.lecture()?
+        } else {
+            self.look_at()?
+        };
+        let name = self
+            .name
+            .as_ref()
+            .map_or_else(|| format!("camera {number}"), |n| n.to_string());
+        let camera = Camera {
+            name,
+            world_from_camera,
+            projection,
+            z_near: self.near.unwrap_or(0.0),
+            z_far: self.far.unwrap_or(f64::INFINITY),
+        };
+        crate::scene::check_camera(&camera)?;
+        Ok(camera)
+    }
+
+    fn lecture(&self) -> Result<(DAffine3, Projection), String> {
+        let strangers = [
+            (self.from.is_some(), "from"),
+            (self.at.is_some(), "at"),
+            (self.up.is_some(), "up"),
+            (self.fov.is_some(), "fov"),
+            (self.height.is_some(), "height"),
+        ];
+        if let Some((_, key)) = strangers.iter().find(|(given, _)| *given) {
+            return Err(format!(
+                "has both `eye` and `{key}`: give a frame or a look-at, not both"
+            ));
+        }
+        let parts = (self.eye, self.i, self.j, self.k, self.near, self.window);
+        let (Some(eye), Some(i), Some(j), Some(k), Some(distance), Some([width, height])) = parts else {
+            return Err("is not whole: with `eye` give `i`, `j`, `k`, `near` and `window`".into());
+        };
+        let axes = DMat3::from_cols(i.0, j.0, k.0);
+        let projection = Projection::Window {
+            half_width: 0.5 * width,
+            half_height: 0.5 * height,
+            distance,
+        };
+        Ok((DAffine3::from_mat3_translation(axes, eye.0), projection))
+    }
+
+    fn look_at(&self) -> Result<(DAffine3, Projection), String> {
+        let strangers = [
+            (self.i.is_some(), "i"),
+            (self.j.is_some(), "j"),
+            (self.k.is_some(), "k"),
+            (self.window.is_some(), "window"),
+        ];
+        if let Some((_, key)) = strangers.iter().find(|(given, _)| *given) {
+            return Err(format!("has `{key}` without `eye`: add `eye` or take it away"));
+        }
+        let (Some(from), Some(at)) = (self.from, self.at) else {
+            return Err(
+                "stands nowhere: give `from` and `at`, or `eye`, `i`, `j`, `k`, `near` and `window`".into(),
+            );
+        };
+        let up = self.up.map_or(DVec3::from_array(UP), |up| up.0);
+        let projection = match (self.fov, self.height) {
+            (Some(_), Some(_)) => {
+                return Err(
+                    "has both `fov` and `height`: give one, as a parallel projection has no angle".into(),
+                );
+            }
+            (_, Some(height)) => Projection::Orthographic {
+                y_mag: 0.5 * height,
+                x_mag: None,
+            },
+            (fov, None) => Projection::Perspective {
+                y_fov: fov.unwrap_or(FOV).to_radians(),
+                aspect: None,
+            },
+        };
+        let axes = axes_looking_along(at.0 - from.0, up)
+            .ok_or("looks nowhere, or along `up`: move `from` or `at`, or give another `up`")?;
+        Ok((DAffine3::from_mat3_translation(axes, from.0), projection))
+    }
+}
+
+/// How nearly a direction may point along `up`: an angle whose sine is 2^-26 leaves half of f64's digits to the axes.
+const LEAST_SINE: f64 = 1.0 / (1 << 26) as f64;
+
+fn axes_looking_along(forward: DVec3, up: DVec3) -> Option<DMat3> {
+    let forward = forward.try_normalize()?;
+    let right = forward.cross(up.try_normalize()?);
+    if !(right.length() > LEAST_SINE) {
+        return None;
+    }
+    let right = right.normalize();
+    Some(DMat3::from_cols(right, right.cross(forward), -forward))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(text: &str) -> Result<Camera, String> {
+        toml::from_str::<CameraForm>(text).unwrap().camera(0)
+    }
+
+    #[test]
+    fn a_look_at_camera_and_the_lectures_frame_see_the_same() {
+        // 90 degrees high at distance 2 is a window of 4 by 4.
+        let look = camera("from = [1, 2, 3]\nat = [1, 2, 0]\nfov = 90\nnear = 2").unwrap();
+        let frame =
+            camera("eye = [1, 2, 3]\ni = [1, 0, 0]\nj = [0, 1, 0]\nk = [0, 0, 1]\nnear = 2\nwindow = [4, 4]")
+                .unwrap();
+        let [a, b] = [look, frame].map(|c| c.view(10, 10).ray(0.25, 0.75));
+        assert_eq!(a.origin, b.origin);
+        assert!((a.direction * 2.0 - b.direction).length() < 8.0 * f64::EPSILON);
+        assert_eq!((a.t_near, b.t_near), (2.0, 1.0));
+    }
+
+    #[test]
+    fn a_camera_that_is_half_one_thing_and_half_another_is_refused() {
+        for (bad, words) in [
+            ("", "stands nowhere"),
+            ("from = [0, 0, 0]\nat = [0, 0, 0]", "looks nowhere"),
+            ("from = [0, 0, 0]\nat = [0, 5, 0]", "along `up`"),
+            ("from = [0, 0, 0]\nat = [0, 0, 1]\nfov = 180", "between 0 and 180"),
+            (
+                "from = [0, 0, 0]\nat = [0, 0, 1]\nfov = 20\nheight = 1",
+                "both `fov` and `height`",
+            ),
+            (
+                "from = [0, 0, 0]\nat = [0, 0, 1]\nwindow = [1, 1]",
+                "without `eye`",
+            ),
+            ("eye = [0, 0, 0]\nfov = 20", "both `eye` and `fov`"),
+            ("eye = [0, 0, 0]", "is not whole"),
+            (
+                "eye = [0, 0, 0]\ni = [2, 0, 0]\nj = [0, 1, 0]\nk = [0, 0, 1]\nnear = 1\nwindow = [1, 1]",
+                "not orthonormal",
+            ),
+        ] {
+            let error = camera(bad).unwrap_err();
+            assert!(error.contains(words), "{bad}: {error}");
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! What is wrong with a scene file: where, which item, and what to do.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use toml::de::{DeTable, DeValue};
+
+use super::value::At;
+
+/// Why a scene file could not become a scene. One sentence with the file, the place, the item and the remedy.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SceneFileError {
+    /// The file as a whole cannot be used.
+    #[error("{}: {fault}", .file.display())]
+    File {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong and what to do.
+        fault: String,
+    },
+    /// Something in it is wrong.
+    #[error("{}:{line}:{column}: {item}: {fault}", .file.display())]
+    Item {
+        /// The file.
+        file: PathBuf,
+        /// Counted from 1.
+        line: usize,
+        /// In characters, counted from 1.
+        column: usize,
+        /// The keys that lead to it, as in `material.glass.ior`; elements of lists are counted from 1.
+        item: String,
+        /// What is wrong and what to do.
+        fault: String,
+    },
+}
+
+/// A fault at a place of some file.
+#[derive(Clone, Debug)]
+pub(super) struct Fault {
+    span: Range<usize>,
+    sentence: String,
+}
+
+impl<T> At<T> {
+    /// A fault of this value.
+    pub(super) fn fault(&self, sentence: impl Into<String>) -> Fault {
+        Fault {
+            span: self.span.clone(),
+            sentence: sentence.into(),
+        }
+    }
+}
+
+/// A file and what is in it.
+#[derive(Debug)]
+pub(super) struct Source {
+    pub(super) path: PathBuf,
+    pub(super) text: String,
+}
+
+impl Source {
+    /// The fault with its place in this file.
+    pub(super) fn error(&self, fault: Fault) -> SceneFileError {
+        self.error_at(fault.span, fault.sentence)
+    }
+
+    /// An error at a place of this file.
+    pub(super) fn error_at(&self, span: Range<usize>, fault: String) -> SceneFileError {
+        let mut start = span.start.min(self.text.len());
+        while !self.text.is_char_boundary(start) {
+            start -= 1;
+        }
+        let before = &self.text[..start];
+        let line_start = before.rfind('\n').map_or(0, |i| i + 1);
+        SceneFileError::Item {
+            file: self.path.clone(),
+            line: before.matches('\n').count() + 1,
+            column: before[line_start..].chars().count() + 1,
+            item: item_at(&self.text, start),
+            fault,
+        }
+    }
+
+    /// What the parser or serde found.
+    pub(super) fn toml_error(&self, error: &toml::de::Error) -> SceneFileError {
+        let span = error.span().unwrap_or(0..0);
+        let is_toml = DeTable::parse(&self.text).is_ok();
+        let word = self.text.get(span.clone()).unwrap_or_default();
+        let message = one_line(error.message());
+        let fault = if is_toml {
+            reworded(&message)
+        } else if message == "duplicate key" {
+            format!("`{word}` is given twice: keep one or rename it")
+        } else {
+            format!("is not TOML ({message}): correct the line")
+        };
+        self.error_at(span, fault)
+    }
+}
+
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// An error of the whole file.
+pub(super) fn file_error(path: &Path, fault: impl Into<String>) -> SceneFileError {
+    SceneFileError::File {
+        file: path.to_owned(),
+        fault: fault.into(),
+    }
+}
+
+/// serde's message as advice. Messages of our own are left as they are.
+fn reworded(message: &str) -> String {
+    if let Some(rest) = message
+        .strip_prefix("unknown field ")
+        .or_else(|| message.strip_prefix("unknown variant "))
+    {
+        let mut words = rest.split('`').skip(1).step_by(2);
+        let word = words.next().unwrap_or_default();
+        let known: Vec<&str> = words.collect();
+        return format!("`{word}` is not known here: {}", suggestion(word, &known));
+    }
+    if let Some(rest) = message.strip_prefix("missing field ") {
+        return format!("lacks {rest}: add it");
+    }
+    let expected = message
+        .strip_prefix("invalid type: ")
+        .or_else(|| message.strip_prefix("invalid value: "))
+        .and_then(|rest| rest.rsplit_once(", expected "));
+    if let Some((found, wanted)) = expected {
+        return format!("is {found}: give {}", in_words(wanted));
+    }
+    let length = message
+        .strip_prefix("invalid length ")
+        .and_then(|rest| rest.split_once(", expected "));
+    if let Some((found, wanted)) = length {
+        return format!("has {found} elements: give {}", in_words(wanted));
+    }
+    if message.starts_with("wanted exactly 1 element") {
+        return "is not one thing: give exactly one key".into();
+    }
+    message.to_owned()
+}
+
+/// Rust's types as a person calls them.
+fn in_words(wanted: &str) -> &str {
+    match wanted {
+        "f64" | "f32" => "a number",
+        "u32" | "u64" | "usize" => "a whole number of 0 or more",
+        "i32" | "i64" => "a whole number",
+        "a sequence" => "a list in brackets",
+        "a map" => "a table",
+        "a boolean" => "true or false",
+        "a string" => "a string in quotes",
+        _ if wanted.starts_with("struct") || wanted.starts_with("internally") => "a table",
+        _ => wanted,
+    }
+}
+
+/// What may have been meant instead of `word`, as advice.
+pub(super) fn suggestion(word: &str, known: &[&str]) -> String {
+    // One slip in three letters still shows the word that was meant.
+    let most_slips = word.chars().count() / 3 + 1;
+    let near = known
+        .iter()
+        .map(|other| (strsim::damerau_levenshtein(word, other), other))
+        .filter(|(slips, _)| *slips <= most_slips)
+        .min();
+    match (near, known) {
+        (Some((_, near)), _) => format!("did you mean `{near}`?"),
+        (None, []) => "take it away".into(),
+        (None, known) => format!("give one of `{}`", known.join("`, `")),
+    }
+}
+
+/// The keys that lead to the innermost item at a byte of the text.
+fn item_at(text: &str, offset: usize) -> String {
+    let Ok(root) = DeTable::parse(text) else {
+        return "the file".into();
+    };
+    let mut path = Vec::new();
+    let mut best = Vec::new();
+    search_table(root.get_ref(), offset, &mut path, &mut best);
+    if best.is_empty() {
+        "the file".into()
+    } else {
+        best.join(".")
+    }
+}
+
+fn search_table(table: &DeTable, offset: usize, path: &mut Vec<String>, best: &mut Vec<String>) {
+    for (key, value) in table {
+        path.push(key.get_ref().to_string());
+        if is_in(&key.span(), offset) || is_in(&value.span(), offset) {
+            keep_longer(path, best);
+        }
+        search_value(value.get_ref(), offset, path, best);
+        path.pop();
+    }
+}
+
+fn search_value(value: &DeValue, offset: usize, path: &mut Vec<String>, best: &mut Vec<String>) {
+    match value {
+        DeValue::Table(table) => search_table(table, offset, path, best),
+        DeValue::Array(elements) => {
+            let name = path.last().cloned().unwrap_or_default();
+            for (index, element) in elements.iter().enumerate() {
+                if !matches!(element.get_ref(), DeValue::Table(_)) {
+                    continue;
+                }
+                if let Some(last) = path.last_mut() {
+                    *last = format!("{name} {}", index + 1);
+                }
+                if is_in(&element.span(), offset) {
+                    keep_longer(path, best);
+                }
+                search_value(element.get_ref(), offset, path, best);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// The header of a list's later element is a place of the list too, so of equal paths the later one is right.
+fn keep_longer(path: &[String], best: &mut Vec<String>) {
+    if path.len() >= best.len() {
+        *best = path.to_vec();
+    }
+}
+
+fn is_in(span: &Range<usize>, offset: usize) -> bool {
+    span.start <= offset && offset < span.end.max(span.start + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_item_is_named_by_the_keys_that_lead_to_it() {
+        let text = "[material.red]\ncolor = 1\n[[object]]\nshape = 'a'\n[[object]]\ntransform = [{ scale = 1 }, { scale = 0 }]\n";
+        let item = |word: &str| item_at(text, text.rfind(word).unwrap());
+        assert_eq!(item("color"), "material.red.color");
+        assert_eq!(item("shape"), "object 1.shape");
+        assert_eq!(item("[[object]]"), "object 2");
+        assert_eq!(item("scale = 0"), "object 2.transform 2.scale");
+        assert_eq!(item_at("a = [", 3), "the file");
+    }
+
+    #[test]
+    fn a_near_word_is_suggested_and_a_far_one_is_not() {
+        let known = ["color", "intensity", "range"];
+        let suggest = |word| suggestion(word, &known);
+        assert_eq!(suggest("colour"), "did you mean `color`?");
+        assert_eq!(suggest("intesnity"), "did you mean `intensity`?");
+        assert_eq!(suggest("x"), "give one of `color`, `intensity`, `range`");
+    }
+
+    #[test]
+    fn lines_and_columns_are_counted_from_one_in_characters() {
+        let source = Source {
+            path: "a.toml".into(),
+            text: "# ä\n'ö' = 1".into(),
+        };
+        let SceneFileError::Item { line, column, .. } = source.error_at(9..10, String::new()) else {
+            unreachable!()
+        };
+        // The second line is ' ö ' blank: byte 5 begins it, 9 is its fourth character.
+        assert_eq!((line, column), (2, 4));
+    }
+}

@@ -1,0 +1,188 @@
+//! From assemblies to instances in the world, in f64.
+
+use std::path::Path;
+
+use glam::{DAffine3, DMat3};
+
+use super::SceneFileError;
+use super::assembly::{Assembly, Node, What};
+use super::fault::file_error;
+use super::placement::Copies;
+use crate::gltf::{dropped_sentence, framing_camera};
+use crate::numeric::Bounds;
+use crate::scene::{Camera, Geometry, Instance, Light, LightKind, Normalisation, Scene};
+
+/// What comes down to an object from those that it is in.
+#[derive(Clone, Copy)]
+struct Inherited {
+    world: DAffine3,
+    material: u32,
+    /// Whether lights and cameras come along.
+    lights: bool,
+    cameras: bool,
+}
+
+/// Puts the objects of `assembly` into the scene; `default_material` goes to those that have none.
+pub(super) fn flatten(
+    scene: &mut Scene,
+    assembly: &Assembly,
+    default_material: u32,
+) -> Result<(), SceneFileError> {
+    scene.instances.reserve(assembly.count as usize);
+    let top = Inherited {
+        world: DAffine3::IDENTITY,
+        material: default_material,
+        lights: true,
+        cameras: true,
+    };
+    place_assembly(scene, assembly, top)
+}
+
+fn place_assembly(
+    scene: &mut Scene,
+    assembly: &Assembly,
+    inherited: Inherited,
+) -> Result<(), SceneFileError> {
+    if inherited.lights {
+        let lights = assembly
+            .lights
+            .iter()
+            .map(|light| moved_light(light, &inherited.world));
+        scene.lights.extend(lights);
+    }
+    if inherited.cameras {
+        let cameras = assembly.cameras.iter();
+        scene
+            .cameras
+            .extend(cameras.filter_map(|camera| moved_camera(camera, &inherited.world)));
+    }
+    for node in &assembly.nodes {
+        let count = node.copies.as_ref().map_or(1, Copies::count);
+        for number in 0..count {
+            let copy = node
+                .copies
+                .as_ref()
+                .map_or(DAffine3::IDENTITY, |copies| copies.map(number));
+            let inside = Inherited {
+                world: inherited.world * copy * node.map,
+                material: node.material.unwrap_or(inherited.material),
+                lights: inherited.lights && node.lights,
+                cameras: inherited.cameras && node.cameras,
+            };
+            place_node(scene, node, inside)?;
+        }
+    }
+    Ok(())
+}
+
+fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), SceneFileError> {
+    match &node.what {
+        What::Geometry(geometry) => {
+            let instance = Instance::new(node.name.clone(), *geometry, inside.material, inside.world)
+                .map_err(|e| {
+                    let sentence = format!("with all that it is in, {e}: scale less extremely");
+                    node.source.error_at(node.span.clone(), sentence)
+                })?;
+            scene.instances.push(instance);
+            Ok(())
+        }
+        What::Assembly(assembly) => place_assembly(scene, assembly, inside),
+        What::Import(assembly) => match node.material {
+            None => place_assembly(scene, assembly, inside),
+            Some(_) => place_repainted(scene, assembly, inside),
+        },
+    }
+}
+
+/// A glTF file whose materials give way to the object's.
+fn place_repainted(scene: &mut Scene, assembly: &Assembly, inside: Inherited) -> Result<(), SceneFileError> {
+    let first = scene.instances.len();
+    place_assembly(scene, assembly, inside)?;
+    for instance in &mut scene.instances[first..] {
+        instance.material = inside.material;
+    }
+    Ok(())
+}
+
+/// The light where `world` puts it. Its intensity and its range stay.
+fn moved_light(light: &Light, world: &DAffine3) -> Light {
+    // A direction that the map squeezes to nothing keeps its own.
+    let turned = |v| world.transform_vector3(v).try_normalize().unwrap_or(v);
+    let kind = match light.kind {
+        LightKind::Directional { to_light } => LightKind::Directional {
+            to_light: turned(to_light),
+        },
+        LightKind::Point { position, falloff } => LightKind::Point {
+            position: world.transform_point3(position),
+            falloff,
+        },
+        LightKind::Spot {
+            position,
+            direction,
+            cos_inner,
+            cos_outer,
+            falloff,
+        } => LightKind::Spot {
+            position: world.transform_point3(position),
+            direction: turned(direction),
+            cos_inner,
+            cos_outer,
+            falloff,
+        },
+    };
+    Light {
+        kind,
+        ..light.clone()
+    }
+}
+
+/// The camera where `world` puts it, without scale, shear and mirroring: the view axis keeps its direction, up is made
+/// orthogonal to it.
+fn moved_camera(camera: &Camera, world: &DAffine3) -> Option<Camera> {
+    if *world == DAffine3::IDENTITY {
+        return Some(camera.clone());
+    }
+    let map = *world * camera.world_from_camera;
+    let back = map.matrix3.z_axis.try_normalize()?;
+    let up = map.matrix3.y_axis;
+    let up = (up - up.dot(back) * back).try_normalize()?;
+    let axes = DMat3::from_cols(up.cross(back), up, back);
+    Some(Camera {
+        world_from_camera: DAffine3::from_mat3_translation(axes, map.translation),
+        ..camera.clone()
+    })
+}
+
+/// Places everything well, bakes what stands once, and supplies a camera where there is none.
+pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileError> {
+    let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
+    scene.apply_normalisation(Normalisation::fitting(&scene.bounds_from(&bounds)));
+    scene.normalise_object_spaces(&bounds);
+    for (name, dropped) in scene.bake_single_uses() {
+        scene
+            .warnings
+            .push(format!("{name} {}", dropped_sentence(dropped)));
+    }
+    scene.remove_empty_meshes();
+    if scene.instances.is_empty() {
+        return Err(file_error(
+            path,
+            "has only triangles without area: make its objects larger",
+        ));
+    }
+    if scene.cameras.is_empty() {
+        let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
+        let finite = scene.bounds_from(&bounds);
+        if finite.is_empty() {
+            return Err(file_error(
+                path,
+                "has no camera and nothing finite to frame: add a [camera]",
+            ));
+        }
+        scene.cameras.push(framing_camera(&finite));
+    }
+    match scene.validate() {
+        Ok(()) => Ok(scene),
+        Err(error) => Err(file_error(path, error.to_string())),
+    }
+}

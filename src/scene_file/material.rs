@@ -1,0 +1,424 @@
+//! Materials: one form for the three lighting models; keys that a model does not have are refused.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::medium::{CauchyForm, Glass, SellmeierForm};
+use super::value::{Color, NoValue, Param, Rgba, Textured};
+use crate::optics::Conductor;
+use crate::scene::{AlphaMode, Lecture, Material, MetallicRoughness, Model, Parameter, UvTransform};
+
+/// What surfaces are made of. Every parameter that may have a texture is a value, or
+/// `{ texture = "NAME", value = ... }`, which multiplies the two.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MaterialForm {
+    /// How it answers light: the lecture's equation, glTF's metallic-roughness, or unlit.
+    #[serde(default)]
+    model: ModelName,
+    /// A metal of known reflectance: sets the colour of the reflection and what makes it a mirror; stated keys win.
+    metal: Option<Metal>,
+    /// A medium of known index: makes the surface clear and smooth; stated keys win.
+    pub(super) glass: Option<Glass>,
+    /// Colour of the diffuse and ambient light of either model, of a metal, and of what is let through; and coverage.
+    base_color: Option<Param<Rgba>>,
+    /// Emitted radiance; may exceed 1.
+    emission: Option<Param<Color>>,
+    /// What the coverage of the base colour means.
+    #[serde(default)]
+    alpha: AlphaName,
+    /// Coverage from which a surface with `alpha = "mask"` is there.
+    #[schemars(extend("default" = ALPHA_CUTOFF))]
+    alpha_cutoff: Option<f32>,
+    /// The lecture's ra.
+    ambient: Option<Color>,
+    /// The lecture's rd.
+    diffuse: Option<Color>,
+    /// The lecture's rsp; else the strength of a dielectric's reflection, one number.
+    specular: Option<Param<Color>>,
+    /// The lecture's f, the exponent of the highlight.
+    exponent: Option<f32>,
+    /// The lecture's kr, the share of the reflected ray.
+    reflection: Option<Param<Color>>,
+    /// The lecture's kt, the share of the transmitted ray; else how much of what is not reflected goes through, one
+    /// number.
+    transmission: Option<Param<Color>>,
+    /// Whether Fresnel's equations divide the light between the lecture's two rays.
+    fresnel: Option<bool>,
+    /// 0 dielectric, 1 metal.
+    #[schemars(extend("default" = METALLIC))]
+    metallic: Option<Param<f32>>,
+    /// 0 a mirror, 1 chalk.
+    #[schemars(extend("default" = ROUGHNESS))]
+    roughness: Option<Param<f32>>,
+    /// glTF's packing in one texture: roughness in green, metalness in blue.
+    metallic_roughness: Option<Textured<NoValue>>,
+    /// Colour of a dielectric's reflection.
+    specular_color: Option<Param<Color>>,
+    /// How much of the ambient light arrives, in red.
+    occlusion: Option<Textured<NoValue>>,
+    /// A normal map, in tangent space.
+    normal: Option<Textured<NoValue>>,
+    /// A height map, in red; `strength` is the height of white in metres.
+    bump: Option<Textured<NoValue>>,
+    /// Index of refraction at the d line.
+    pub(super) ior: Option<f64>,
+    /// Speed of light inside as a fraction of that in vacuum, as the lecture has it.
+    pub(super) speed: Option<f64>,
+    /// Abbe number, which with `ior` or `speed` says how colours spread.
+    pub(super) abbe: Option<f64>,
+    /// Index of refraction by Sellmeier's equation.
+    pub(super) sellmeier: Option<SellmeierForm>,
+    /// Index of refraction by Cauchy's equation.
+    pub(super) cauchy: Option<CauchyForm>,
+    /// What a metre swallows: coefficients of Beer and Lambert's law.
+    pub(super) absorption: Option<Color>,
+    /// What white light has become after `attenuation_distance`.
+    pub(super) attenuation_color: Option<Color>,
+    /// Metres after which white light is `attenuation_color`.
+    pub(super) attenuation_distance: Option<f64>,
+    /// Where bodies overlap, the one of the highest priority is there.
+    pub(super) priority: Option<i32>,
+    /// Whether the surface is a wall without an inside.
+    pub(super) thin: Option<bool>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum ModelName {
+    #[default]
+    MetallicRoughness,
+    Lecture,
+    Unlit,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum AlphaName {
+    #[default]
+    Opaque,
+    Mask,
+    Blend,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum Metal {
+    Gold,
+    Silver,
+    Copper,
+    Aluminium,
+}
+
+/// Metalness where a file does not say it: a person who names a colour means paint.
+const METALLIC: f32 = 0.0;
+/// Roughness where a file does not say it: chalk.
+const ROUGHNESS: f32 = 1.0;
+/// Where a mask begins if a file does not say it; glTF's.
+const ALPHA_CUTOFF: f32 = 0.5;
+
+impl Metal {
+    /// What it reflects at normal incidence in air.
+    fn reflectance(self) -> [f32; 3] {
+        let metal = match self {
+            Metal::Gold => Conductor::GOLD,
+            Metal::Silver => Conductor::SILVER,
+            Metal::Copper => Conductor::COPPER,
+            Metal::Aluminium => Conductor::ALUMINIUM,
+        };
+        metal.reflectance(1.0, 1.0).map(|r| r as f32)
+    }
+}
+
+/// A texture that a material puts on a parameter, by the texture's name.
+pub(super) struct LayerForm<'f> {
+    pub(super) parameter: Parameter,
+    pub(super) texture: &'f super::value::At<String>,
+    pub(super) tex_coord: u32,
+    pub(super) transform: UvTransform,
+    pub(super) strength: f32,
+}
+
+impl MaterialForm {
+    /// The material without its layers.
+    pub(super) fn material(&self, name: &str) -> Result<Material, String> {
+        self.check_keys()?;
+        if self.metal.is_some() && self.glass.is_some() {
+            return Err("is both a `metal` and a `glass`: give one".into());
+        }
+        let model = match self.model {
+            ModelName::MetallicRoughness => Model::MetallicRoughness(self.metallic_roughness()?),
+            ModelName::Lecture => Model::Lecture(self.lecture()),
+            ModelName::Unlit => Model::Unlit,
+        };
+        let metal_color = match (self.metal, self.model) {
+            (Some(metal), ModelName::MetallicRoughness) => {
+                let [r, g, b] = metal.reflectance();
+                [r, g, b, 1.0]
+            }
+            _ => [1.0; 4],
+        };
+        let mut material = Material {
+            name: name.to_owned(),
+            model,
+            base_color: self.base_color.as_ref().map_or(metal_color, |p| p.value().0),
+            emission: self.emission.as_ref().map_or([0.0; 3], |p| p.value().0),
+            alpha: self.alpha()?,
+            ..Material::default()
+        };
+        material.interior = self.interior(material.transmits())?;
+        Ok(material)
+    }
+
+    fn alpha(&self) -> Result<AlphaMode, String> {
+        match (self.alpha, self.alpha_cutoff) {
+            (AlphaName::Mask, cutoff) => Ok(AlphaMode::Mask(cutoff.unwrap_or(ALPHA_CUTOFF))),
+            (_, Some(_)) => Err("has an `alpha_cutoff` without a mask: add `alpha = \"mask\"`".into()),
+            (AlphaName::Opaque, None) => Ok(AlphaMode::Opaque),
+            (AlphaName::Blend, None) => Ok(AlphaMode::Blend),
+        }
+    }
+
+    fn lecture(&self) -> Lecture {
+        let plain = Lecture::DEFAULT;
+        // What a preset leaves to the body's own colour: nothing.
+        let preset = match (self.metal, self.glass) {
+            (Some(metal), _) => Lecture {
+                ambient: [0.0; 3],
+                diffuse: [0.0; 3],
+                reflection: metal.reflectance(),
+                ..plain
+            },
+            (None, Some(_)) => Lecture {
+                ambient: [0.0; 3],
+                diffuse: [0.0; 3],
+                reflection: [1.0; 3],
+                transmission: [1.0; 3],
+                fresnel: true,
+                ..plain
+            },
+            (None, None) => plain,
+        };
+        let color = |param: &Option<Param<Color>>, usual| param.as_ref().map_or(usual, |p| p.value().0);
+        Lecture {
+            ambient: self.ambient.map_or(preset.ambient, |c| c.0),
+            diffuse: self.diffuse.map_or(preset.diffuse, |c| c.0),
+            specular: color(&self.specular, preset.specular),
+            exponent: self.exponent.unwrap_or(preset.exponent),
+            reflection: color(&self.reflection, preset.reflection),
+            transmission: color(&self.transmission, preset.transmission),
+            fresnel: self.fresnel.unwrap_or(preset.fresnel),
+        }
+    }
+
+    fn metallic_roughness(&self) -> Result<MetallicRoughness, String> {
+        let usual = MetallicRoughness::DEFAULT;
+        let number = |param: &Option<Param<Color>>, key: &str, usual: f32| match param {
+            None => Ok(usual),
+            Some(param) => param.value().grey().ok_or_else(|| {
+                format!("its `{key}` is a colour, but metallic-roughness has a number there: give one")
+            }),
+        };
+        // A map that packs both needs factors of 1 to show.
+        let (metallic, roughness) = match (&self.metallic_roughness, self.metal, self.glass) {
+            (Some(_), ..) => (1.0, 1.0),
+            (None, Some(_), _) => (1.0, 0.0),
+            (None, None, Some(_)) => (0.0, 0.0),
+            (None, None, None) => (METALLIC, ROUGHNESS),
+        };
+        let clear = if self.glass.is_some() {
+            1.0
+        } else {
+            usual.transmission
+        };
+        Ok(MetallicRoughness {
+            metallic: self.metallic.as_ref().map_or(metallic, Param::value),
+            roughness: self.roughness.as_ref().map_or(roughness, Param::value),
+            specular: number(&self.specular, "specular", usual.specular)?,
+            specular_color: self
+                .specular_color
+                .as_ref()
+                .map_or(usual.specular_color, |p| p.value().0),
+            transmission: number(&self.transmission, "transmission", clear)?,
+        })
+    }
+
+    /// Refuses keys that the model does not have.
+    fn check_keys(&self) -> Result<(), String> {
+        use ModelName::{Lecture, MetallicRoughness};
+        let keys: [(bool, &str, &[ModelName]); 14] = [
+            (self.ambient.is_some(), "ambient", &[Lecture]),
+            (self.diffuse.is_some(), "diffuse", &[Lecture]),
+            (self.exponent.is_some(), "exponent", &[Lecture]),
+            (self.reflection.is_some(), "reflection", &[Lecture]),
+            (self.fresnel.is_some(), "fresnel", &[Lecture]),
+            (self.specular.is_some(), "specular", &[Lecture, MetallicRoughness]),
+            (
+                self.transmission.is_some(),
+                "transmission",
+                &[Lecture, MetallicRoughness],
+            ),
+            (self.metal.is_some(), "metal", &[Lecture, MetallicRoughness]),
+            (self.glass.is_some(), "glass", &[Lecture, MetallicRoughness]),
+            (self.metallic.is_some(), "metallic", &[MetallicRoughness]),
+            (self.roughness.is_some(), "roughness", &[MetallicRoughness]),
+            (
+                self.metallic_roughness.is_some(),
+                "metallic_roughness",
+                &[MetallicRoughness],
+            ),
+            (
+                self.specular_color.is_some(),
+                "specular_color",
+                &[MetallicRoughness],
+            ),
+            (
+                self.occlusion.is_some(),
+                "occlusion",
+                &[Lecture, MetallicRoughness],
+            ),
+        ];
+        for (given, key, models) in keys {
+            if given && !models.contains(&self.model) {
+                let model = match self.model {
+                    MetallicRoughness => "metallic-roughness",
+                    Lecture => "lecture",
+                    ModelName::Unlit => "unlit",
+                };
+                return Err(format!(
+                    "the model \"{model}\" has no `{key}`: take it away or give another `model`"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Its textures.
+    pub(super) fn layers(&self) -> Vec<LayerForm<'_>> {
+        let specular = match self.model {
+            ModelName::Lecture => Parameter::SpecularColor,
+            _ => Parameter::Specular,
+        };
+        [
+            of_param(&self.base_color, Parameter::BaseColor),
+            of_param(&self.emission, Parameter::Emission),
+            of_param(&self.metallic, Parameter::Metallic),
+            of_param(&self.roughness, Parameter::Roughness),
+            of_param(&self.specular, specular),
+            of_param(&self.specular_color, Parameter::SpecularColor),
+            of_param(&self.reflection, Parameter::Reflection),
+            of_param(&self.transmission, Parameter::Transmission),
+            of_map(&self.metallic_roughness, Parameter::MetallicRoughness),
+            of_map(&self.occlusion, Parameter::Occlusion),
+            of_map(&self.normal, Parameter::Normal),
+            of_map(&self.bump, Parameter::Bump),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+fn of_param<T>(param: &Option<Param<T>>, parameter: Parameter) -> Option<LayerForm<'_>> {
+    match param {
+        Some(Param::Textured(textured)) => Some(layer(textured, parameter)),
+        _ => None,
+    }
+}
+
+fn of_map(map: &Option<Textured<NoValue>>, parameter: Parameter) -> Option<LayerForm<'_>> {
+    map.as_ref().map(|textured| layer(textured, parameter))
+}
+
+fn layer<T>(textured: &Textured<T>, parameter: Parameter) -> LayerForm<'_> {
+    let [scale_u, scale_v] = textured.scale.map_or([1.0; 2], |scale| scale.0.map(|s| s as f32));
+    let (sin, cos) = textured.rotate.to_radians().sin_cos();
+    LayerForm {
+        parameter,
+        texture: &textured.texture,
+        tex_coord: textured.set,
+        transform: UvTransform {
+            matrix: [[cos * scale_u, -sin * scale_v], [sin * scale_u, cos * scale_v]],
+            offset: textured.offset,
+        },
+        strength: textured.strength,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::{Dispersion, LINE_D};
+
+    fn material(text: &str) -> Result<Material, String> {
+        toml::from_str::<MaterialForm>(text)
+            .map_err(|e| e.message().to_owned())?
+            .material("test")
+    }
+
+    #[test]
+    fn an_empty_material_is_white_chalk() {
+        let chalk = Material {
+            name: "test".into(),
+            ..Material::metallic_roughness([1.0; 3], METALLIC, ROUGHNESS)
+        };
+        assert_eq!(material("").unwrap(), chalk);
+    }
+
+    #[test]
+    fn an_index_may_be_given_as_the_lectures_speed() {
+        let glass = material("model = 'lecture'\ntransmission = 0.8\nspeed = 0.55").unwrap();
+        assert_eq!(glass.interior.unwrap().ior, Dispersion::Constant(1.0 / 0.55));
+        let default = material("transmission = 1").unwrap();
+        assert_eq!(default.ior(LINE_D), crate::scene::DEFAULT_IOR);
+    }
+
+    #[test]
+    fn presets_yield_to_what_is_stated() {
+        let gold = material("metal = 'gold'\nroughness = 0.3").unwrap();
+        let Model::MetallicRoughness(model) = gold.model else {
+            unreachable!()
+        };
+        assert_eq!((model.metallic, model.roughness), (1.0, 0.3));
+        assert!(gold.base_color[0] > gold.base_color[2]);
+        let water = material("model = 'lecture'\nglass = 'water'\nreflection = 0.5").unwrap();
+        let Model::Lecture(lecture) = water.model else {
+            unreachable!()
+        };
+        assert_eq!((lecture.reflection, lecture.transmission), ([0.5; 3], [1.0; 3]));
+        assert!((water.ior(LINE_D) - 1.333).abs() < 1e-3);
+    }
+
+    #[test]
+    fn what_does_not_fit_together_is_refused() {
+        for (bad, words) in [
+            ("exponent = 3", "has no `exponent`"),
+            ("model = 'unlit'\nroughness = 1", "has no `roughness`"),
+            ("specular = [1, 0, 0]", "has a number there"),
+            ("glass = 'water'\nior = 1.3", "both `glass` and `ior`"),
+            ("glass = 'water'\nmetal = 'gold'", "both a `metal`"),
+            ("abbe = 50", "without `ior`"),
+            ("ior = 1.5\nabbe = 0", "its `abbe` is 0"),
+            ("speed = 1.5", "its `speed` is 1.5"),
+            ("attenuation_color = 0.5", "without `attenuation_distance`"),
+            ("attenuation_color = 2\nattenuation_distance = 1", "over 1"),
+            ("absorption = 1\nattenuation_distance = 1", "both"),
+            ("alpha_cutoff = 0.5", "without a mask"),
+            ("sellmeier = { b = [1], c = [] }", "as many"),
+            ("normal = { texture = 'x', value = 1 }", "no value besides"),
+        ] {
+            let error = material(bad).unwrap_err();
+            assert!(error.contains(words), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_texture_is_turned_after_it_is_scaled() {
+        let form: MaterialForm =
+            toml::from_str("roughness = { texture = 'x', scale = [2, 3], rotate = 90, offset = [0.5, 0] }")
+                .unwrap();
+        let [u, v] = form.layers()[0].transform.apply([1.0, 1.0]);
+        // (1, 1) -> (2, 3) -> (-3, 2) -> (-2.5, 2).
+        assert!((u + 2.5).abs() < 1e-6 && (v - 2.0).abs() < 1e-6, "{u} {v}");
+    }
+}

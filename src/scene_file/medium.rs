@@ -1,0 +1,183 @@
+//! What is inside a material: its index of refraction in any of the usual ways, and what it swallows.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::optics::{Absorption, Cauchy, Dispersion, Sellmeier, ior_from_speed};
+use crate::scene::{DEFAULT_IOR, Interior};
+
+use super::material::MaterialForm;
+
+/// Media whose indices of refraction are known by wavelength.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Glass {
+    /// Borosilicate crown glass.
+    Bk7,
+    /// Dense flint glass.
+    NSf10,
+    /// Denser flint glass.
+    NSf11,
+    /// Fused silica.
+    FusedSilica,
+    /// Water at 20 °C.
+    Water,
+    /// Ice, of constant index.
+    Ice,
+    /// Diamond.
+    Diamond,
+}
+
+/// Ice at -7 °C at the d line (Warren and Brandt, J. Geophys. Res. 113, 2008).
+const ICE_IOR: f64 = 1.31;
+
+/// Sellmeier's coefficients.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SellmeierForm {
+    /// Up to four strengths B.
+    b: Vec<f64>,
+    /// As many squares of wavelengths C, in square micrometres.
+    c: Vec<f64>,
+}
+
+/// Cauchy's coefficients: n = a + b / λ².
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CauchyForm {
+    /// The index for very long waves.
+    a: f64,
+    /// In square micrometres.
+    b: f64,
+}
+
+/// Square nanometres in a square micrometre.
+const SQUARE_NANOMETRES: f64 = 1e6;
+
+impl Glass {
+    fn dispersion(self) -> Dispersion {
+        match self {
+            Glass::Bk7 => Dispersion::Sellmeier(Sellmeier::BK7),
+            Glass::NSf10 => Dispersion::Sellmeier(Sellmeier::N_SF10),
+            Glass::NSf11 => Dispersion::Sellmeier(Sellmeier::N_SF11),
+            Glass::FusedSilica => Dispersion::Sellmeier(Sellmeier::FUSED_SILICA),
+            Glass::Water => Dispersion::Sellmeier(Sellmeier::WATER),
+            Glass::Ice => Dispersion::Constant(ICE_IOR),
+            Glass::Diamond => Dispersion::Sellmeier(Sellmeier::DIAMOND),
+        }
+    }
+}
+
+impl SellmeierForm {
+    fn sellmeier(&self) -> Result<Sellmeier, String> {
+        let (mut b, mut c) = ([0.0; 4], [0.0; 4]);
+        let count = self.b.len();
+        if count != self.c.len() || !(1..=b.len()).contains(&count) {
+            return Err("Sellmeier's equation has 1 to 4 terms: give as many `b` as `c`".into());
+        }
+        b[..count].copy_from_slice(&self.b);
+        c[..count].copy_from_slice(&self.c);
+        Ok(Sellmeier { b, c })
+    }
+}
+
+impl MaterialForm {
+    /// What is inside, if a key says anything of it or light gets there.
+    pub(super) fn interior(&self, light_enters: bool) -> Result<Option<Interior>, String> {
+        let says_more = self.priority.is_some()
+            || self.thin.is_some()
+            || self.absorption.is_some()
+            || self.attenuation_color.is_some()
+            || self.attenuation_distance.is_some();
+        let ior = self.dispersion()?;
+        if !(light_enters || says_more || ior.is_some()) {
+            return Ok(None);
+        }
+        Ok(Some(Interior {
+            ior: ior.unwrap_or(Dispersion::Constant(DEFAULT_IOR)),
+            absorption: self.absorption()?,
+            priority: self.priority.unwrap_or(0),
+            is_thin: self.thin.unwrap_or(false),
+        }))
+    }
+
+    fn dispersion(&self) -> Result<Option<Dispersion>, String> {
+        let ways = [
+            (self.glass.is_some(), "glass"),
+            (self.ior.is_some(), "ior"),
+            (self.speed.is_some(), "speed"),
+            (self.sellmeier.is_some(), "sellmeier"),
+            (self.cauchy.is_some(), "cauchy"),
+        ];
+        let given: Vec<&str> = ways
+            .iter()
+            .filter(|(given, _)| *given)
+            .map(|(_, key)| *key)
+            .collect();
+        if let [first, second, ..] = given[..] {
+            return Err(format!(
+                "has both `{first}` and `{second}`: give one index of refraction"
+            ));
+        }
+        let plain = match (self.ior, self.speed) {
+            (Some(ior), _) => Some(ior),
+            (None, Some(speed)) if speed > 0.0 && speed <= 1.0 => Some(ior_from_speed(speed)),
+            (None, Some(speed)) => {
+                return Err(format!(
+                    "its `speed` is {speed}: give a fraction of the speed of light, over 0 and up to 1"
+                ));
+            }
+            (None, None) => None,
+        };
+        match (plain, self.abbe) {
+            (Some(ior), None) => return Ok(Some(Dispersion::Constant(ior))),
+            (Some(ior), Some(abbe)) if abbe > 0.0 => {
+                return Ok(Some(Dispersion::Cauchy(Cauchy::from_abbe(ior, abbe))));
+            }
+            (Some(_), Some(abbe)) => {
+                return Err(format!(
+                    "its `abbe` is {abbe}: give a positive number, 20 to 90 for glasses"
+                ));
+            }
+            (None, Some(_)) => return Err("has `abbe` without `ior` or `speed`: add one of them".into()),
+            (None, None) => {}
+        }
+        if let Some(cauchy) = self.cauchy {
+            let (a, b) = (cauchy.a, cauchy.b * SQUARE_NANOMETRES);
+            return Ok(Some(Dispersion::Cauchy(Cauchy { a, b })));
+        }
+        if let Some(form) = &self.sellmeier {
+            return form.sellmeier().map(Dispersion::Sellmeier).map(Some);
+        }
+        Ok(self.glass.map(Glass::dispersion))
+    }
+
+    fn absorption(&self) -> Result<Absorption, String> {
+        match (self.absorption, self.attenuation_color, self.attenuation_distance) {
+            (None, None, None) => Ok(Absorption::NONE),
+            (Some(sigma_a), None, None) => Ok(Absorption {
+                sigma_a: sigma_a.0.map(f64::from),
+            }),
+            (None, Some(color), Some(distance)) => {
+                if !(distance > 0.0 && distance < f64::INFINITY) {
+                    return Err(format!(
+                        "its `attenuation_distance` is {distance}: give metres, more than 0"
+                    ));
+                }
+                if color.0.iter().any(|c| *c > 1.0) {
+                    return Err(
+                        "its `attenuation_color` is over 1, but no medium adds light: give at most 1".into(),
+                    );
+                }
+                Ok(Absorption::from_color(color.0.map(f64::from), distance))
+            }
+            (Some(_), ..) => Err("has both `absorption` and an attenuation: give one".into()),
+            (None, Some(_), None) => {
+                Err("has `attenuation_color` without `attenuation_distance`: add it".into())
+            }
+            (None, None, Some(_)) => {
+                Err("has `attenuation_distance` without `attenuation_color`: add it".into())
+            }
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Scene files: TOML that a person writes, read through serde.
+//!
+//! A file is a list of objects and what they refer to by name:
+//!
+//! ```toml
+//! ambient = 0.1                                   # top-level values stand before all tables
+//! background = { horizon = "#cfe0ff", up = "#5080d0" }
+//!
+//! [output]                                        # the command line overrides these
+//! size = [640, 480]
+//! spp = 64
+//!
+//! [camera]                                        # or [[camera]], the first being the usual one
+//! from = [0, 1.5, 5]
+//! at = [0, 1, 0]
+//! fov = 40                                        # degrees, vertical; `height = 3` for a parallel projection
+//!
+//! [[light]]
+//! kind = "point"                                  # or "directional", "spot"
+//! position = [3, 5, 4]
+//! intensity = 80
+//!
+//! [texture.checks]
+//! pattern = "checker"                             # or `image = "file.png"`
+//! colors = ["#d02020", "#e0e020"]
+//!
+//! [material.floor]
+//! base_color = { texture = "checks" }             # any parameter alike: a value, or a texture times a value
+//!
+//! [material.ball]
+//! model = "lecture"                               # or "metallic-roughness" (the default), "unlit"
+//! diffuse = 0.1
+//! glass = "bk7"                                   # or `ior`, `speed`, `sellmeier`, `cauchy`
+//!
+//! [[object]]
+//! shape = "plane"                                 # z = 0, so it is turned to lie on the ground
+//! transform = [{ z-to = [0, 1, 0] }]
+//! material = "floor"
+//!
+//! [[object]]
+//! name = "ball"
+//! shape = { sphere = { radius = 0.5 } }
+//! transform = [{ scale = [1, 2, 1] }, { translate = [0, 1, 0] }]
+//! material = "ball"
+//! ```
+//!
+//! * **World.** Right-handed, +y up, metres. Colours are linear RGB as a grey number, `[r, g, b]`, or `"#rrggbb"` by the
+//!   sRGB curve. Angles are degrees.
+//! * **Transforms** are applied to the object in the order written: above, the ball is first stretched, then moved.
+//! * **The lecture's camera** is `eye`, `i`, `j`, `k`, `near` and `window = [2w, 2h]`, the window's full size.
+//! * **Objects** have exactly one of `shape` (a word, `[shape.NAME]`, or `{ KIND = { ... } }` in place), `group`
+//!   (`[[group.NAME.object]]`, which may hold groups), `gltf` and `include` (files, looked up beside the file that names
+//!   them; names in an include are its own). A `material` goes to every member that has none; it replaces a glTF file's.
+//! * **Copies**: `repeat = { count = [10, 1, 10], step = [2, 0, 2], jitter = 0.3, seed = 7 }` or `scatter = { count = 99,
+//!   min = [...], max = [...] }`, each with random `turn` and `scale`, happen after the object's own transforms.
+//!
+//! Names are looked up, files read and checks made ([`assembly`]) before anything is flattened ([`flatten`]). Every
+//! message names the file, the line, the item and a remedy.
+
+mod assembly;
+mod camera;
+mod document;
+mod fault;
+mod flatten;
+mod light;
+mod material;
+mod medium;
+mod placement;
+mod polygons;
+mod schema;
+mod shape;
+mod texture;
+mod value;
+
+use std::path::Path;
+
+use crate::gltf::LoadOptions;
+use crate::scene::{Background, Scene};
+use assembly::Assembler;
+use document::{Document, OutputForm};
+use fault::{Source, file_error};
+use value::At;
+
+pub use fault::SceneFileError;
+pub use schema::json_schema;
+
+/// A scene file, understood.
+#[derive(Clone, Debug)]
+pub struct SceneFile {
+    /// What is to be rendered; [`Scene::validate`] accepts it.
+    pub scene: Scene,
+    /// How, where the command line does not say it.
+    pub output: Output,
+    /// How many groups were flattened.
+    pub group_count: usize,
+    /// How many other scene files were included.
+    pub include_count: usize,
+    /// How many glTF files were included.
+    pub gltf_count: usize,
+}
+
+/// What a scene file says of the picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Output {
+    /// Width and height in pixels, 1 or more each.
+    pub size: Option<[u32; 2]>,
+    /// Samples a pixel, 1 to [`MAX_SPP`].
+    pub spp: Option<u32>,
+    /// Generations of secondary rays, up to [`MAX_DEPTH`].
+    pub depth: Option<u32>,
+    /// Stops of exposure of PNG images, up to [`MAX_EXPOSURE`] either way.
+    pub exposure: Option<f32>,
+}
+
+/// Most samples a pixel: 2^16, where noise is 1/256 of that of one sample.
+pub const MAX_SPP: u32 = 1 << 16;
+/// Most generations of secondary rays.
+pub const MAX_DEPTH: u32 = 255;
+/// Beyond this many stops every f32 would be black or white.
+pub const MAX_EXPOSURE: f32 = 100.0;
+/// Most pixels of an image; the machine's memory usually sets a lower limit.
+pub const MAX_PIXELS: u64 = 1 << 31;
+
+/// Loads a scene file and everything it includes as a normalised scene that [`Scene::validate`] accepts.
+///
+/// # Errors
+/// A file that cannot be read, is not TOML, has keys that are not known, refers to what is not there, contains itself,
+/// or says what makes no sense.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileError> {
+    let key = path
+        .canonicalize()
+        .map_err(|e| file_error(path, format!("cannot be read ({e}): check the path")))?;
+    let mut assembler = Assembler::new(options);
+    let (assembly, document, source) = assembler.opened(path, key)?;
+    if assembly.count == 0 {
+        return Err(file_error(path, "holds nothing to render: add an [[object]]"));
+    }
+    let output = output(document.output.as_ref(), &source)?;
+    let default_material = assembler.default_material();
+    let [include_count, gltf_count] = assembler.file_counts();
+    let group_count = assembler.group_count;
+    let mut scene = assembler.scene;
+    surround(&mut scene, &document);
+    flatten::flatten(&mut scene, &assembly, default_material)?;
+    if scene.instances.iter().all(|i| i.material != default_material) {
+        // It is the last one, so no index changes.
+        scene.materials.pop();
+    }
+    let scene = flatten::finish(scene, path)?;
+    Ok(SceneFile {
+        scene,
+        output,
+        group_count,
+        include_count,
+        gltf_count,
+    })
+}
+
+fn surround(scene: &mut Scene, document: &Document) {
+    scene.ambient = document.ambient.map_or([0.0; 3], |color| color.0);
+    scene.background = match &document.background {
+        Some(form) => form.background(),
+        None => Background::Uniform(scene.ambient),
+    };
+}
+
+fn output(form: Option<&At<OutputForm>>, source: &Source) -> Result<Output, SceneFileError> {
+    let Some(form) = form else {
+        return Ok(Output::default());
+    };
+    let refuse = |sentence: String| Err(source.error(form.fault(sentence)));
+    if let Some([width, height]) = form.size {
+        let pixels = u64::from(width) * u64::from(height);
+        if !(1..=MAX_PIXELS).contains(&pixels) {
+            return refuse(format!("its size is {width} x {height}: give 1 to 2^31 pixels"));
+        }
+    }
+    if let Some(spp) = form.spp.filter(|spp| !(1..=MAX_SPP).contains(spp)) {
+        return refuse(format!("its spp is {spp}: give 1 to {MAX_SPP}"));
+    }
+    if let Some(depth) = form.depth.filter(|depth| *depth > MAX_DEPTH) {
+        return refuse(format!("its depth is {depth}: give 0 to {MAX_DEPTH}"));
+    }
+    if let Some(exposure) = form.exposure.filter(|ev| !(ev.abs() <= MAX_EXPOSURE)) {
+        return refuse(format!(
+            "its exposure is {exposure}: give stops from -{MAX_EXPOSURE} to {MAX_EXPOSURE}"
+        ));
+    }
+    Ok(Output {
+        size: form.size,
+        spp: form.spp,
+        depth: form.depth,
+        exposure: form.exposure,
+    })
+}

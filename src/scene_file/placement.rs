@@ -1,0 +1,291 @@
+//! Where things stand: lists of transforms, rows and grids of copies, scattered copies.
+//!
+//! Copies are the same in every run: whatever is random about one comes from a hash of the seed and its number.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::value::{Each, Vector};
+use crate::numeric;
+
+/// One step of a placement.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Step {
+    /// Moves by a vector.
+    Translate(Vector),
+    /// Turns around the axis [x, y, z] by degrees, counter-clockwise seen against the axis: [x, y, z, degrees].
+    Rotate([f64; 4]),
+    /// Scales by one number, or one along each axis; negative ones mirror.
+    Scale(Each<3>),
+    /// Turns the z axis into this direction, by the shortest way.
+    ZTo(Vector),
+    /// Three rows of a 3 x 4 matrix; the fourth column moves.
+    Matrix([[f64; 4]; 3]),
+}
+
+impl Step {
+    /// Its affine map, which can be inverted.
+    fn map(&self) -> Result<DAffine3, String> {
+        let map = match self {
+            Step::Translate(by) => DAffine3::from_translation(by.0),
+            Step::Rotate([x, y, z, degrees]) => {
+                let axis = DVec3::new(*x, *y, *z)
+                    .try_normalize()
+                    .ok_or("turns around an axis without length: give [x, y, z, degrees]")?;
+                DAffine3::from_axis_angle(axis, degrees.to_radians())
+            }
+            Step::Scale(by) => DAffine3::from_scale(by.0.into()),
+            Step::ZTo(direction) => {
+                let direction = direction
+                    .0
+                    .try_normalize()
+                    .ok_or("turns z into a direction without length: give another")?;
+                DAffine3::from_quat(DQuat::from_rotation_arc(DVec3::Z, direction))
+            }
+            Step::Matrix(rows) => {
+                let column = |c: usize| DVec3::new(rows[0][c], rows[1][c], rows[2][c]);
+                DAffine3 {
+                    matrix3: DMat3::from_cols(column(0), column(1), column(2)),
+                    translation: column(3),
+                }
+            }
+        };
+        match numeric::inverse(&map) {
+            Ok(_) => Ok(map),
+            Err(singular) => Err(format!("{singular}: give a transform that can be undone")),
+        }
+    }
+}
+
+/// The map that does all steps, the first one first; or the number of a bad step and what is wrong with it.
+pub(super) fn map_of<'s>(steps: impl Iterator<Item = &'s Step>) -> Result<DAffine3, (usize, String)> {
+    let mut map = DAffine3::IDENTITY;
+    for (number, step) in steps.enumerate() {
+        map = step.map().map_err(|fault| (number, fault))? * map;
+    }
+    Ok(map)
+}
+
+/// A row, grid or block of copies.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Repeat {
+    /// How many along x, y and z; at least 1 each.
+    count: [u32; 3],
+    /// How far apart along x, y and z. The first copy stands where the object does.
+    step: Vector,
+    /// How far each copy may be off at most, at random.
+    #[serde(default = "exact")]
+    #[schemars(extend("default" = 0.0))]
+    jitter: Each<3>,
+    /// An axis around which each copy is turned by a random angle.
+    turn: Option<Vector>,
+    /// Least and greatest random scale of a copy.
+    scale: Option<[f64; 2]>,
+    /// Another number makes other random choices.
+    #[serde(default)]
+    seed: u32,
+}
+
+fn exact() -> Each<3> {
+    Each([0.0; 3])
+}
+
+/// Copies at random places of a box.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Scatter {
+    /// How many; at least 1.
+    count: u32,
+    /// Low corner of the box, seen from where the object stands.
+    min: Vector,
+    /// High corner of the box.
+    max: Vector,
+    /// An axis around which each copy is turned by a random angle.
+    turn: Option<Vector>,
+    /// Least and greatest random scale of a copy.
+    scale: Option<[f64; 2]>,
+    /// Another number makes other random choices.
+    #[serde(default)]
+    seed: u32,
+}
+
+/// Copies of an object: each is scaled and turned, then moved, after the object's own transforms.
+#[derive(Clone, Debug)]
+pub(super) struct Copies {
+    counts: [u32; 3],
+    step: DVec3,
+    /// Low corner and size of the box of random offsets.
+    random: [DVec3; 2],
+    axis: Option<DVec3>,
+    scale: [f64; 2],
+    seed: u32,
+}
+
+impl Repeat {
+    pub(super) fn copies(&self) -> Result<Copies, String> {
+        let jitter = DVec3::from(self.jitter.0).abs();
+        Copies {
+            counts: self.count,
+            step: self.step.0,
+            random: [-jitter, 2.0 * jitter],
+            axis: axis(self.turn)?,
+            scale: self.scale.unwrap_or([1.0; 2]),
+            seed: self.seed,
+        }
+        .checked()
+    }
+}
+
+impl Scatter {
+    pub(super) fn copies(&self) -> Result<Copies, String> {
+        if !self.min.0.cmple(self.max.0).all() {
+            return Err("its `min` is not below its `max`: exchange them".into());
+        }
+        Copies {
+            counts: [self.count, 1, 1],
+            step: DVec3::ZERO,
+            random: [self.min.0, self.max.0 - self.min.0],
+            axis: axis(self.turn)?,
+            scale: self.scale.unwrap_or([1.0; 2]),
+            seed: self.seed,
+        }
+        .checked()
+    }
+}
+
+fn axis(turn: Option<Vector>) -> Result<Option<DVec3>, String> {
+    let unit = |v: Vector| {
+        v.0.try_normalize()
+            .ok_or_else(|| "turns around an axis without length: give another `turn`".into())
+    };
+    turn.map(unit).transpose()
+}
+
+/// What about a copy is random.
+#[derive(Clone, Copy)]
+enum Choice {
+    X,
+    Y,
+    Z,
+    Turn,
+    Scale,
+}
+
+impl Copies {
+    fn checked(self) -> Result<Copies, String> {
+        let [least, most] = self.scale;
+        if !(0.0 < least && least <= most && most < f64::INFINITY) {
+            return Err(format!(
+                "scales copies by {least} to {most}: give positive numbers, the lesser first"
+            ));
+        }
+        if self.counts.contains(&0) {
+            return Err("makes no copy: give counts of 1 or more".into());
+        }
+        Ok(self)
+    }
+
+    /// How many there are.
+    pub(super) fn count(&self) -> u64 {
+        self.counts.iter().fold(1, |n, &c| n.saturating_mul(u64::from(c)))
+    }
+
+    /// What is done to copy `number` after the object's own transforms.
+    pub(super) fn map(&self, number: u64) -> DAffine3 {
+        let [nx, ny, _] = self.counts.map(u64::from);
+        let place = [number % nx, number / nx % ny, number / nx / ny].map(|i| i as f64);
+        let random = |choice: Choice| uniform(self.seed, number, choice);
+        let [low, size] = self.random;
+        let offset = low + size * DVec3::new(random(Choice::X), random(Choice::Y), random(Choice::Z));
+        let rotation = self.axis.map_or(DQuat::IDENTITY, |axis| {
+            DQuat::from_axis_angle(axis, std::f64::consts::TAU * random(Choice::Turn))
+        });
+        let [least, most] = self.scale;
+        DAffine3::from_scale_rotation_translation(
+            DVec3::splat(least + (most - least) * random(Choice::Scale)),
+            rotation,
+            self.step * DVec3::from(place) + offset,
+        )
+    }
+}
+
+/// A number in [0, 1) for one choice about one copy: SplitMix64's finaliser (Steele, Lea and Flood, 2014) over the key.
+fn uniform(seed: u32, number: u64, choice: Choice) -> f64 {
+    const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+    let mix = |z: u64| {
+        let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    };
+    let keys = [u64::from(seed), number, choice as u64];
+    let hash = keys
+        .into_iter()
+        .fold(0, |h: u64, key| mix(h.wrapping_add(GOLDEN) ^ key));
+    (hash >> 11) as f64 / (1u64 << 53) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Deserialize)]
+    struct Placed {
+        transform: Vec<Step>,
+    }
+
+    fn map(text: &str) -> Result<DAffine3, (usize, String)> {
+        let placed: Placed = toml::from_str(&format!("transform = {text}")).unwrap();
+        map_of(placed.transform.iter())
+    }
+
+    #[test]
+    fn transforms_are_done_in_the_order_they_are_written() {
+        // (1, 0, 0) doubled is (2, 0, 0), turned (0, 2, 0), moved (5, 2, 0).
+        let map = map("[{ scale = 2 }, { rotate = [0, 0, 1, 90] }, { translate = [5, 0, 0] }]").unwrap();
+        let p = map.transform_point3(DVec3::X);
+        assert!(
+            (p - DVec3::new(5.0, 2.0, 0.0)).length() < 4.0 * f64::EPSILON,
+            "{p}"
+        );
+    }
+
+    #[test]
+    fn a_matrix_is_written_by_rows_and_z_is_turned_the_shortest_way() {
+        let matrix = map("[{ matrix = [[1, 0, 0, 7], [0, 2, 0, 8], [0, 0, 3, 9]] }]").unwrap();
+        assert_eq!(matrix.transform_point3(DVec3::ONE), DVec3::new(8.0, 10.0, 12.0));
+        let turned = map("[{ z-to = [0, 5, 0] }]").unwrap();
+        assert!((turned.transform_vector3(DVec3::Z) - DVec3::Y).length() < 4.0 * f64::EPSILON);
+        assert!((turned.transform_vector3(DVec3::X) - DVec3::X).length() < 4.0 * f64::EPSILON);
+    }
+
+    #[test]
+    fn a_step_that_cannot_be_undone_is_named() {
+        let (number, fault) = map("[{ scale = 2 }, { scale = [1, 0, 1] }]").unwrap_err();
+        assert_eq!(number, 1);
+        assert!(fault.contains("singular"), "{fault}");
+        assert!(map("[{ rotate = [0, 0, 0, 5] }]").is_err());
+        assert!(map("[{ rotate = [0, 0, 1, inf] }]").is_err());
+        assert!(map("[{ matrix = [[nan, 0, 0, 7], [0, 2, 0, 8], [0, 0, 3, 9]] }]").is_err());
+    }
+
+    #[test]
+    fn copies_stand_on_their_grid_and_jitter_by_their_seed() {
+        let copies = |text: &str| toml::from_str::<Repeat>(text).unwrap().copies().unwrap();
+        let grid = copies("count = [3, 1, 2]\nstep = [2, 0, 5]");
+        assert_eq!(grid.count(), 6);
+        assert_eq!(grid.map(5), DAffine3::from_translation(DVec3::new(4.0, 0.0, 5.0)));
+        let loose = "count = [3, 1, 2]\nstep = [2, 0, 5]\njitter = 0.5\nturn = [0, 1, 0]\nscale = [0.5, 2]\n";
+        let (one, other) = (copies(loose), copies(&format!("{loose}seed = 1")));
+        assert_eq!(one.map(3), copies(loose).map(3));
+        assert_ne!(one.map(3), other.map(3));
+        for number in 0..6 {
+            let off = one.map(number).translation - grid.map(number).translation;
+            assert!(off.abs().max_element() <= 0.5);
+            let scale = one.map(number).matrix3.determinant().cbrt();
+            assert!((0.5..=2.0).contains(&scale), "{scale}");
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! The JSON schema that editors check and complete scene files by.
+
+use schemars::generate::SchemaSettings;
+
+use super::document::Document;
+
+/// The schema of scene files, as JSON Schema draft 7, with a line feed at its end.
+pub fn json_schema() -> String {
+    let schema = SchemaSettings::draft07()
+        .into_generator()
+        .into_root_schema_for::<Document>();
+    format!("{:#}\n", schema.as_value())
+}

@@ -1,0 +1,293 @@
+//! Shapes in a scene file, and how they become geometries.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use glam::DVec3;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Error, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+
+use super::polygons::PolygonsForm;
+use super::value::{At, Vector};
+use crate::numeric::Bounds;
+use crate::scene::Geometry;
+use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
+
+/// The name of a shape, or the shape itself.
+#[derive(Debug)]
+pub(super) enum ShapeRef {
+    Name(String),
+    Inline(ShapeForm),
+}
+
+/// A shape in its own space, which transforms then place.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum ShapeForm {
+    /// A sphere; without keys the unit sphere.
+    Sphere(SphereForm),
+    /// The plane z = 0.
+    Plane(NoKeys),
+    /// The cube [-1, 1]³.
+    Cube(NoKeys),
+    /// The unit disk in z = 0.
+    Disk(NoKeys),
+    /// The square [-1, 1]² in z = 0.
+    Quad(NoKeys),
+    /// Radius 1 around the z axis from z = -1 to z = 1.
+    Cylinder(CappedForm),
+    /// Around the z axis: radius 1 at z = -1, apex at z = 1.
+    Cone(CappedForm),
+    /// Around the z axis; its tube's middle is the unit circle.
+    Torus(TorusForm),
+    /// Convex: by vertices and faces, or by half-spaces.
+    Polyhedron(PolyhedronForm),
+    /// A second-degree surface, cut off by a box.
+    Quadric(QuadricForm),
+    /// Vertices and convex polygons.
+    Mesh(PolygonsForm),
+}
+
+/// The shapes that may be called by a word.
+const WORDS: [&str; 8] = [
+    "sphere", "plane", "cube", "disk", "quad", "cylinder", "cone", "torus",
+];
+
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct NoKeys {}
+
+/// A sphere.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SphereForm {
+    /// Its centre.
+    #[serde(default = "origin")]
+    center: Vector,
+    /// Its radius.
+    #[serde(default = "unit")]
+    radius: f64,
+}
+
+fn origin() -> Vector {
+    Vector(Sphere::UNIT.center)
+}
+
+fn unit() -> f64 {
+    Sphere::UNIT.radius
+}
+
+/// What may be open or closed.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CappedForm {
+    /// Whether it is closed, which makes it a solid.
+    #[serde(default = "closed")]
+    capped: bool,
+}
+
+fn closed() -> bool {
+    true
+}
+
+/// A torus.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TorusForm {
+    /// Radius of the tube, over 0 and under 1.
+    #[serde(default = "tube")]
+    minor_radius: f64,
+}
+
+fn tube() -> f64 {
+    0.25
+}
+
+/// A convex polyhedron: `vertices` and `faces`, or `half_spaces`.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PolyhedronForm {
+    /// Its corners.
+    vertices: Option<Vec<Vector>>,
+    /// Numbers of vertices from 0, counter-clockwise seen from outside.
+    faces: Option<Vec<Vec<u32>>>,
+    /// [a, b, c, h] for all points with a x + b y + c z <= h.
+    half_spaces: Option<Vec<[f64; 4]>>,
+}
+
+/// A quadric inside a box.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct QuadricForm {
+    /// The upper triangle of its symmetric 4 x 4 matrix, row by row.
+    coefficients: [f64; 10],
+    /// Low corner of the box.
+    min: Vector,
+    /// High corner of the box.
+    max: Vector,
+}
+
+/// What is wrong with a shape, and where, if that is known more closely than the shape itself.
+pub(super) struct ShapeFault {
+    pub(super) span: Option<Range<usize>>,
+    pub(super) sentence: String,
+}
+
+impl From<String> for ShapeFault {
+    fn from(sentence: String) -> ShapeFault {
+        ShapeFault { span: None, sentence }
+    }
+}
+
+impl ShapeForm {
+    /// The shape that goes by a word.
+    pub(super) fn of_word(word: &str) -> Option<ShapeForm> {
+        let capped = || CappedForm { capped: closed() };
+        Some(match word {
+            "sphere" => ShapeForm::Sphere(SphereForm {
+                center: origin(),
+                radius: unit(),
+            }),
+            "plane" => ShapeForm::Plane(NoKeys {}),
+            "cube" => ShapeForm::Cube(NoKeys {}),
+            "disk" => ShapeForm::Disk(NoKeys {}),
+            "quad" => ShapeForm::Quad(NoKeys {}),
+            "cylinder" => ShapeForm::Cylinder(capped()),
+            "cone" => ShapeForm::Cone(capped()),
+            "torus" => ShapeForm::Torus(TorusForm { minor_radius: tube() }),
+            _ => return None,
+        })
+    }
+
+    /// Words that stand for shapes.
+    pub(super) fn words() -> impl Iterator<Item = &'static str> {
+        WORDS.into_iter()
+    }
+
+    /// The geometry.
+    pub(super) fn geometry(&self) -> Result<Geometry, ShapeFault> {
+        let shape = match self {
+            ShapeForm::Sphere(form) => Shape::Sphere(form.sphere()?),
+            ShapeForm::Plane(_) => Shape::Plane,
+            ShapeForm::Cube(_) => Shape::Cube,
+            ShapeForm::Disk(_) => Shape::Disk,
+            ShapeForm::Quad(_) => Shape::Quad,
+            ShapeForm::Cylinder(form) => Shape::Cylinder(Cylinder { capped: form.capped }),
+            ShapeForm::Cone(form) => Shape::Cone(Cone { capped: form.capped }),
+            ShapeForm::Torus(form) => Shape::Torus(form.torus()?),
+            ShapeForm::Polyhedron(form) => Shape::Polyhedron(Arc::new(form.polyhedron()?)),
+            ShapeForm::Quadric(form) => Shape::Quadric(Arc::new(form.quadric()?)),
+            ShapeForm::Mesh(form) => return form.mesh().map(Geometry::Mesh),
+        };
+        Ok(Geometry::Shape(shape))
+    }
+}
+
+impl SphereForm {
+    fn sphere(&self) -> Result<Sphere, String> {
+        if !(self.radius > 0.0 && self.radius < f64::INFINITY) {
+            return Err(format!(
+                "is a sphere of radius {}: give a positive radius",
+                self.radius
+            ));
+        }
+        Ok(Sphere {
+            center: self.center.0,
+            radius: self.radius,
+        })
+    }
+}
+
+impl TorusForm {
+    fn torus(&self) -> Result<Torus, String> {
+        if !(self.minor_radius > 0.0 && self.minor_radius < 1.0) {
+            return Err(format!(
+                "is a torus with a tube of radius {}: give a `minor_radius` over 0 and under 1",
+                self.minor_radius
+            ));
+        }
+        Ok(Torus {
+            minor_radius: self.minor_radius,
+        })
+    }
+}
+
+impl PolyhedronForm {
+    fn polyhedron(&self) -> Result<Polyhedron, String> {
+        let made = match (&self.vertices, &self.faces, &self.half_spaces) {
+            (Some(vertices), Some(faces), None) => {
+                let vertices: Vec<DVec3> = vertices.iter().map(|v| v.0).collect();
+                Polyhedron::from_faces(&vertices, faces)
+            }
+            (None, None, Some(half_spaces)) => {
+                let half_spaces: Vec<HalfSpace> = half_spaces
+                    .iter()
+                    .map(|&[a, b, c, h]| HalfSpace {
+                        n: DVec3::new(a, b, c),
+                        h,
+                    })
+                    .collect();
+                Polyhedron::from_half_spaces(&half_spaces)
+            }
+            _ => return Err("is not one polyhedron: give `vertices` and `faces`, or `half_spaces`".into()),
+        };
+        made.map_err(|error| error.to_string())
+    }
+}
+
+impl QuadricForm {
+    fn quadric(&self) -> Result<Quadric, String> {
+        let clip = Bounds {
+            min: self.min.0,
+            max: self.max.0,
+        };
+        Quadric::new(self.coefficients, clip).map_err(|error| error.to_string())
+    }
+}
+
+struct ShapeVisitor;
+
+impl<'de> Visitor<'de> for ShapeVisitor {
+    type Value = ShapeRef;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a shape's name or { KIND = { ... } }")
+    }
+
+    fn visit_str<E: Error>(self, name: &str) -> Result<ShapeRef, E> {
+        Ok(ShapeRef::Name(name.to_owned()))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<ShapeRef, A::Error> {
+        ShapeForm::deserialize(MapAccessDeserializer::new(table)).map(ShapeRef::Inline)
+    }
+}
+
+impl<'de> Deserialize<'de> for ShapeRef {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<ShapeRef, D::Error> {
+        deserializer.deserialize_any(ShapeVisitor)
+    }
+}
+
+impl JsonSchema for ShapeRef {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "ShapeOrName".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let shape = generator.subschema_for::<ShapeForm>();
+        let words = WORDS.join(", ");
+        json_schema!({
+            "anyOf": [
+                { "type": "string", "description": format!("One of {words}, or the name of a [shape.NAME].") },
+                shape,
+            ],
+        })
+    }
+}
+
+/// A shape with its place in the file.
+pub(super) type PlacedShape = At<ShapeForm>;

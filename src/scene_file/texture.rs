@@ -1,0 +1,259 @@
+//! Textures: images and patterns.
+
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::value::{At, Each, Rgba};
+use crate::scene::{Filter, Image, Pattern, Procedural, Sampler, Space, Texels, Wrap};
+
+/// A texture: an `image`, or a `pattern`.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TextureForm {
+    /// A PNG or JPEG file, beside the scene file.
+    pub(super) image: Option<At<String>>,
+    /// What lies outside the image: one word, or one for u and one for v.
+    #[schemars(extend("default" = "repeat"))]
+    wrap: Option<WrapForm>,
+    /// What lies between the image's pixels.
+    #[schemars(extend("default" = "mipmap"))]
+    filter: Option<FilterForm>,
+    /// A rule in place of an image.
+    pattern: Option<PatternForm>,
+    /// The two colours between which a pattern chooses or mixes; black and white if absent.
+    colors: Option<[Rgba; 2]>,
+    /// What the coordinates of a pattern are multiplied by.
+    #[schemars(extend("default" = SCALE))]
+    scale: Option<Each<3>>,
+    /// Where a pattern lives: on the surface (`uv`), or in the solid as if the object were carved from it (`object`).
+    #[schemars(extend("default" = "object"))]
+    space: Option<SpaceForm>,
+    /// Octaves of noise and marble, 1 to 16.
+    #[schemars(extend("default" = OCTAVES))]
+    octaves: Option<u32>,
+    /// How far noise shifts marble's veins and wood's rings.
+    #[schemars(extend("default" = TURBULENCE))]
+    turbulence: Option<f64>,
+}
+
+/// Scale of a pattern where a file does not say it.
+const SCALE: f64 = 1.0;
+/// Octaves of a pattern where a file does not say it.
+const OCTAVES: u32 = 4;
+/// Turbulence of a pattern where a file does not say it.
+const TURBULENCE: f64 = 1.0;
+
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum PatternForm {
+    Checker,
+    Gradient,
+    Noise,
+    Marble,
+    Wood,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum SpaceForm {
+    Uv,
+    Object,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum FilterForm {
+    Nearest,
+    Linear,
+    Mipmap,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum WrapWord {
+    Repeat,
+    Mirror,
+    Clamp,
+}
+
+/// One word for both directions, or one for each.
+#[derive(Clone, Copy, Debug)]
+struct WrapForm([WrapWord; 2]);
+
+struct WrapVisitor;
+
+impl<'de> serde::de::Visitor<'de> for WrapVisitor {
+    type Value = WrapForm;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str("\"repeat\", \"mirror\" or \"clamp\", or two of them in brackets")
+    }
+
+    fn visit_str<E: serde::de::Error>(self, word: &str) -> Result<WrapForm, E> {
+        use serde::de::IntoDeserializer;
+        WrapWord::deserialize(word.into_deserializer()).map(|word| WrapForm([word; 2]))
+    }
+
+    fn visit_seq<A: serde::de::SeqAccess<'de>>(self, list: A) -> Result<WrapForm, A::Error> {
+        <[WrapWord; 2]>::deserialize(serde::de::value::SeqAccessDeserializer::new(list)).map(WrapForm)
+    }
+}
+
+impl<'de> Deserialize<'de> for WrapForm {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<WrapForm, D::Error> {
+        deserializer.deserialize_any(WrapVisitor)
+    }
+}
+
+impl JsonSchema for WrapForm {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Wrap".into()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        let word = generator.subschema_for::<WrapWord>();
+        schemars::json_schema!({
+            "anyOf": [word, { "type": "array", "items": word, "minItems": 2, "maxItems": 2 }],
+        })
+    }
+}
+
+impl WrapWord {
+    fn wrap(self) -> Wrap {
+        match self {
+            WrapWord::Repeat => Wrap::Repeat,
+            WrapWord::Mirror => Wrap::MirroredRepeat,
+            WrapWord::Clamp => Wrap::ClampToEdge,
+        }
+    }
+}
+
+/// What a texture turns out to be.
+pub(super) enum TextureKind<'f> {
+    Image { file: &'f At<String>, sampler: Sampler },
+    Procedural(Procedural),
+}
+
+impl TextureForm {
+    /// The texture, or what is wrong with it.
+    pub(super) fn kind(&self) -> Result<TextureKind<'_>, String> {
+        match (&self.image, self.pattern) {
+            (Some(_), Some(_)) => Err("has both `image` and `pattern`: give one".into()),
+            (None, None) => Err("shows nothing: give an `image` or a `pattern`".into()),
+            (Some(file), None) => {
+                let strangers = [
+                    (self.colors.is_some(), "colors"),
+                    (self.scale.is_some(), "scale"),
+                    (self.space.is_some(), "space"),
+                    (self.octaves.is_some(), "octaves"),
+                    (self.turbulence.is_some(), "turbulence"),
+                ];
+                refuse(&strangers, "an image")?;
+                Ok(TextureKind::Image {
+                    file,
+                    sampler: self.sampler(),
+                })
+            }
+            (None, Some(pattern)) => {
+                let strangers = [(self.wrap.is_some(), "wrap"), (self.filter.is_some(), "filter")];
+                refuse(&strangers, "a pattern")?;
+                Ok(TextureKind::Procedural(self.procedural(pattern)?))
+            }
+        }
+    }
+
+    fn sampler(&self) -> Sampler {
+        let [wrap_u, wrap_v] = self
+            .wrap
+            .map_or([Wrap::Repeat; 2], |wrap| wrap.0.map(WrapWord::wrap));
+        let filter = match self.filter.unwrap_or(FilterForm::Mipmap) {
+            FilterForm::Nearest => Filter::Nearest,
+            FilterForm::Linear => Filter::Linear,
+            FilterForm::Mipmap => Filter::Mipmap,
+        };
+        Sampler {
+            wrap_u,
+            wrap_v,
+            filter,
+        }
+    }
+
+    fn procedural(&self, pattern: PatternForm) -> Result<Procedural, String> {
+        let octaves = self.octaves.unwrap_or(OCTAVES);
+        let turbulence = self.turbulence.unwrap_or(TURBULENCE);
+        let (pattern, knows_octaves, knows_turbulence) = match pattern {
+            PatternForm::Checker => (Pattern::Checker, false, false),
+            PatternForm::Gradient => (Pattern::Gradient, false, false),
+            PatternForm::Noise => (Pattern::Noise { octaves }, true, false),
+            PatternForm::Marble => (Pattern::Marble { octaves, turbulence }, true, true),
+            PatternForm::Wood => (Pattern::Wood { turbulence }, false, true),
+        };
+        let strangers = [
+            (self.octaves.is_some() && !knows_octaves, "octaves"),
+            (self.turbulence.is_some() && !knows_turbulence, "turbulence"),
+        ];
+        refuse(&strangers, "this pattern")?;
+        let colors = self
+            .colors
+            .map_or([[0.0, 0.0, 0.0, 1.0], [1.0; 4]], |c| c.map(|c| c.0));
+        let space = match self.space.unwrap_or(SpaceForm::Object) {
+            SpaceForm::Uv => Space::Uv,
+            SpaceForm::Object => Space::Object,
+        };
+        let procedural = Procedural {
+            pattern,
+            colors,
+            space,
+            scale: self.scale.map_or([SCALE; 3], |scale| scale.0),
+        };
+        crate::scene::check_procedural(&procedural)?;
+        Ok(procedural)
+    }
+}
+
+fn refuse(strangers: &[(bool, &str)], whose: &str) -> Result<(), String> {
+    match strangers.iter().find(|(given, _)| *given) {
+        Some((_, key)) => Err(format!("{whose} has no `{key}`: take it away")),
+        None => Ok(()),
+    }
+}
+
+/// Decodes an image of at most `max_texels`.
+pub(super) fn read_image(path: &Path, max_texels: u64) -> Result<Image, String> {
+    use image::ImageDecoder;
+
+    let unreadable = |e: std::io::Error| format!("cannot be read ({e}): check the path");
+    let mut reader = image::ImageReader::open(path)
+        .map_err(unreadable)?
+        .with_guessed_format()
+        .map_err(unreadable)?;
+    let mut limits = image::Limits::no_limits();
+    limits.max_alloc = Some(max_texels.saturating_mul(MOST_BYTES_PER_TEXEL));
+    reader.limits(limits);
+    let undecodable = |e: image::ImageError| {
+        let words: Vec<String> = e.to_string().split_whitespace().map(str::to_owned).collect();
+        format!("cannot be decoded ({}): save it as PNG or JPEG", words.join(" "))
+    };
+    let decoder = reader.into_decoder().map_err(undecodable)?;
+    let (width, height) = decoder.dimensions();
+    let texel_count = u64::from(width) * u64::from(height);
+    if texel_count == 0 || texel_count > max_texels {
+        return Err(format!(
+            "is {width} x {height}, which with the images before it is more than {max_texels} pixels: make it smaller"
+        ));
+    }
+    let texels = image::DynamicImage::from_decoder(decoder)
+        .map_err(undecodable)?
+        .into_rgba8();
+    Ok(Image {
+        name: path.display().to_string(),
+        width,
+        height,
+        texels: Texels::Bytes(texels.pixels().map(|p| p.0).collect()),
+    })
+}
+
+/// The most that a decoder may allocate for one texel: four channels of 16 bits.
+const MOST_BYTES_PER_TEXEL: u64 = 8;

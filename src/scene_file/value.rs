@@ -1,0 +1,548 @@
+//! Values as a person writes them: colours, vectors, parameters with or without a texture, each with its place in the
+//! file.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::{Deref, Range};
+
+use glam::DVec3;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{self, Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+
+/// A value and the bytes of the file that it was read from.
+#[derive(Clone, Debug)]
+pub(super) struct At<T> {
+    value: T,
+    pub(super) span: Range<usize>,
+}
+
+impl<T> Deref for At<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.value
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for At<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<At<T>, D::Error> {
+        let spanned = toml::Spanned::<T>::deserialize(deserializer)?;
+        let span = spanned.span();
+        Ok(At {
+            value: spanned.into_inner(),
+            span,
+        })
+    }
+}
+
+impl<T: JsonSchema> JsonSchema for At<T> {
+    fn schema_name() -> Cow<'static, str> {
+        T::schema_name()
+    }
+
+    fn inline_schema() -> bool {
+        T::inline_schema()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        T::json_schema(generator)
+    }
+}
+
+/// Linear RGB, none of it negative: one number for a grey, three, or "#rrggbb" by the sRGB curve.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(transparent)]
+pub(super) struct Color(pub(super) [f32; 3]);
+
+impl Color {
+    pub(super) const WHITE: Color = Color([1.0; 3]);
+
+    /// The one number that all channels have.
+    pub(super) fn grey(self) -> Option<f32> {
+        let [r, g, b] = self.0;
+        (r == g && g == b).then_some(r)
+    }
+}
+
+/// A [`Color`] with coverage as an optional fourth number, or "#rrggbbaa".
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(transparent)]
+pub(super) struct Rgba(pub(super) [f32; 4]);
+
+const COLOR_FORMS: &str = "a number, [red, green, blue] or \"#rrggbb\"";
+const RGBA_FORMS: &str =
+    "a number, [red, green, blue], [red, green, blue, alpha], \"#rrggbb\" or \"#rrggbbaa\"";
+
+/// Reads colours; the string says which forms are allowed.
+struct ColorVisitor(&'static str);
+
+impl<'de> Visitor<'de> for ColorVisitor {
+    type Value = Vec<f32>;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.0)
+    }
+
+    fn visit_f64<E: Error>(self, grey: f64) -> Result<Vec<f32>, E> {
+        channels([grey; 3])
+    }
+
+    fn visit_i64<E: Error>(self, grey: i64) -> Result<Vec<f32>, E> {
+        channels([grey as f64; 3])
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<Vec<f32>, E> {
+        hex_channels(text).ok_or_else(|| E::custom(format!("`{text}` is no colour: give {}", self.0)))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Vec<f32>, A::Error> {
+        let numbers = Vec::<f64>::deserialize(SeqAccessDeserializer::new(list))?;
+        channels(numbers)
+    }
+}
+
+fn channels<E: Error>(numbers: impl IntoIterator<Item = f64>) -> Result<Vec<f32>, E> {
+    let numbers: Vec<f32> = numbers.into_iter().map(|x| x as f32).collect();
+    if numbers.iter().all(|x| (0.0..f32::INFINITY).contains(x)) {
+        Ok(numbers)
+    } else {
+        Err(E::custom(
+            "a colour is negative or not finite: give numbers of 0 or more",
+        ))
+    }
+}
+
+/// The linear channels of "#rrggbb" or "#rrggbbaa".
+fn hex_channels(text: &str) -> Option<Vec<f32>> {
+    let digits = text.strip_prefix('#')?;
+    let is_color = matches!(digits.len(), 6 | 8) && digits.bytes().all(|b| b.is_ascii_hexdigit());
+    if !is_color {
+        return None;
+    }
+    let byte = |i: usize| u8::from_str_radix(&digits[2 * i..2 * i + 2], 16).ok();
+    (0..digits.len() / 2)
+        .map(|i| {
+            let encoded = f64::from(byte(i)?) / 255.0;
+            Some(if i < 3 { linear(encoded) } else { encoded } as f32)
+        })
+        .collect()
+}
+
+/// The sRGB curve, IEC 61966-2-1.
+fn linear(encoded: f64) -> f64 {
+    if encoded <= 0.04045 {
+        encoded / 12.92
+    } else {
+        ((encoded + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+impl<'de> Deserialize<'de> for Color {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Color, D::Error> {
+        let channels = deserializer.deserialize_any(ColorVisitor(COLOR_FORMS))?;
+        match channels[..] {
+            [r, g, b] => Ok(Color([r, g, b])),
+            _ => Err(de::Error::custom(format!(
+                "a colour has {} channels: give {COLOR_FORMS}",
+                channels.len()
+            ))),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Rgba {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Rgba, D::Error> {
+        let channels = deserializer.deserialize_any(ColorVisitor(RGBA_FORMS))?;
+        match channels[..] {
+            [r, g, b] => Ok(Rgba([r, g, b, 1.0])),
+            [r, g, b, a] => Ok(Rgba([r, g, b, a])),
+            _ => Err(de::Error::custom(format!(
+                "a colour has {} channels: give {RGBA_FORMS}",
+                channels.len()
+            ))),
+        }
+    }
+}
+
+impl JsonSchema for Color {
+    fn schema_name() -> Cow<'static, str> {
+        "Color".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "Linear RGB as one number for a grey or [red, green, blue], or sRGB as \"#rrggbb\".",
+            "anyOf": [
+                { "type": "number", "minimum": 0 },
+                { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 3 },
+                { "type": "string", "pattern": "^#[0-9a-fA-F]{6}$" },
+            ],
+        })
+    }
+}
+
+impl JsonSchema for Rgba {
+    fn schema_name() -> Cow<'static, str> {
+        "Rgba".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "Linear RGB as one number for a grey, [red, green, blue] or [red, green, blue, alpha], or \
+                            sRGB as \"#rrggbb\" or \"#rrggbbaa\".",
+            "anyOf": [
+                { "type": "number", "minimum": 0 },
+                { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 4 },
+                { "type": "string", "pattern": "^#([0-9a-fA-F]{6}|[0-9a-fA-F]{8})$" },
+            ],
+        })
+    }
+}
+
+/// Three finite numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Vector(pub(super) DVec3);
+
+impl<'de> Deserialize<'de> for Vector {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Vector, D::Error> {
+        let v = DVec3::from_array(<[f64; 3]>::deserialize(deserializer)?);
+        if v.is_finite() {
+            Ok(Vector(v))
+        } else {
+            Err(de::Error::custom("a coordinate is not finite: correct it"))
+        }
+    }
+}
+
+impl Serialize for Vector {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.to_array().serialize(serializer)
+    }
+}
+
+impl JsonSchema for Vector {
+    fn schema_name() -> Cow<'static, str> {
+        "Vector".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        <[f64; 3]>::json_schema(generator)
+    }
+}
+
+/// One number for all of N, or N numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Each<const N: usize>(pub(super) [f64; N]);
+
+struct EachVisitor<const N: usize>;
+
+impl<'de, const N: usize> Visitor<'de> for EachVisitor<N> {
+    type Value = Each<N>;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "a number or {N} numbers in brackets")
+    }
+
+    fn visit_f64<E: Error>(self, x: f64) -> Result<Each<N>, E> {
+        Ok(Each([x; N]))
+    }
+
+    fn visit_i64<E: Error>(self, x: i64) -> Result<Each<N>, E> {
+        Ok(Each([x as f64; N]))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Each<N>, A::Error> {
+        let numbers = Vec::<f64>::deserialize(SeqAccessDeserializer::new(list))?;
+        let count = numbers.len();
+        let numbers = numbers
+            .try_into()
+            .map_err(|_| A::Error::custom(format!("has {count} numbers: give one or {N}")))?;
+        Ok(Each(numbers))
+    }
+}
+
+impl<'de, const N: usize> Deserialize<'de> for Each<N> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Each<N>, D::Error> {
+        let each = deserializer.deserialize_any(EachVisitor::<N>)?;
+        if each.0.iter().all(|x| x.is_finite()) {
+            Ok(each)
+        } else {
+            Err(de::Error::custom("a number is not finite: correct it"))
+        }
+    }
+}
+
+impl<const N: usize> JsonSchema for Each<N> {
+    fn schema_name() -> Cow<'static, str> {
+        format!("NumberOr{N}").into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "anyOf": [
+                { "type": "number" },
+                { "type": "array", "items": { "type": "number" }, "minItems": N, "maxItems": N },
+            ],
+        })
+    }
+}
+
+/// A parameter of a material: a value, or a texture with a value that it multiplies.
+#[derive(Clone, Debug)]
+pub(super) enum Param<T> {
+    Value(T),
+    Textured(Textured<T>),
+}
+
+/// A texture on a parameter.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Textured<T> {
+    /// Name of a texture.
+    pub(super) texture: At<String>,
+    /// What it multiplies; 1 if absent.
+    pub(super) value: Option<T>,
+    /// Which set of texture coordinates of a mesh.
+    #[serde(default)]
+    pub(super) set: u32,
+    /// What u and v are multiplied by first: the number of repetitions.
+    pub(super) scale: Option<Each<2>>,
+    /// Degrees by which (u, v) are turned next, from u towards v.
+    #[serde(default)]
+    pub(super) rotate: f32,
+    /// What is added last.
+    #[serde(default)]
+    pub(super) offset: [f32; 2],
+    /// Scale of a normal map, strength of an occlusion map, height in metres of white in a bump map.
+    #[serde(default = "one")]
+    pub(super) strength: f32,
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+/// What a parameter's value may be.
+pub(super) trait Value: Sized {
+    const FORMS: &str;
+    const ONE: Self;
+}
+
+impl Value for Color {
+    const FORMS: &str = "a colour or { texture = \"NAME\" }";
+    const ONE: Color = Color::WHITE;
+}
+
+impl Value for Rgba {
+    const FORMS: &str = "a colour or { texture = \"NAME\" }";
+    const ONE: Rgba = Rgba([1.0; 4]);
+}
+
+impl Value for f32 {
+    const FORMS: &str = "a number or { texture = \"NAME\" }";
+    const ONE: f32 = 1.0;
+}
+
+struct ParamVisitor<T>(PhantomData<T>);
+
+impl<'de, T: Value + Deserialize<'de>> Visitor<'de> for ParamVisitor<T> {
+    type Value = Param<T>;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(T::FORMS)
+    }
+
+    fn visit_f64<E: Error>(self, x: f64) -> Result<Param<T>, E> {
+        T::deserialize(x.into_deserializer()).map(Param::Value)
+    }
+
+    fn visit_i64<E: Error>(self, x: i64) -> Result<Param<T>, E> {
+        T::deserialize(x.into_deserializer()).map(Param::Value)
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<Param<T>, E> {
+        T::deserialize(text.into_deserializer()).map(Param::Value)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Param<T>, A::Error> {
+        T::deserialize(SeqAccessDeserializer::new(list)).map(Param::Value)
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<Param<T>, A::Error> {
+        Textured::deserialize(MapAccessDeserializer::new(table)).map(Param::Textured)
+    }
+}
+
+impl<'de, T: Value + Deserialize<'de>> Deserialize<'de> for Param<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Param<T>, D::Error> {
+        deserializer.deserialize_any(ParamVisitor(PhantomData))
+    }
+}
+
+impl<T: JsonSchema> JsonSchema for Param<T> {
+    fn schema_name() -> Cow<'static, str> {
+        format!("ParameterOf{}", T::schema_name()).into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let value = generator.subschema_for::<T>();
+        let textured = generator.subschema_for::<Textured<T>>();
+        json_schema!({ "anyOf": [value, textured] })
+    }
+}
+
+impl<T: Value + Copy> Param<T> {
+    /// The value, whatever the texture.
+    pub(super) fn value(&self) -> T {
+        match self {
+            Param::Value(value) => *value,
+            Param::Textured(textured) => textured.value.unwrap_or(T::ONE),
+        }
+    }
+}
+
+/// The value of a parameter that only a texture can have.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum NoValue {}
+
+impl<'de> Deserialize<'de> for NoValue {
+    fn deserialize<D: Deserializer<'de>>(_: D) -> Result<NoValue, D::Error> {
+        Err(de::Error::custom(
+            "has no value besides its texture: leave it out",
+        ))
+    }
+}
+
+impl JsonSchema for NoValue {
+    fn schema_name() -> Cow<'static, str> {
+        "NoValue".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "not": {}, "description": "Not allowed here." })
+    }
+}
+
+/// One table, or a list of tables.
+#[derive(Debug)]
+pub(super) struct OneOrMany<T>(pub(super) Vec<At<T>>);
+
+impl<T> Default for OneOrMany<T> {
+    fn default() -> Self {
+        OneOrMany(Vec::new())
+    }
+}
+
+struct OneOrManyVisitor<T>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de>> Visitor<'de> for OneOrManyVisitor<T> {
+    type Value = Result<T, Vec<At<T>>>;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a table or several")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<Self::Value, A::Error> {
+        T::deserialize(MapAccessDeserializer::new(table)).map(Ok)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Self::Value, A::Error> {
+        Vec::deserialize(SeqAccessDeserializer::new(list)).map(Err)
+    }
+}
+
+/// What [`OneOrMany`] is read through, so that a single table has its place.
+struct Inner<T>(Result<T, Vec<At<T>>>);
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Inner<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Inner<T>, D::Error> {
+        deserializer
+            .deserialize_any(OneOrManyVisitor(PhantomData))
+            .map(Inner)
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMany<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<OneOrMany<T>, D::Error> {
+        let read = At::<Inner<T>>::deserialize(deserializer)?;
+        Ok(OneOrMany(match read.value.0 {
+            Ok(value) => vec![At {
+                value,
+                span: read.span,
+            }],
+            Err(several) => several,
+        }))
+    }
+}
+
+impl<T: JsonSchema> JsonSchema for OneOrMany<T> {
+    fn schema_name() -> Cow<'static, str> {
+        format!("OneOrMany{}", T::schema_name()).into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let one = generator.subschema_for::<T>();
+        json_schema!({ "anyOf": [one, { "type": "array", "items": one }] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    struct Holder<T> {
+        x: T,
+    }
+
+    fn read<'t, T: Deserialize<'t>>(text: &'t str) -> Result<T, toml::de::Error> {
+        toml::from_str::<Holder<T>>(text).map(|holder| holder.x)
+    }
+
+    #[test]
+    fn a_colour_is_a_grey_three_numbers_or_srgb() {
+        assert_eq!(read::<Color>("x = 2").unwrap(), Color([2.0; 3]));
+        assert_eq!(read::<Color>("x = [0, 0.5, 1]").unwrap(), Color([0.0, 0.5, 1.0]));
+        // sRGB 0.5019608 is linear 0.2158605.
+        let Color([r, g, b]) = read("x = \"#ff8000\"").unwrap();
+        assert_eq!((r, b), (1.0, 0.0));
+        assert!((g - 0.215_860_5).abs() < f32::EPSILON);
+        assert_eq!(
+            read::<Rgba>("x = \"#ffffff00\"").unwrap(),
+            Rgba([1.0, 1.0, 1.0, 0.0])
+        );
+    }
+
+    #[test]
+    fn what_is_no_colour_is_told_at_its_place() {
+        for bad in [
+            "x = -1",
+            "x = [0, 1]",
+            "x = \"red\"",
+            "x = [0, inf, 0]",
+            "x = \"#ff\"",
+            "x = \"#é1234\"",
+        ] {
+            let error = read::<Color>(bad).unwrap_err();
+            assert_eq!(error.span().unwrap().start, 4, "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_parameter_is_a_value_or_a_texture() {
+        assert_eq!(read::<Param<f32>>("x = 1").unwrap().value(), 1.0);
+        let textured: Param<Color> = read("x = { texture = \"wood\", value = 0.5 }").unwrap();
+        assert_eq!(textured.value(), Color([0.5; 3]));
+        let Param::Textured(textured) = textured else {
+            unreachable!()
+        };
+        assert_eq!((&**textured.texture, textured.texture.span.start), ("wood", 16));
+    }
+}

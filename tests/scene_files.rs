@@ -1,0 +1,243 @@
+//! Scene files as their users meet them: the examples, the schema, groups, copies, includes and the command line.
+
+mod cli_program;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use cli_program::{first_light, whit};
+use glam::DVec3;
+use whit::gltf::LoadOptions;
+use whit::scene::Scene;
+use whit::scene_file::{self, SceneFile};
+
+fn load(path: &Path) -> SceneFile {
+    scene_file::load(path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Loads the scene with this text, among `others`.
+fn load_text(text: &str, others: &[(&str, &str)]) -> SceneFile {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in others {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    let path = folder.path().join("scene.toml");
+    fs::write(&path, text).unwrap();
+    load(&path)
+}
+
+fn origins(scene: &Scene) -> Vec<DVec3> {
+    scene
+        .instances
+        .iter()
+        .map(|i| i.world_from_object().translation)
+        .collect()
+}
+
+fn examples() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|e| e == "toml"))
+        .collect();
+    paths.sort();
+    paths
+}
+
+#[test]
+fn every_example_loads_and_says_what_it_shows() {
+    assert!(examples().len() >= 3);
+    for path in examples() {
+        let text = fs::read_to_string(&path).unwrap();
+        let comment: Vec<&str> = text.lines().take_while(|line| line.starts_with('#')).collect();
+        assert!(comment.len() >= 2, "{}", path.display());
+        assert!(
+            comment.iter().any(|line| line.contains("Calls for:")),
+            "{}",
+            path.display()
+        );
+        assert!(load(&path).scene.validate().is_ok());
+    }
+}
+
+#[test]
+fn the_schema_in_the_repository_is_current() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/schema.json");
+    let stored = fs::read_to_string(path).unwrap();
+    assert!(
+        stored == scene_file::json_schema(),
+        "write it anew: whit schema > scenes/schema.json"
+    );
+    assert_eq!(whit(&["schema"]).stdout, stored);
+}
+
+#[test]
+fn the_schema_refuses_unknown_keys_as_the_reader_does() {
+    let schema: serde_json::Value = serde_json::from_str(&scene_file::json_schema()).unwrap();
+    assert_eq!(schema["additionalProperties"], false);
+    let definitions = schema["definitions"].as_object().unwrap();
+    for form in [
+        "ObjectForm",
+        "MaterialForm",
+        "LightForm",
+        "CameraForm",
+        "TextureForm",
+    ] {
+        assert_eq!(definitions[form]["additionalProperties"], false, "{form}");
+    }
+    assert_eq!(
+        definitions["LightForm"]["properties"]["intensity"]["default"],
+        1.0
+    );
+}
+
+#[test]
+fn nested_groups_and_copies_are_flattened_in_written_order() {
+    let scene = load_text(
+        "[[group.a.object]]\nshape = 'sphere'\nrepeat = { count = [2, 1, 1], step = [1, 0, 0] }\n\
+         [[group.b.object]]\ngroup = 'a'\ntransform = [{ scale = 2 }, { translate = [0, 5, 0] }]\n\
+         [[object]]\ngroup = 'b'\nrepeat = { count = [1, 1, 2], step = [0, 0, 7] }\n",
+        &[],
+    );
+    // In a: x = 0, 1. Doubled: 0, 2, lifted by 5; then once at z = 0 and once at z = 7.
+    let expected = [[0.0, 5.0, 0.0], [2.0, 5.0, 0.0], [0.0, 5.0, 7.0], [2.0, 5.0, 7.0]];
+    assert_eq!(origins(&scene.scene), expected.map(DVec3::from));
+    assert_eq!((scene.group_count, scene.scene.geometries.len()), (2, 1));
+}
+
+#[test]
+fn a_material_goes_to_members_that_have_none() {
+    let scene = load_text(
+        "[material.red]\n[material.blue]\n\
+         [[group.a.object]]\nshape = 'sphere'\nmaterial = 'red'\n[[group.a.object]]\nshape = 'cube'\n\
+         [[object]]\ngroup = 'a'\nmaterial = 'blue'\n[[object]]\ngroup = 'a'\n",
+        &[],
+    )
+    .scene;
+    let names: Vec<&str> = (scene.instances.iter())
+        .map(|i| &*scene.materials[i.material as usize].name)
+        .collect();
+    assert_eq!(names, ["red", "blue", "red", "default"]);
+}
+
+#[test]
+fn an_include_keeps_its_names_and_brings_its_lights_if_asked() {
+    let other = "[material.red]\nbase_color = 0.25\n[[light]]\nkind = 'point'\nposition = [1, 0, 0]\n\
+                 [[object]]\nshape = 'sphere'\nmaterial = 'red'\n";
+    let main = "[material.red]\nbase_color = 0.75\n[[object]]\nshape = 'sphere'\nmaterial = 'red'\n\
+                [[object]]\ninclude = 'other.toml'\nlights = true\ntransform = [{ translate = [0, 3, 0] }]\n\
+                [[object]]\ninclude = 'other.toml'\n";
+    let file = load_text(main, &[("other.toml", other)]);
+    let scene = &file.scene;
+    assert_eq!(
+        (scene.instances.len(), scene.lights.len(), file.include_count),
+        (3, 1, 1)
+    );
+    let color = |i: usize| scene.materials[scene.instances[i].material as usize].base_color[0];
+    assert_eq!((color(0), color(1)), (0.75, 0.25));
+    let whit::scene::LightKind::Point { position, .. } = scene.lights[0].kind else {
+        unreachable!()
+    };
+    assert_eq!(position, DVec3::new(1.0, 3.0, 0.0));
+}
+
+#[test]
+fn a_gltf_file_stands_where_it_is_placed_with_its_materials_or_another() {
+    let text = format!(
+        "[material.red]\n[[object]]\ngltf = '{0}'\n[[object]]\ngltf = '{0}'\nmaterial = 'red'\n\
+         transform = [{{ translate = [0, 100, 0] }}]\n",
+        first_light()
+    );
+    let file = load_text(&text, &[]);
+    let alone = whit::gltf::load(Path::new(&first_light()), &LoadOptions::default()).unwrap();
+    let count = alone.instances.len();
+    assert_eq!(file.scene.instances.len(), 2 * count);
+    assert_eq!(file.scene.geometries.len(), alone.geometries.len());
+    let red = file.scene.materials.iter().position(|m| m.name == "red").unwrap() as u32;
+    assert!(file.scene.instances[count..].iter().all(|i| i.material == red));
+    assert!(file.scene.instances[..count].iter().all(|i| i.material != red));
+    let tall = file.scene.bounds().extent().y - alone.bounds().extent().y;
+    assert!((tall - 100.0).abs() < 1e-3, "{tall}");
+}
+
+#[test]
+fn ten_thousand_scattered_copies_are_the_same_every_time() {
+    let text = "[[object]]\nshape = 'cube'\n\
+                scatter = { count = 10000, min = [-5, 0, -5], max = [5, 1, 5], turn = [0, 1, 0], scale = [0.1, 0.2] }\n";
+    let [one, other] = [(); 2].map(|()| origins(&load_text(text, &[]).scene));
+    assert_eq!(one.len(), 10_000);
+    assert_eq!(one, other);
+    assert!(one.iter().all(|p| p.x.abs() <= 5.0 && (0.0..=1.0).contains(&p.y)));
+    let mean = one.iter().sum::<DVec3>() / 1e4;
+    // Ten thousand uniform places of width 10: the mean is off by 10 / sqrt(12 * 10^4) = 0.03, five times that at most.
+    assert!(
+        mean.x.abs() < 0.15 && mean.z.abs() < 0.15 && (mean.y - 0.5).abs() < 0.015,
+        "{mean}"
+    );
+}
+
+#[test]
+fn a_mesh_that_is_carved_from_a_pattern_keeps_its_object_space() {
+    let text = |space: &str| {
+        format!(
+            "[shape.s.mesh]\nvertices = [[0,0,0],[1,0,0],[0,1,0]]\nuv = [[0,0],[1,0],[0,1]]\nfaces = [[0,1,2]]\n\
+             [texture.t]\npattern = 'wood'\nspace = '{space}'\n[material.m]\nbase_color = {{ texture = 't' }}\n\
+             [[object]]\nshape = 's'\nmaterial = 'm'\ntransform = [{{ translate = [0, 0, 2] }}]\n"
+        )
+    };
+    assert!(!load_text(&text("object"), &[]).scene.instances[0].is_identity());
+    assert!(load_text(&text("uv"), &[]).scene.instances[0].is_identity());
+}
+
+#[test]
+fn the_command_line_overrides_what_the_file_says_of_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let text = "[output]\nsize = [6, 4]\nspp = 2\ndepth = 3\n[[object]]\nshape = 'sphere'\n";
+    fs::write(at("a.toml"), text).unwrap();
+    let stats = |more: &[&str]| -> serde_json::Value {
+        let (scene, image, stats) = (at("a.toml"), at("a.png"), at("a.json"));
+        let run = whit(&[&["render", &scene, "-o", &image, "--stats", &stats], more].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        serde_json::from_slice(&fs::read(stats).unwrap()).unwrap()
+    };
+    let own = stats(&[]);
+    assert_eq!(
+        (own["image"]["width"].as_u64(), own["image"]["height"].as_u64()),
+        (Some(6), Some(4))
+    );
+    assert_eq!((own["spp"].as_u64(), own["depth"].as_u64()), (Some(2), Some(3)));
+    let other = stats(&["--size", "3x3", "--spp", "1", "--depth", "0"]);
+    assert_eq!(other["image"]["width"], 3);
+    assert_eq!(
+        (other["spp"].as_u64(), other["depth"].as_u64()),
+        (Some(1), Some(0))
+    );
+}
+
+#[test]
+fn info_tells_materials_media_shapes_and_groups() {
+    let path = examples()
+        .into_iter()
+        .find(|p| p.ends_with("ellipsoids.toml"))
+        .unwrap();
+    let run = whit(&["info", &path.display().to_string()]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    for words in [
+        "1 plane, 13 sphere",
+        "1 groups",
+        "`gold`, metallic-roughness",
+        "roughness 0.35",
+    ] {
+        assert!(run.stdout.contains(words), "{words} in {}", run.stdout);
+    }
+    let path = examples()
+        .into_iter()
+        .find(|p| p.ends_with("whitted_1980.toml"))
+        .unwrap();
+    let run = whit(&["info", &path.display().to_string()]);
+    for words in ["`glass`, lecture", "inside n = 1.1000", "textures on BaseColor"] {
+        assert!(run.stdout.contains(words), "{words} in {}", run.stdout);
+    }
+}

@@ -27,7 +27,8 @@ pub(super) struct SurfaceScene<'s> {
 
 struct InstanceView<'s> {
     kind: Kind<'s>,
-    material: &'s Material,
+    /// Index into the scene's materials.
+    material: u32,
     /// Whether the material is the same at every point: no texture, no vertex colour.
     uniform: bool,
     /// Whether object space is elsewhere than world space.
@@ -98,7 +99,7 @@ impl<'s> SurfaceScene<'s> {
             let colored = matches!(&kind, Kind::Mesh(mesh) if mesh.colors.is_some());
             InstanceView {
                 kind,
-                material,
+                material: instance.material,
                 uniform: !colored && !material.is_textured(),
                 is_placed: !instance.is_identity(),
             }
@@ -107,6 +108,11 @@ impl<'s> SurfaceScene<'s> {
             scene,
             views: views.collect(),
         }
+    }
+
+    #[inline(always)]
+    fn material_of(&self, view: &InstanceView) -> &'s Material {
+        &self.scene.materials[view.material as usize]
     }
 
     /// Works out the surfaces that a traced packet has met.
@@ -150,7 +156,7 @@ impl<'s> SurfaceScene<'s> {
             // Lanes without a hit may hold any material.
             Some(view) if view.uniform => {
                 if *filled_for != common.instance {
-                    materials.fill(view.material);
+                    materials.fill(self.material_of(view));
                     *filled_for = common.instance;
                 }
             }
@@ -167,7 +173,7 @@ impl<'s> SurfaceScene<'s> {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
-            materials.set(l, view.material);
+            materials.set(l, self.material_of(view));
             if !view.uniform {
                 self.vary(view, packet, l, materials);
             }
@@ -228,7 +234,7 @@ impl<'s> SurfaceScene<'s> {
     /// Multiplies textures and vertex colours into lane `l`.
     #[cold]
     fn vary(&self, view: &InstanceView, packet: &RayPacket, l: usize, materials: &mut MaterialPacket) {
-        for layer in &view.material.layers {
+        for layer in &self.material_of(view).layers {
             let encoding = layer.parameter.encoding();
             let coordinates = view.tex_coord(self.scene, layer.texture.tex_coord, packet, l);
             let Texture::Image { image, sampler } = self.scene.textures[layer.texture.texture as usize]
@@ -581,7 +587,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_instance_takes_the_renderer_at_most_32_bytes() {
-        assert!(size_of::<InstanceView>() <= 32, "{}", size_of::<InstanceView>());
+    fn an_instance_takes_the_renderer_at_most_24_bytes() {
+        assert!(size_of::<InstanceView>() <= 24, "{}", size_of::<InstanceView>());
     }
 }

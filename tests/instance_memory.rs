@@ -12,7 +12,7 @@ use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Shape, Sphere};
 
 /// What the renderer holds for an instance, which a test beside it holds it to.
-const RENDERER_BYTES: f64 = 32.0;
+const RENDERER_BYTES: f64 = 24.0;
 /// What an allocator adds to a block on the heap.
 const HEAP_BYTES: usize = 16;
 

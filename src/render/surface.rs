@@ -30,7 +30,8 @@ pub(super) struct SurfaceScene<'s> {
 
 pub(super) struct InstanceView<'s> {
     kind: Kind<'s>,
-    material: &'s Material,
+    /// Index into the scene's materials.
+    material: u32,
     /// Whether the material is the same at every point: no texture, no vertex colour.
     uniform: bool,
     /// Whether object space is elsewhere than world space.
@@ -106,7 +107,7 @@ impl<'s> SurfaceScene<'s> {
             let colored = matches!(&kind, Kind::Mesh(mesh) if mesh.colors.is_some());
             InstanceView {
                 kind,
-                material,
+                material: instance.material,
                 uniform: !colored && !material.is_textured(),
                 is_placed: !instance.is_identity(),
             }
@@ -116,6 +117,11 @@ impl<'s> SurfaceScene<'s> {
             textures: TextureSet::new(scene),
             views: views.collect(),
         }
+    }
+
+    #[inline(always)]
+    pub(super) fn material_of(&self, view: &InstanceView) -> &'s Material {
+        &self.scene.materials[view.material as usize]
     }
 
     /// Works out the surfaces that a traced packet has met.
@@ -146,7 +152,10 @@ impl<'s> SurfaceScene<'s> {
                     gathered.odd = view.is_odd();
                     mesh.gather_lanes(packet, gathered);
                 }
-                (Kind::Shape(_), _) => gathered.odd = true,
+                (Kind::Shape(_), _) => {
+                    gathered.odd = true;
+                    gathered.smooth = [false; LANES];
+                }
             },
             None => self.gather_by_lane(packet, gathered),
         }
@@ -159,7 +168,7 @@ impl<'s> SurfaceScene<'s> {
             // Lanes without a hit may hold any material.
             Some(view) if view.uniform => {
                 if *filled_for != common.instance {
-                    materials.fill(view.material);
+                    materials.fill(self.material_of(view));
                     *filled_for = common.instance;
                 }
             }
@@ -182,7 +191,7 @@ impl<'s> SurfaceScene<'s> {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
-            materials.set(l, view.material);
+            materials.set(l, self.material_of(view));
             if !view.uniform {
                 self.vary((packet, widths, l), points, materials);
             }
@@ -303,10 +312,6 @@ impl InstanceView<'_> {
     /// Whether its hits are no plain triangles in world space.
     fn is_odd(&self) -> bool {
         self.is_placed || matches!(self.kind, Kind::Shape(_))
-    }
-
-    pub(super) fn material(&self) -> &Material {
-        self.material
     }
 
     /// Texture coordinates of a hit and the point's derivatives by them, in world space; zero where there are none.
@@ -692,7 +697,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_instance_takes_the_renderer_at_most_32_bytes() {
-        assert!(size_of::<InstanceView>() <= 32, "{}", size_of::<InstanceView>());
+    fn an_instance_takes_the_renderer_at_most_24_bytes() {
+        assert!(size_of::<InstanceView>() <= 24, "{}", size_of::<InstanceView>());
     }
 }

@@ -64,11 +64,12 @@ impl SurfaceScene<'_> {
         materials: &mut MaterialPacket,
     ) {
         let view = self.view(packet.instance[l]);
+        let material = self.material_of(view);
         let instance = self.instance(packet.instance[l]);
         let hit = Textured::new((view, instance), (packet, widths, l), points);
-        let mut alpha = view.material().base_color[3];
+        let mut alpha = material.base_color[3];
         let mut normal = None;
-        for layer in &view.material().layers {
+        for layer in &material.layers {
             let (chart, at, footprint) = hit.look_up(layer);
             if layer.parameter == Parameter::Bump {
                 let object_from_world = instance.object_from_world().matrix3;
@@ -108,8 +109,8 @@ impl SurfaceScene<'_> {
             (0..3).for_each(|c| materials.base_color[c][l] *= color[c]);
             alpha *= color[3];
         }
-        materials.alpha[l] = view.material().alpha.coverage(alpha);
-        if view.material().model == Model::Unlit {
+        materials.alpha[l] = material.alpha.coverage(alpha);
+        if material.model == Model::Unlit {
             (0..3).for_each(|c| materials.emission[c][l] = materials.base_color[c][l]);
         }
         if let Some(n) = normal {

@@ -64,7 +64,13 @@ struct Way<'a> {
 
 impl Way<'_> {
     /// Takes each lane to the light or behind the surface that it has met.
-    fn pass_next(mut self, frame: &Frame, packet: &mut RayPacket, feeler: &mut Feeler, sheets: &mut Surfaces) {
+    fn pass_next(
+        mut self,
+        frame: &Frame,
+        packet: &mut RayPacket,
+        feeler: &mut Feeler,
+        sheets: &mut Surfaces,
+    ) {
         let any_hit = (0..LANES).any(|l| packet.active[l] != 0 && packet.instance[l] != NO_HIT);
         if any_hit {
             frame.surfaces.meet(packet, sheets);

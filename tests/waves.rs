@@ -11,7 +11,7 @@ use whit::image::LinearImage;
 use whit::render::{Monitor, RenderSettings, render};
 use whit::scene::Scene;
 
-use common::clear_scenes;
+use common::clear_scenes::{self, Division};
 use common::hits::Decision;
 use common::textbook::{Pixel, Request, picture};
 use common::wave_scenes::{self, WaveScene};
@@ -26,6 +26,9 @@ const VISIBLE: f64 = 1e-4;
 /// The bounds themselves must be worth something: in units of the picture's mean radiance, those of half, of 95 % and of
 /// 99.5 % of the pixels are at most these. They are wide only in sharp highlights and behind several curved mirrors.
 const USEFUL_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.95, 2e-3), (1.0 - EXPLAINED_SHARE, 0.1)];
+
+/// The same of bodies of glass, behind whose curved boundaries rays part.
+const USEFUL_CLEAR_BOUNDS: [(f64, f64); 3] = [(0.4, 2e-5), (0.5, 1e-4), (0.65, 1e-3)];
 
 fn backends() -> Vec<Backend> {
     let mut backends = vec![Backend::Brute, Backend::Bsp];
@@ -138,6 +141,10 @@ fn compare(wave_scene: &WaveScene, width: u32, height: u32, spp: u32) {
     compare_within(USEFUL_BOUNDS, wave_scene, (width, height, spp));
 }
 
+fn compare_clear(wave_scene: &WaveScene) {
+    compare_within(USEFUL_CLEAR_BOUNDS, wave_scene, (40, 30, 1));
+}
+
 fn compare_within(useful: [(f64, f64); 3], wave_scene: &WaveScene, (width, height, spp): (u32, u32, u32)) {
     let request = request(wave_scene, width, height, spp);
     let scene = &wave_scene.scene;
@@ -238,6 +245,21 @@ fn the_inside_of_a_sphere_is_as_the_textbook_has_it() {
 #[test]
 fn the_lectures_materials_are_as_the_textbook_has_them() {
     compare(&clear_scenes::blackboard(), 40, 30, 1);
+}
+
+#[test]
+fn paperweights_are_as_the_textbook_has_them() {
+    compare_clear(&clear_scenes::paperweights(Division::Fresnel));
+}
+
+#[test]
+fn paperweights_without_fresnel_are_as_the_textbook_has_them() {
+    compare_clear(&clear_scenes::paperweights(Division::Constant));
+}
+
+#[test]
+fn cut_out_and_partial_layers_are_as_the_textbook_has_them() {
+    compare_clear(&clear_scenes::veils());
 }
 
 #[test]

@@ -263,6 +263,11 @@ fn cut_out_and_partial_layers_are_as_the_textbook_has_them() {
 }
 
 #[test]
+fn prisms_part_colours_as_the_textbook_does() {
+    compare_clear(&clear_scenes::prisms());
+}
+
+#[test]
 fn any_number_of_samples_is_the_mean_that_the_textbook_takes() {
     // Packets of sixteen hold 16, 4 or 1 pixels by the number of samples: both ends of each, and one beyond.
     for spp in [1, 3, 4, 16, 17] {
@@ -317,7 +322,11 @@ fn any_number_of_threads_gives_the_same_bits_every_time() {
             .map(|v| v.to_bits())
             .collect::<Vec<u32>>()
     };
-    for wave_scene in [wave_scenes::facing_mirrors(), wave_scenes::textures()] {
+    for wave_scene in [
+        wave_scenes::facing_mirrors(),
+        wave_scenes::textures(),
+        clear_scenes::prisms(),
+    ] {
         let request = request(&wave_scene, 70, 50, 3);
         for backend in backends().into_iter().filter(|&b| b != Backend::Brute) {
             let mut first = None;

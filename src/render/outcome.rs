@@ -175,7 +175,8 @@ impl<'f, 's> Outcome<'f, 's> {
     /// Queues a ray if it still matters; otherwise its weight is booked as lost. Returns whether it was queued.
     pub(super) fn send(&mut self, sent: &Sent) -> bool {
         let settings = &self.frame.settings;
-        let largest = sent.weight.into_iter().fold(0.0, f32::max);
+        // Light of one wavelength may have negative weights.
+        let largest = sent.weight.into_iter().map(f32::abs).fold(0.0, f32::max);
         if !(largest > 0.0) {
             return false;
         }

@@ -172,7 +172,9 @@ impl Outcome<'_, '_> {
             } else {
                 f64::INFINITY
             };
-            let left = self.frame.transmittance(&travels[l].media, t * length);
+            // A ray that has passed something begins behind it.
+            let distance = (t - f64::from(packet.t_near[l])) * length;
+            let left = self.frame.transmittance(&travels[l].media, distance);
             for channel in 0..3 {
                 weight[channel][l] *= left[channel];
             }

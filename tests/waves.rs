@@ -258,6 +258,11 @@ fn paperweights_without_fresnel_are_as_the_textbook_has_them() {
 }
 
 #[test]
+fn ice_in_water_in_glass_is_as_the_textbook_has_it() {
+    compare_clear(&clear_scenes::tumbler());
+}
+
+#[test]
 fn the_view_from_under_water_is_as_the_textbook_has_it() {
     compare_clear(&clear_scenes::pool());
 }

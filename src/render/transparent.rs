@@ -28,7 +28,7 @@ pub(super) struct Boundary<'m> {
 impl Boundary<'_> {
     /// Whether bodies of higher priority hide it: the ray does not notice.
     pub(super) fn is_hidden(&self) -> bool {
-        !self.material.is_wall() && !self.crossing.is_real()
+        self.material.transmits() && !self.material.is_wall() && !self.crossing.is_real()
     }
 }
 

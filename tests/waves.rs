@@ -278,6 +278,11 @@ fn prisms_part_colours_as_the_textbook_does() {
 }
 
 #[test]
+fn panes_behind_a_window_are_as_the_textbook_has_them() {
+    compare_clear(&clear_scenes::window());
+}
+
+#[test]
 fn any_number_of_samples_is_the_mean_that_the_textbook_takes() {
     // Packets of sixteen hold 16, 4 or 1 pixels by the number of samples: both ends of each, and one beyond.
     for spp in [1, 3, 4, 16, 17] {

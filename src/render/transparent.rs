@@ -199,10 +199,8 @@ impl Outcome<'_, '_> {
                 .frame
                 .boundary(traced.packet.instance[l], from_outside, &travels[l].media);
             let mut coverage = surfaces.materials.alpha[l];
-            let mut media = travels[l].media;
             if boundary.is_hidden() {
                 coverage = 0.0;
-                media = boundary.crossing.through;
             }
             if coverage == 1.0 {
                 continue;
@@ -219,7 +217,11 @@ impl Outcome<'_, '_> {
                 },
                 pixel: traced.pixel[l],
                 weight,
-                travel: Some(Travel { media, ..travels[l] }),
+                // Through a gap in a body's surface a ray is inside it as well.
+                travel: Some(Travel {
+                    media: boundary.crossing.through,
+                    ..travels[l]
+                }),
             };
             self.refracted += u64::from(self.send(&sent));
         }

@@ -7,7 +7,7 @@ mod optical_bench;
 use glam::{DAffine3, DMat3, DVec3};
 use whit::render::{Pattern, Purpose, RenderSettings, sample_2d};
 use whit::scene::{Background, Camera, Geometry, Instance, Material, Model, Projection, Scene};
-use whit::shape::Sphere;
+use whit::shape::{Shape, Sphere};
 
 use optical_bench::{backends, picture, square};
 
@@ -106,7 +106,7 @@ fn pictures_show_what_lies_behind_the_lectures_points() {
             radius: 0.5,
         };
         let scene = Scene {
-            geometries: vec![Geometry::Sphere(behind)],
+            geometries: vec![Geometry::Shape(Shape::Sphere(behind))],
             instances: vec![Instance::new("behind the camera", 0, 0, DAffine3::IDENTITY).unwrap()],
             materials: vec![Material::default()],
             background,

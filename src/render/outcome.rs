@@ -192,7 +192,8 @@ impl<'f, 's> Outcome<'f, 's> {
     /// `steps` are those behind it, where the path itself does not count them.
     pub(super) fn send(&mut self, sent: &Sent, steps: u32) -> bool {
         let settings = &self.frame.settings;
-        let largest = sent.weight.into_iter().fold(0.0, f32::max);
+        // Light of one wavelength may have negative weights.
+        let largest = sent.weight.into_iter().map(f32::abs).fold(0.0, f32::max);
         if !(largest > 0.0) {
             return false;
         }

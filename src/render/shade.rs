@@ -124,7 +124,7 @@ pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &
             let arrived = light.intensity[channel] * arriving.attenuation[l];
             let value = lit.weight[channel][l] * (reflected[channel][l] * arrived);
             radiance[channel][l] = if reaches { value } else { 0.0 };
-            largest = largest.max(radiance[channel][l]);
+            largest = largest.max(radiance[channel][l].abs());
         }
         let active = -i32::from(largest > 0.0);
         feeler.active[l] = active;

@@ -24,6 +24,11 @@ impl Outcome<'_, '_> {
         let frame = self.frame;
         let Some(sheets) = &mut self.sheets else { return };
         let (packets, feelers, media) = self.feelers.take_with_media();
+        // The memory is that of earlier feelers, which have left where they went.
+        for packet in packets.iter_mut() {
+            packet.t_near = [0.0; LANES];
+            (0..LANES).for_each(|l| packet.forget_hit(l));
+        }
         let reaches: Vec<Lanes<f32>> = packets.iter().map(|packet| packet.t_far).collect();
         for _ in 0..MOST_SHEETS {
             if !packets.iter().any(RayPacket::any_active) {

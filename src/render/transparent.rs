@@ -29,7 +29,7 @@ pub(super) struct Boundary<'m> {
 impl Boundary<'_> {
     /// Whether bodies of higher priority hide it: the ray does not notice.
     pub(super) fn is_hidden(&self) -> bool {
-        !self.material.is_wall() && !self.crossing.is_real()
+        self.material.transmits() && !self.material.is_wall() && !self.crossing.is_real()
     }
 }
 
@@ -188,7 +188,9 @@ impl Outcome<'_, '_> {
             } else {
                 f64::INFINITY
             };
-            let left = self.frame.transmittance(&travels[l].media, t * length);
+            // A ray that has passed something begins behind it.
+            let distance = (t - f64::from(packet.t_near[l])) * length;
+            let left = self.frame.transmittance(&travels[l].media, distance);
             for channel in 0..3 {
                 weight[channel][l] *= left[channel];
             }
@@ -213,10 +215,8 @@ impl Outcome<'_, '_> {
                 .frame
                 .boundary(traced.packet.instance[l], from_outside, &travels[l].media);
             let mut coverage = surfaces.materials.alpha[l];
-            let mut media = travels[l].media;
             if boundary.is_hidden() {
                 coverage = 0.0;
-                media = boundary.crossing.through;
             }
             if coverage == 1.0 {
                 continue;
@@ -233,7 +233,11 @@ impl Outcome<'_, '_> {
                 },
                 pixel: traced.pixel[l],
                 weight,
-                travel: Some(Travel { media, ..travels[l] }),
+                // Through a gap in a body's surface a ray is inside it as well.
+                travel: Some(Travel {
+                    media: boundary.crossing.through,
+                    ..travels[l]
+                }),
             };
             self.refracted += u64::from(self.send(&sent, 0));
         }

@@ -12,12 +12,18 @@ use glam::DVec3;
 /// Half the spacing of f32 around 1: the relative error of one rounding.
 pub const ROUNDING: f64 = 1.0 / 16_777_216.0;
 
+/// The bound of a number of which nothing is known. Finite, so that a sign still counts for which nobody vouches.
+const LOST: f64 = 1e30;
+
+/// Bounds beyond this promise nothing.
+pub const HOPELESS: f64 = 1e6;
+
 /// A number and a bound on the error that an f32 computation of it may have.
 #[derive(Clone, Copy, Debug)]
 pub struct Approx {
     /// What the referee thinks, in f64.
     pub value: f64,
-    /// How far an f32 computation may be from it; infinite where nothing can be promised.
+    /// How far an f32 computation may be from it; huge where nothing can be promised.
     pub error: f64,
 }
 
@@ -37,13 +43,13 @@ impl Approx {
 
     /// The result of one more f32 operation on operands that bring in `inherited`.
     fn computed(value: f64, inherited: f64) -> Approx {
-        let error = inherited + ROUNDING * value.abs();
-        if value.is_finite() && error.is_finite() {
+        let error = (inherited + ROUNDING * value.abs()).min(LOST);
+        if value.is_finite() && !error.is_nan() {
             Approx { value, error }
         } else {
             Approx {
                 value: if value.is_finite() { value } else { 0.0 },
-                error: f64::INFINITY,
+                error: LOST,
             }
         }
     }
@@ -111,6 +117,20 @@ impl Approx {
         let squared = self.value * self.value + x.value * x.value;
         let moved = self.value.abs() * x.error + x.value.abs() * self.error;
         Approx::computed(self.value.atan2(x.value), moved / squared)
+    }
+
+    /// e to this power.
+    pub fn exp(self) -> Approx {
+        let value = self.value.exp();
+        Approx::computed(value, value * self.error.exp_m1())
+    }
+
+    /// The number, which is not negative, to this power, which is at least 0.
+    pub fn powf(self, exponent: f64) -> Approx {
+        let at = |x: f64| x.max(0.0).powf(exponent);
+        let value = at(self.value);
+        let inherited = (at(self.value + self.error) - value).max(value - at(self.value - self.error));
+        Approx::computed(value, inherited)
     }
 
     /// How sure the sign is: the value in units of its error bound. Beyond ±1 no f32 computation can get it wrong.
@@ -181,7 +201,7 @@ impl Div for Approx {
         let inherited = if certain > 0.0 {
             (self.error + quotient.abs() * b.error) / certain
         } else {
-            f64::INFINITY
+            LOST
         };
         Approx::computed(quotient, inherited)
     }
@@ -256,6 +276,11 @@ impl Approx3 {
     pub fn normalize(self) -> Approx3 {
         let length = self.length();
         Approx3::from(self.to_array().map(|v| v / length))
+    }
+
+    /// What is farthest from zero, without its sign.
+    pub fn largest(self) -> Approx {
+        Approx3::from(self.to_array().map(Approx::abs)).max_element()
     }
 
     /// The channel of the largest value.

@@ -28,6 +28,10 @@ pub enum Decision {
     Texel,
     /// Whether a surface is rough enough to be no mirror.
     Mirror,
+    /// Whether a boundary reflects all light.
+    TotalReflection,
+    /// Whether a masked surface is there.
+    Coverage,
     /// Whether a path weighs enough to be followed.
     Cutoff,
     /// No flip, but a value so badly conditioned that nothing can be promised.
@@ -70,10 +74,44 @@ impl Doubt {
 pub struct Ray {
     pub origin: Approx3,
     pub direction: Approx3,
-    pub t_near: f64,
+    pub t_near: Approx,
     pub t_far: f64,
-    /// Instance and primitive of the surface that the ray leaves, which it cannot meet at its start.
-    pub leaves: Option<(u32, u32)>,
+    /// The surface that the ray begins on, which it cannot meet at its start.
+    pub leaves: Option<Left>,
+}
+
+/// A surface on which a ray begins.
+#[derive(Clone, Copy, Debug)]
+pub struct Left {
+    pub instance: u32,
+    pub primitive: u32,
+    /// Whether the ray starts elsewhere and has gone straight through it, at its `t_near`.
+    pub is_passed: bool,
+}
+
+impl Ray {
+    /// The same ray behind what it has met.
+    pub fn beyond(self, found: &Found) -> Ray {
+        Ray {
+            t_near: found.t,
+            leaves: Some(Left {
+                is_passed: true,
+                ..found.left()
+            }),
+            ..self
+        }
+    }
+}
+
+impl Found {
+    /// As the surface on which a new ray begins.
+    pub fn left(&self) -> Left {
+        Left {
+            instance: self.instance,
+            primitive: self.primitive,
+            is_passed: false,
+        }
+    }
 }
 
 /// The nearest thing that a ray meets.
@@ -189,6 +227,12 @@ impl<'s> World<'s> {
         surest > 0.0
     }
 
+    /// Whether an instance that `stops` light lies within the segment beyond any doubt.
+    pub fn surely_blocked(&self, ray: &Ray, stops: impl Fn(u32) -> bool) -> bool {
+        self.candidates(ray)
+            .any(|c| c.slack > 1.0 && stops(c.found.instance))
+    }
+
     /// Every primitive that the ray may come near.
     fn candidates(&self, ray: &Ray) -> impl Iterator<Item = Candidate> {
         let (origin, direction) = (ray.origin.value(), ray.direction.value());
@@ -212,7 +256,9 @@ impl<'s> World<'s> {
     }
 
     fn candidate(&self, ray: &Ray, instance: u32, primitive: u32) -> Option<Candidate> {
-        let leaving = ray.leaves == Some((instance, primitive));
+        let leaves = ray
+            .leaves
+            .filter(|left| (left.instance, left.primitive) == (instance, primitive));
         let placed = &self.scene.instances[instance as usize];
         let local = if placed.world_from_object() == DAffine3::IDENTITY {
             *ray
@@ -226,15 +272,15 @@ impl<'s> World<'s> {
         };
         let (weights, t) = match &self.scene.geometries[placed.geometry as usize] {
             // A flat triangle is never met again by a ray that leaves it.
-            Geometry::Mesh(_) if leaving => return None,
+            Geometry::Mesh(_) if leaves.is_some() => return None,
             Geometry::Mesh(mesh) => triangle(&local, corners(mesh, primitive))?,
             Geometry::Shape(Shape::Sphere(sphere)) => {
                 let f = local.origin - Approx3::exact(sphere.center);
-                sphere_root(&local, f, sphere.radius, leaving)
+                sphere_root(&local, f, sphere.radius, leaves)?
             }
             Geometry::Shape(_) => return None,
         };
-        let range = (t - Approx::exact(ray.t_near)).slack().min(below(t, ray.t_far));
+        let range = (t - ray.t_near).slack().min(below(t, ray.t_far));
         let found = Found {
             instance,
             primitive,
@@ -309,8 +355,8 @@ fn inside(slacks: [f64; 3]) -> f64 {
     }
 }
 
-/// The sphere |f + t d|² = r²: the nearer root within the interval, or the other root for a ray that starts on it.
-fn sphere_root(ray: &Ray, f: Approx3, radius: f64, leaving: bool) -> (Weights, Approx) {
+/// The sphere |f + t d|² = r²: the nearer root within the interval, or the other root for a ray that begins on it.
+fn sphere_root(ray: &Ray, f: Approx3, radius: f64, leaves: Option<Left>) -> Option<(Weights, Approx)> {
     let d = ray.direction;
     let a = d.dot(d);
     let middle = -f.dot(d) / a;
@@ -322,19 +368,25 @@ fn sphere_root(ray: &Ray, f: Approx3, radius: f64, leaving: bool) -> (Weights, A
         };
         (weights, t)
     };
-    if leaving {
-        return root(f64::INFINITY, middle + middle);
-    }
     let aside = f + d * middle;
     let inside = Approx::rounded(radius).squared() - aside.dot(aside);
     let half_chord = (inside / a).sqrt();
+    match leaves {
+        Some(Left { is_passed: false, .. }) => return Some(root(f64::INFINITY, middle + middle)),
+        // Passed at its first root: the second is ahead, and none after that.
+        Some(_) if ray.t_near.value < middle.value => {
+            return Some(root(f64::INFINITY, middle + half_chord));
+        }
+        Some(_) => return None,
+        None => {}
+    }
     let first = middle - half_chord;
-    let t = if first.value >= ray.t_near {
+    let t = if first.value >= ray.t_near.value {
         first
     } else {
         middle + half_chord
     };
-    root(inside.slack(), t)
+    Some(root(inside.slack(), t))
 }
 
 /// The three corners of a triangle in object space.

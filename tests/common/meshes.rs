@@ -50,6 +50,60 @@ pub fn wedge() -> Mesh {
     }
 }
 
+/// The cube [-1, 1]³, each face as two triangles that face outward.
+pub fn cube() -> Mesh {
+    let corner = |i: u32| [0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 });
+    let faces = [
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+    ];
+    let triangles: Vec<[u32; 3]> = faces
+        .into_iter()
+        .flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]])
+        .collect();
+    Mesh {
+        positions: (0..8).map(corner).collect::<Vec<[f32; 3]>>().into(),
+        triangles: triangles.into(),
+        ..Mesh::default()
+    }
+}
+
+/// A prism along z with an equilateral base of circumradius 1.
+pub fn prism() -> Mesh {
+    let corner = |i: u32| {
+        let (sin, cos) = (f64::from(i % 3) * 2.0 * FRAC_PI_3 + 0.5 * FRAC_PI_3 * 3.0).sin_cos();
+        [cos as f32, sin as f32, if i < 3 { -1.0 } else { 1.0 }]
+    };
+    Mesh {
+        positions: (0..6).map(corner).collect::<Vec<[f32; 3]>>().into(),
+        triangles: vec![
+            [0, 2, 1],
+            [3, 4, 5],
+            [0, 1, 4],
+            [0, 4, 3],
+            [1, 2, 5],
+            [1, 5, 4],
+            [2, 0, 3],
+            [2, 3, 5],
+        ]
+        .into(),
+        ..Mesh::default()
+    }
+}
+
+/// The same surface with its inside outside: a cavity.
+pub fn inverted(mesh: Mesh) -> Mesh {
+    let triangles: Vec<[u32; 3]> = mesh.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
+    Mesh {
+        triangles: triangles.into(),
+        ..mesh
+    }
+}
+
 /// Whether a mesh has normals of its own.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Shading {

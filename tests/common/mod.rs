@@ -3,10 +3,15 @@
 #![allow(dead_code, unreachable_pub, reason = "each test program uses a part of it")]
 
 pub mod approx;
+pub mod bodies;
+pub mod clear_scenes;
 pub mod hits;
 pub mod meshes;
 #[cfg(test)]
 mod referee;
+#[cfg(test)]
+mod referee_clear;
 pub mod surface;
+pub mod texels;
 pub mod textbook;
 pub mod wave_scenes;

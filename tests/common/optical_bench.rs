@@ -22,7 +22,7 @@ use whit::scene::{
     Background, Camera, Geometry, Instance, Interior, Lecture, Material, MetallicRoughness, Model,
     Projection, Scene,
 };
-use whit::shape::Sphere;
+use whit::shape::{Shape, Sphere};
 
 /// Red of what leaves upwards and green of what leaves downwards, by the height of the direction; blue of everything.
 const GAUGE: Background = Background::Gradient {
@@ -193,7 +193,7 @@ impl Beam {
 impl Bench {
     pub fn sphere(material: Material, backend: Backend, depth: u32) -> Bench {
         Bench {
-            geometry: Geometry::Sphere(Sphere::UNIT),
+            geometry: Geometry::Shape(Shape::Sphere(Sphere::UNIT)),
             place: DAffine3::IDENTITY,
             material,
             backend,

@@ -3,15 +3,15 @@
 use glam::{DAffine3, DVec3, Vec3};
 use whit::mesh::Mesh;
 use whit::scene::{
-    Falloff, Filter, Geometry, Image, Layer, LightKind, Material, Parameter, Sampler, Scene, Texels, Texture,
-    TextureUse, Wrap,
+    Background, Falloff, Filter, Geometry, Image, Layer, LightKind, Material, Parameter, Sampler, Scene,
+    Texels, Texture, TextureUse, Wrap,
 };
 use whit::shape::{Shape, Sphere};
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, Ray, World};
 use super::meshes::{Shading, ball, rectangle};
-use super::surface::srgb;
+use super::texels::srgb;
 use super::textbook::{Pixel, Request, picture};
 use super::wave_scenes::{
     add_geometry, add_material, camera, light, matte, metal, moved, perspective, place,
@@ -24,6 +24,7 @@ const SINGLE: Request = Request {
     spp: 1,
     depth: 0,
     weight_cutoff: 0.0,
+    wavelengths: 1,
 };
 
 /// Roundings of the camera ray to f32 move the point that is seen: a few 2^-24 of any result.
@@ -75,6 +76,7 @@ fn in_a_white_furnace_a_white_dielectric_shines_by_its_diffuse_and_its_specular_
     let smooth = add_geometry(&mut scene, Geometry::Mesh(ball(2, Shading::Smooth)));
     place(&mut scene, smooth, white, DAffine3::IDENTITY);
     scene.ambient = [1.0; 3];
+    scene.background = Background::Uniform([1.0; 3]);
     scene.cameras = vec![camera([0.3, 0.2, 4.0], [0.0; 3], perspective(0.7))];
     let request = Request {
         width: 16,
@@ -105,6 +107,7 @@ fn in_a_white_furnace_a_perfect_mirror_cannot_be_seen() {
         DAffine3::from_scale(DVec3::new(1.0, 0.7, 0.9)),
     );
     scene.ambient = [1.0; 3];
+    scene.background = Background::Uniform([1.0; 3]);
     scene.cameras = vec![camera([0.3, 0.2, 4.0], [0.0; 3], perspective(0.7))];
     let request = Request {
         width: 16,
@@ -320,7 +323,7 @@ fn brute_force_is_sure_inside_and_outside_and_in_doubt_on_an_edge() {
         let ray = Ray {
             origin: Approx3::exact([10.0 + x, 10.0 + y, 5.0]),
             direction: Approx3::exact([0.0, 0.0, -2.0]),
-            t_near: 0.0,
+            t_near: Approx::ZERO,
             t_far: f64::INFINITY,
             leaves: None,
         };

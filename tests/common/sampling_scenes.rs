@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::{DAffine3, DVec3};
 use whit::gltf::{LoadOptions, load};
-use whit::scene::{Geometry, LightKind, Material, Scene};
+use whit::scene::{Background, Geometry, LightKind, Material, Scene};
 use whit::shape::{Shape, Sphere};
 
 use super::meshes::rectangle;
@@ -57,6 +57,7 @@ pub fn mostly_empty() -> Scene {
 pub fn mirrored_spheres() -> Scene {
     let mut scene = Scene {
         ambient: [0.1, 0.15, 0.3],
+        background: Background::Uniform([0.1, 0.15, 0.3]),
         ..Scene::default()
     };
     let silver = add_material(&mut scene, metal([0.95, 0.93, 0.9], 0.0));
@@ -137,6 +138,7 @@ pub fn noise() -> Scene {
 fn lit(ambient: [f32; 3]) -> Scene {
     Scene {
         ambient,
+        background: Background::Uniform(ambient),
         lights: vec![sun()],
         ..Scene::default()
     }

@@ -1,16 +1,16 @@
-//! What a ray has met, made ready to be shaded: normals, texture values, the glTF lobe.
-
-use std::f64::consts::{PI, TAU};
+//! What a ray has met, made ready to be shaded: normals, texture values, glTF's lobe and the lecture's highlight.
 
 use glam::{DAffine3, DVec3};
 use whit::mesh::Mesh;
+use whit::optics::LINE_D;
 use whit::scene::{
-    Filter, Geometry, Image, Instance, Material, Model, Parameter, Scene, Texels, Texture, TextureUse, Wrap,
+    AlphaMode, Geometry, Instance, Lecture, Material, MetallicRoughness, Model, Parameter, Scene, TextureUse,
 };
 use whit::shape;
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, Found, Ray, World, corners, transform_point, transform_vector};
+use super::texels::{Inputs, interpolate, linear_color, opacity, srgb_color};
 
 /// Roughness up to which a surface is a mirror.
 const MIRROR_ROUGHNESS: f32 = 0.1;
@@ -28,14 +28,60 @@ pub struct Surface {
     pub ns: Approx3,
     /// To the viewer.
     pub wo: Approx3,
+    /// Whether it is seen from outside: the front of a triangle, the outer side of a sphere.
+    pub is_outside: bool,
+    /// The part of the surface that is there.
+    pub coverage: Approx,
     pub emission: Approx3,
+    /// What the ambient light is multiplied by.
+    pub ambient: Approx3,
+    /// How it answers lights.
+    pub answer: Answer,
+    /// How it mirrors what lets no light through.
+    pub mirror: Mirror,
+    /// What passes of light that is let in: zero for what is opaque.
+    pub tint: Approx3,
+    /// What light is multiplied by that is reflected by a boundary which lets light through.
+    pub reflected_tint: Approx3,
+    /// Whether Fresnel's equations divide the light at such a boundary.
+    pub obeys_fresnel: bool,
+    /// Whether such a boundary sends a mirror ray.
+    pub is_smooth: bool,
+}
+
+/// A lighting model with its coefficients.
+pub enum Answer {
+    Gltf(Gltf),
+    Lecture {
+        /// rd, times the base colour.
+        diffuse: Approx3,
+        /// rsp.
+        specular: Approx3,
+        /// f.
+        exponent: f64,
+    },
+}
+
+/// The numbers of glTF's lobe.
+#[derive(Clone, Copy)]
+pub struct Gltf {
     /// Diffuse albedo.
-    pub c_diff: Approx3,
+    c_diff: Approx3,
     /// Reflectance at normal incidence.
-    pub f0: Approx3,
+    f0: Approx3,
+    /// Reflectance at grazing incidence.
+    f90: Approx,
     /// The square of the roughness.
-    pub alpha: Approx,
-    pub is_mirror: bool,
+    alpha: Approx,
+}
+
+/// How much a surface mirrors.
+pub enum Mirror {
+    None,
+    /// The same at all angles: the lecture's kr.
+    Constant(Approx3),
+    /// By Schlick's formula.
+    Schlick(Gltf),
 }
 
 impl Surface {
@@ -70,6 +116,7 @@ struct Shape {
     ng: Approx3,
     ns: Approx3,
     wo: Approx3,
+    is_outside: bool,
 }
 
 /// Where an object stands and from where it is seen.
@@ -85,7 +132,14 @@ impl Place<'_> {
         let [v0, v1, v2] = corners(mesh, found.primitive);
         let p = Approx3::exact(v0) + Approx3::exact(v1 - v0) * found.u + Approx3::exact(v2 - v0) * found.v;
         let [e1, e2] = [v1 - v0, v2 - v0].map(|e| Approx3::rounded(map.transform_vector3(e)));
-        let ng = facing(e1.cross(e2).normalize(), self.wo, doubt);
+        // Counterclockwise in object space is outside, which a mirroring map turns round.
+        let winding = e1.cross(e2).normalize();
+        let outward = if map.matrix3.determinant() < 0.0 {
+            -winding
+        } else {
+            winding
+        };
+        let ng = facing(outward, self.wo, doubt);
         let size =
             [v0, v1, v2].iter().fold(DVec3::ZERO, |m, v| m.max(v.abs())) + (v1 - v0).abs() + (v2 - v0).abs();
         let mut ns = self.interpolated_normal(mesh, found, ng, doubt).unwrap_or(ng);
@@ -94,17 +148,19 @@ impl Place<'_> {
         if seen.value <= 0.0 {
             ns = ng;
         }
-        self.shape(p, size, ng, ns)
+        let is_outside = outward.dot(self.wo).value >= 0.0;
+        self.shape(p, size, [ng, ns], is_outside)
     }
 
     fn on_sphere(&self, p: Approx3, outward: Approx3, doubt: &mut Doubt) -> Shape {
         let n = self.transform_normal(outward);
         let ng = facing(n, self.wo, doubt);
-        self.shape(p, p.value().abs(), ng, ng)
+        let is_outside = n.dot(self.wo).value >= 0.0;
+        self.shape(p, p.value().abs(), [ng, ng], is_outside)
     }
 
     /// The parts put together; `size` is the largest coordinate that took part in finding `p`, in object space.
-    fn shape(&self, p: Approx3, size: DVec3, ng: Approx3, ns: Approx3) -> Shape {
+    fn shape(&self, p: Approx3, size: DVec3, [ng, ns]: [Approx3; 2], is_outside: bool) -> Shape {
         // A step off the surface is a few roundings of the coordinates and of the triangle's extent.
         let step = DVec3::splat(8.0 * ROUNDING * size.max_element());
         let map = &self.instance.world_from_object();
@@ -122,6 +178,7 @@ impl Place<'_> {
             ng,
             ns,
             wo: self.wo,
+            is_outside,
         }
     }
 
@@ -153,225 +210,206 @@ fn facing(n: Approx3, toward: Approx3, doubt: &mut Doubt) -> Approx3 {
     if side.value < 0.0 { -n } else { n }
 }
 
-/// The barycentric mean of what the triangle's corners have.
-fn interpolate(mesh: &Mesh, found: &Found, corner: impl Fn(u32) -> Approx3) -> Approx3 {
-    let [a, b, c] = mesh.triangles[found.primitive as usize].map(corner);
-    // By differences, so that doubt about the weights counts only as far as the corners differ; and the roundings of
-    // a weighted sum, which is what others may compute.
-    let largest = a.value().abs().max(b.value().abs()).max(c.value().abs());
-    (a + (b - a) * found.u + (c - a) * found.v).widened(4.0 * ROUNDING * largest)
-}
-
-/// What a mesh brings to the material.
-struct Inputs<'a> {
-    color: Approx3,
-    tex_coord: Box<dyn Fn(u32) -> [Approx; 2] + 'a>,
-}
-
-impl<'a> Inputs<'a> {
-    fn of_mesh(mesh: &'a Mesh, found: &'a Found) -> Inputs<'a> {
-        let color = mesh.colors.as_ref().map_or(Approx3::ONE, |colors| {
-            let rgb = |v: u32| {
-                let [r, g, b, _] = colors[v as usize];
-                Approx3::exact_f32([r, g, b])
-            };
-            interpolate(mesh, found, rgb)
-        });
-        let tex_coord = move |set: u32| {
-            mesh.tex_coords
-                .get(set as usize)
-                .map_or([Approx::ZERO; 2], |coords| {
-                    let uv = |v: u32| {
-                        let [u, v] = coords[v as usize];
-                        Approx3::exact_f32([u, v, 0.0])
-                    };
-                    let uv = interpolate(mesh, found, uv);
-                    [uv.x, uv.y]
-                })
-        };
-        Inputs {
-            color,
-            tex_coord: Box::new(tex_coord),
-        }
-    }
-
-    /// Longitude from +x towards +y over the whole turn, latitude from the south pole over half of it.
-    fn of_sphere(outward: Approx3) -> Inputs<'a> {
-        let [x, y, z] = outward.to_array();
-        let angle = y.atan2(x) / Approx::rounded(TAU);
-        let longitude = if angle.value < 0.0 {
-            angle + Approx::ONE
-        } else {
-            angle
-        };
-        let latitude = (x.squared() + y.squared()).sqrt().atan2(-z) / Approx::rounded(PI);
-        Inputs {
-            color: Approx3::ONE,
-            tex_coord: Box::new(move |_| [longitude, latitude]),
-        }
-    }
-
-    fn lookup(
-        &self,
-        scene: &Scene,
-        texture: Option<TextureUse>,
-        decode: fn(u8) -> f64,
-        doubt: &mut Doubt,
-    ) -> Approx3 {
-        texture.map_or(Approx3::ONE, |used| {
-            let Texture::Image { image, sampler } = scene.textures[used.texture as usize] else {
-                unreachable!("the scenes' textures are images")
-            };
-            let image = &scene.images[image as usize];
-            let [u, v] = (self.tex_coord)(used.tex_coord);
-            let across = Axis {
-                at: u * f64::from(image.width),
-                count: i64::from(image.width),
-                wrap: sampler.wrap_u,
-            };
-            let down = Axis {
-                at: v * f64::from(image.height),
-                count: i64::from(image.height),
-                wrap: sampler.wrap_v,
-            };
-            let texel = |i: i64, j: i64| decoded(image, across.wrapped(i), down.wrapped(j), decode);
-            match sampler.filter {
-                Filter::Nearest => texel(across.cell(0.0, doubt).0, down.cell(0.0, doubt).0),
-                Filter::Linear | Filter::Mipmap => {
-                    let (i, x) = across.cell(0.5, doubt);
-                    let (j, y) = down.cell(0.5, doubt);
-                    let mix = |a: Approx3, b: Approx3, w: Approx| a * (1.0 - w) + b * w;
-                    let top = mix(texel(i, j), texel(i + 1, j), x);
-                    let bottom = mix(texel(i, j + 1), texel(i + 1, j + 1), x);
-                    mix(top, bottom, y)
-                }
-            }
-        })
-    }
-}
-
-/// A coordinate of a texture, in texels.
-struct Axis {
-    at: Approx,
-    count: i64,
-    wrap: Wrap,
-}
-
-impl Axis {
-    /// The cell of unit length that the coordinate lies in, the first of which starts at `offset`, and where in it.
-    fn cell(&self, offset: f64, doubt: &mut Doubt) -> (i64, Approx) {
-        let at = self.at - Approx::exact(offset);
-        let index = at.value.floor();
-        let within = at - Approx::exact(index);
-        doubt.note(Decision::Texel, within.slack().min((1.0 - within).slack()));
-        (index as i64, within)
-    }
-
-    fn wrapped(&self, index: i64) -> usize {
-        let wrapped = match self.wrap {
-            Wrap::Repeat => index.rem_euclid(self.count),
-            Wrap::ClampToEdge => index.clamp(0, self.count - 1),
-            Wrap::MirroredRepeat => {
-                let period = index.rem_euclid(2 * self.count);
-                if period < self.count {
-                    period
-                } else {
-                    2 * self.count - 1 - period
-                }
-            }
-        };
-        wrapped as usize
-    }
-}
-
-fn decoded(image: &Image, i: usize, j: usize, decode: fn(u8) -> f64) -> Approx3 {
-    let Texels::Bytes(texels) = &image.texels else {
-        unreachable!("the scenes' images have 8 bits")
-    };
-    let [r, g, b, _] = texels[j * image.width as usize + i];
-    Approx3::rounded([r, g, b].map(decode))
-}
-
-/// IEC 61966-2-1, its piecewise curve.
-pub fn srgb(byte: u8) -> f64 {
-    let v = f64::from(byte) / 255.0;
-    if v <= 0.04045 {
-        v / 12.92
-    } else {
-        ((v + 0.055) / 1.055).powf(2.4)
-    }
-}
-
-fn linear(byte: u8) -> f64 {
-    f64::from(byte) / 255.0
-}
-
 fn texture_on(material: &Material, parameter: Parameter) -> Option<TextureUse> {
     material.layer(parameter).map(|layer| layer.texture)
 }
 
+/// What textures and vertex colours make of a material's parameters.
+struct Looks<'a> {
+    scene: &'a Scene,
+    material: &'a Material,
+    inputs: &'a Inputs<'a>,
+    doubt: &'a mut Doubt,
+}
+
+impl Looks<'_> {
+    fn lookup(&mut self, parameter: Parameter, decode: fn([u8; 4]) -> [f64; 3]) -> Approx3 {
+        let texture = texture_on(self.material, parameter);
+        self.inputs.lookup(self.scene, texture, decode, self.doubt)
+    }
+
+    fn base(&mut self) -> Approx3 {
+        let [r, g, b, _] = self.material.base_color;
+        Approx3::exact_f32([r, g, b]) * self.lookup(Parameter::BaseColor, srgb_color) * self.inputs.color
+    }
+
+    /// glTF 2.0, 3.9.4.
+    fn coverage(&mut self) -> Approx {
+        if self.material.alpha == AlphaMode::Opaque {
+            return Approx::ONE;
+        }
+        let factor = Approx::exact(f64::from(self.material.base_color[3]));
+        let alpha = factor * self.lookup(Parameter::BaseColor, opacity).x * self.inputs.alpha;
+        match self.material.alpha {
+            AlphaMode::Mask(cutoff) => {
+                let above = alpha - Approx::exact(f64::from(cutoff));
+                self.doubt.note(Decision::Coverage, above.slack());
+                if above.value >= 0.0 {
+                    Approx::ONE
+                } else {
+                    Approx::ZERO
+                }
+            }
+            _ => alpha.clamp(0.0, 1.0),
+        }
+    }
+
+    fn gltf(&mut self, model: &MetallicRoughness) -> Shades {
+        let base = self.base();
+        let textured = texture_on(self.material, Parameter::MetallicRoughness).is_some();
+        let grey = self.lookup(Parameter::MetallicRoughness, linear_color);
+        let roughness = (grey.y * f64::from(model.roughness)).clamp(0.0, 1.0);
+        let metallic = (grey.z * f64::from(model.metallic)).clamp(0.0, 1.0);
+        let above_mirror = roughness.value - f64::from(MIRROR_ROUGHNESS);
+        if textured {
+            self.doubt.note(Decision::Mirror, above_mirror / roughness.error);
+        }
+        let is_mirror = above_mirror <= 0.0;
+        let dielectric = 1.0 - metallic;
+        let specular = Approx::exact(f64::from(model.specular)) * self.lookup(Parameter::Specular, opacity).x;
+        let specular_color =
+            Approx3::exact_f32(model.specular_color) * self.lookup(Parameter::SpecularColor, srgb_color);
+        let through = self.lookup(Parameter::Transmission, linear_color).x * f64::from(model.transmission);
+        let normal_incidence = self.material.interior.map_or(0.04, |inside| {
+            let n = inside.ior.ior(LINE_D);
+            ((n - 1.0) / (n + 1.0)).powi(2)
+        });
+        let f0 = Approx3::from(
+            (specular_color * Approx::rounded(normal_incidence))
+                .to_array()
+                .map(|v| v.clamp(0.0, 1.0)),
+        );
+        let gltf = Gltf {
+            c_diff: base * (dielectric * (1.0 - through)),
+            f0: f0 * (specular * dielectric) + base * metallic,
+            f90: specular * dielectric + metallic,
+            alpha: roughness.squared(),
+        };
+        // A mirror shows its surroundings itself.
+        let glossy = if is_mirror { Approx3::ZERO } else { gltf.f0 };
+        Shades {
+            ambient: gltf.c_diff + glossy,
+            answer: Answer::Gltf(gltf),
+            mirror: if is_mirror {
+                Mirror::Schlick(gltf)
+            } else {
+                Mirror::None
+            },
+            tint: base * (through * dielectric),
+            reflected_tint: specular_color * specular,
+            obeys_fresnel: true,
+            is_smooth: is_mirror,
+        }
+    }
+
+    fn lecture(&mut self, model: &Lecture) -> Shades {
+        let base = self.base();
+        let reflection =
+            Approx3::exact_f32(model.reflection) * self.lookup(Parameter::Reflection, linear_color);
+        let through =
+            Approx3::exact_f32(model.transmission) * self.lookup(Parameter::Transmission, linear_color);
+        Shades {
+            ambient: Approx3::exact_f32(model.ambient) * base,
+            answer: Answer::Lecture {
+                diffuse: Approx3::exact_f32(model.diffuse) * base,
+                specular: Approx3::exact_f32(model.specular)
+                    * self.lookup(Parameter::SpecularColor, srgb_color),
+                exponent: f64::from(model.exponent),
+            },
+            mirror: if model.reflection == [0.0; 3] {
+                Mirror::None
+            } else {
+                Mirror::Constant(reflection)
+            },
+            tint: through,
+            reflected_tint: reflection,
+            obeys_fresnel: model.fresnel,
+            is_smooth: true,
+        }
+    }
+}
+
+/// The half of a [`Surface`] that a model decides.
+struct Shades {
+    ambient: Approx3,
+    answer: Answer,
+    mirror: Mirror,
+    tint: Approx3,
+    reflected_tint: Approx3,
+    obeys_fresnel: bool,
+    is_smooth: bool,
+}
+
+/// A lecture's surface that answers no light.
+const SILENT: Lecture = Lecture {
+    ambient: [0.0; 3],
+    diffuse: [0.0; 3],
+    ..Lecture::DEFAULT
+};
+
 impl Shape {
     fn shaded_as(self, scene: &Scene, instance: &Instance, inputs: &Inputs, doubt: &mut Doubt) -> Surface {
         let material = &scene.materials[instance.material as usize];
-        let Model::MetallicRoughness(model) = material.model else {
-            unreachable!("the referee knows one model")
-        };
-        let [r, g, b, _] = material.base_color;
-        let base = Approx3::exact_f32([r, g, b])
-            * inputs.lookup(scene, texture_on(material, Parameter::BaseColor), srgb, doubt)
-            * inputs.color;
-        let grey = inputs.lookup(
+        let mut looks = Looks {
             scene,
-            texture_on(material, Parameter::MetallicRoughness),
-            linear,
+            material,
+            inputs,
             doubt,
-        );
-        let roughness = (grey.y * f64::from(model.roughness)).clamp(0.0, 1.0);
-        let metallic = (grey.z * f64::from(model.metallic)).clamp(0.0, 1.0);
-        let textured = texture_on(material, Parameter::MetallicRoughness).is_some();
-        let above_mirror = roughness.value - f64::from(MIRROR_ROUGHNESS);
-        if textured {
-            doubt.note(Decision::Mirror, above_mirror / roughness.error);
-        }
-        let emission = Approx3::exact_f32(material.emission)
-            * inputs.lookup(scene, texture_on(material, Parameter::Emission), srgb, doubt);
-        let dielectric = 1.0 - metallic;
+        };
+        let shades = match &material.model {
+            Model::MetallicRoughness(model) => looks.gltf(model),
+            Model::Lecture(model) => looks.lecture(model),
+            Model::Unlit => looks.lecture(&SILENT),
+        };
+        let emission = match &material.model {
+            Model::Unlit => looks.base(),
+            _ => Approx3::exact_f32(material.emission) * looks.lookup(Parameter::Emission, srgb_color),
+        };
+        let occlusion = material.layer(Parameter::Occlusion).map_or(Approx::ONE, |layer| {
+            let lit = looks.lookup(Parameter::Occlusion, linear_color).x;
+            1.0 - (1.0 - lit) * f64::from(layer.strength)
+        });
         Surface {
             p: self.p,
             start: self.start,
             ng: self.ng,
             ns: self.ns,
             wo: self.wo,
+            is_outside: self.is_outside,
+            coverage: looks.coverage(),
             emission,
-            c_diff: base * dielectric,
-            f0: Approx3::splat(dielectric * Approx::rounded(0.04)) + base * metallic,
-            alpha: roughness.squared(),
-            is_mirror: above_mirror <= 0.0,
+            ambient: shades.ambient * occlusion,
+            answer: shades.answer,
+            mirror: shades.mirror,
+            tint: shades.tint,
+            reflected_tint: shades.reflected_tint,
+            obeys_fresnel: shades.obeys_fresnel,
+            is_smooth: shades.is_smooth,
         }
     }
 }
 
-impl Surface {
+impl Gltf {
     /// Schlick's Fresnel term.
-    pub fn fresnel(&self, cos: Approx) -> Approx3 {
+    fn fresnel(&self, cos: Approx) -> Approx3 {
         let rest = (1.0 - cos.abs()).positive_part();
         let fifth = rest.squared().squared() * rest;
-        self.f0 + (Approx3::ONE - self.f0) * fifth
+        self.f0 + (Approx3::splat(self.f90) - self.f0) * fifth
     }
 
     /// What part of light from `wi` goes to the viewer: glTF 2.0, Appendix B.
-    pub fn lobe(&self, wi: Approx3) -> Approx3 {
-        let h = (wi + self.wo).normalize();
-        let f = self.fresnel(self.wo.dot(h));
+    fn lobe(&self, ns: Approx3, wo: Approx3, wi: Approx3) -> Approx3 {
+        let h = (wi + wo).normalize();
+        let f = self.fresnel(wo.dot(h));
         let pi = Approx::rounded(std::f64::consts::PI);
         let diffuse = (Approx3::ONE - f) * self.c_diff * (Approx::ONE / pi);
         if self.alpha.value == 0.0 {
             return diffuse;
         }
         let a2 = self.alpha.squared();
-        let [n_h, n_l, n_v] = [h, wi, self.wo].map(|w| self.ns.dot(w));
+        let [n_h, n_l, n_v] = [h, wi, wo].map(|w| ns.dot(w));
         // (N·H)²(α² - 1) + 1, with 1 - (N·H)² as |N×H|²: the bound of the difference would swallow sharp highlights.
-        let across = self.ns.cross(h);
+        let across = ns.cross(h);
         let width = across.dot(across) + a2 * n_h.squared();
         // The peak, where the width is α², is as high as it gets; of that even f32 is sure, to a few roundings.
         let peak = Approx::ONE / (pi * a2);
@@ -379,6 +417,44 @@ impl Surface {
         let smith = |cos: Approx| cos.abs() + (a2 + (1.0 - a2) * cos.squared()).sqrt();
         let v = Approx::ONE / (smith(n_l) * smith(n_v));
         diffuse + f * (d * v)
+    }
+}
+
+impl Surface {
+    /// Whether light goes through it, where it is there.
+    pub fn lets_through(&self) -> bool {
+        self.tint.value() != DVec3::ZERO
+    }
+
+    /// The share of a mirror ray that makes this angle with the normal; `None` for what is no mirror.
+    pub fn mirror_share(&self, cos: Approx) -> Option<Approx3> {
+        match &self.mirror {
+            Mirror::None => None,
+            Mirror::Constant(share) => Some(*share),
+            Mirror::Schlick(gltf) => Some(gltf.fresnel(cos)),
+        }
+    }
+
+    /// What the viewer gets of a unit of light that arrives from `wi`, whose cosine with the normal is `cos`, if positive.
+    pub fn answer(&self, wi: Approx3, cos: Approx, doubt: &mut Doubt) -> Approx3 {
+        match &self.answer {
+            Answer::Gltf(gltf) => gltf.lobe(self.ns, self.wo, wi) * cos,
+            Answer::Lecture {
+                diffuse,
+                specular,
+                exponent,
+            } => {
+                let s_m = self.ns.dot(wi);
+                if specular.value() == DVec3::ZERO {
+                    return *diffuse * cos;
+                }
+                doubt.note(Decision::Horizon, s_m.slack());
+                // r is s mirrored at the normal.
+                let r = self.ns * (s_m + s_m) - wi;
+                let highlight = r.dot(self.wo).clamp(0.0, 1.0).powf(*exponent);
+                *diffuse * cos + *specular * highlight
+            }
+        }
     }
 
     /// Whether a direction goes off the surface on the side that is seen.

@@ -395,7 +395,7 @@ pub fn place(scene: &mut Scene, geometry: u32, material: u32, world_from_object:
 }
 
 /// Places a mesh by moving its vertices, as it is done with every mesh that is used once.
-fn bake(scene: &mut Scene, mesh: Mesh, material: u32, world_from_object: DAffine3) {
+pub fn bake(scene: &mut Scene, mesh: Mesh, material: u32, world_from_object: DAffine3) {
     let moved = |p: &[f32; 3]| world_from_object.transform_point3(Vec3::from(*p).as_dvec3());
     let normal_map = world_from_object.matrix3.inverse().transpose();
     let turned = |n: &[f32; 3]| (normal_map * Vec3::from(*n).as_dvec3()).normalize_or_zero();
@@ -432,7 +432,7 @@ pub fn light(intensity: [f32; 3], kind: LightKind) -> Light {
     }
 }
 
-fn spot(position: [f64; 3], direction: [f64; 3]) -> LightKind {
+pub fn spot(position: [f64; 3], direction: [f64; 3]) -> LightKind {
     LightKind::Spot {
         position: position.into(),
         direction: DVec3::from(direction).normalize(),
@@ -468,12 +468,12 @@ pub fn moved(x: f64, y: f64, z: f64) -> DAffine3 {
 }
 
 /// From a rectangle that stands, facing +z, to one that lies, facing up.
-fn lying() -> DAffine3 {
+pub fn lying() -> DAffine3 {
     DAffine3::from_rotation_x(-0.5 * PI)
 }
 
 /// An image of pseudo-random bytes (the multiplier is Knuth's).
-fn noise(width: u32, height: u32, seed: u32) -> Image {
+pub fn noise(width: u32, height: u32, seed: u32) -> Image {
     let byte =
         |index: u32| (seed.wrapping_mul(0x9e37_79b9) ^ index.wrapping_mul(2_654_435_761)).rotate_left(13);
     Image {

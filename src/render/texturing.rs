@@ -145,14 +145,18 @@ impl<'a> Textured<'a> {
     ) -> Textured<'a> {
         let direction = packet.ray(l).direction.as_dvec3();
         let length = direction.length();
+        let ng = points.geometric_normal(l);
+        // Just under the surface: a face of the solid that a pattern is carved from may lie exactly between two cells.
+        let inward = if points.front[l] { -ng } else { ng };
+        let carved = points.point(l) + inward * points.error(l);
         let cone = widths.at_start(l).after(f64::from(packet.t_far[l]) * length);
         Textured {
             view,
             instance,
             packet,
             l,
-            p_object: instance.object_from_world().transform_point3(points.point(l)),
-            axes: axes_on_surface(cone.width, direction / length, points.geometric_normal(l)),
+            p_object: instance.object_from_world().transform_point3(carved),
+            axes: axes_on_surface(cone.width, direction / length, ng),
         }
     }
 

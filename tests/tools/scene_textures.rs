@@ -15,10 +15,17 @@ fn main() -> ExitCode {
         eprintln!("usage: scene-textures FOLDER");
         return ExitCode::from(2);
     };
-    for (name, picture) in [("globe.png", globe()), ("leaves.png", leaves()), ("lattice.png", lattice())] {
+    for (name, picture) in [
+        ("globe.png", globe()),
+        ("leaves.png", leaves()),
+        ("lattice.png", lattice()),
+    ] {
         let path = Path::new(&folder).join(name);
         if let Err(error) = picture.save(&path) {
-            eprintln!("{}: cannot be written ({error}): choose another folder", path.display());
+            eprintln!(
+                "{}: cannot be written ({error}): choose another folder",
+                path.display()
+            );
             return ExitCode::from(2);
         }
     }
@@ -28,7 +35,10 @@ fn main() -> ExitCode {
 /// A planet in longitude and latitude: seas, land, deserts and ice, by the height of a few waves on the sphere.
 fn globe() -> RgbaImage {
     RgbaImage::from_fn(256, 128, |x, y| {
-        let (longitude, latitude) = ((x as f32 + 0.5) / 256.0 * TAU, (0.5 - (y as f32 + 0.5) / 128.0) * TAU / 2.0);
+        let (longitude, latitude) = (
+            (x as f32 + 0.5) / 256.0 * TAU,
+            (0.5 - (y as f32 + 0.5) / 128.0) * TAU / 2.0,
+        );
         let p = [
             latitude.cos() * longitude.cos(),
             latitude.cos() * longitude.sin(),
@@ -84,11 +94,19 @@ fn leaves() -> RgbaImage {
 fn leaf_at(px: f32, py: f32, leaf: u8) -> Option<bool> {
     let side = if leaf.is_multiple_of(2) { 1.0 } else { -1.0 };
     let stalk = -0.8 + 0.19 * f32::from(leaf);
-    let angle: f32 = if leaf == 8 { 0.25 * TAU } else { 0.25 * TAU - side * 0.85 };
+    let angle: f32 = if leaf == 8 {
+        0.25 * TAU
+    } else {
+        0.25 * TAU - side * 0.85
+    };
     let (dx, dy) = (px, py - stalk.min(0.45));
     let along = dx * angle.cos() + dy * angle.sin();
     let across = dy * angle.cos() - dx * angle.sin();
-    let length = if leaf == 8 { 0.5 } else { 0.72 - 0.03 * f32::from(leaf) };
+    let length = if leaf == 8 {
+        0.5
+    } else {
+        0.72 - 0.03 * f32::from(leaf)
+    };
     let s = along / length;
     let half_width = 0.42 * length * (s * (1.0 - s)).max(0.0).sqrt() * (1.0 - 0.45 * s);
     ((0.0..1.0).contains(&s) && across.abs() < half_width).then_some(across.abs() < 0.012)

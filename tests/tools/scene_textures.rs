@@ -1,0 +1,126 @@
+//! Draws the images that scenes refer to, each from a rule, into `scenes/textures`.
+//!
+//! ```text
+//! cargo run --release --example scene-textures -- scenes/textures
+//! ```
+
+use std::f32::consts::TAU;
+use std::path::Path;
+use std::process::ExitCode;
+
+use image::{Rgba, RgbaImage};
+
+fn main() -> ExitCode {
+    let Some(folder) = std::env::args().nth(1) else {
+        eprintln!("usage: scene-textures FOLDER");
+        return ExitCode::from(2);
+    };
+    for (name, picture) in [
+        ("globe.png", globe()),
+        ("leaves.png", leaves()),
+        ("lattice.png", lattice()),
+    ] {
+        let path = Path::new(&folder).join(name);
+        if let Err(error) = picture.save(&path) {
+            eprintln!(
+                "{}: cannot be written ({error}): choose another folder",
+                path.display()
+            );
+            return ExitCode::from(2);
+        }
+    }
+    ExitCode::SUCCESS
+}
+
+/// A planet in longitude and latitude: seas, land, deserts and ice, by the height of a few waves on the sphere.
+fn globe() -> RgbaImage {
+    RgbaImage::from_fn(256, 128, |x, y| {
+        let (longitude, latitude) = (
+            (x as f32 + 0.5) / 256.0 * TAU,
+            (0.5 - (y as f32 + 0.5) / 128.0) * TAU / 2.0,
+        );
+        let p = [
+            latitude.cos() * longitude.cos(),
+            latitude.cos() * longitude.sin(),
+            latitude.sin(),
+        ];
+        let height = height(p);
+        let is_ice = latitude.abs() > 1.15 + 0.2 * height;
+        let [r, g, b] = match () {
+            () if is_ice => [236, 242, 246],
+            () if height < 0.0 => [24, 78, 150],
+            () if height < 0.06 => [214, 196, 132],
+            () if height < 0.45 => [70, 138, 62],
+            () => [138, 112, 84],
+        };
+        Rgba([r, g, b, 255])
+    })
+}
+
+/// The height of the land at a point of the unit sphere: waves along seven directions, each shorter and lower.
+fn height(p: [f32; 3]) -> f32 {
+    let mut sum = -0.08;
+    let (mut length, mut amplitude) = (1.9, 0.55);
+    for wave in 0..7u8 {
+        let angle = f32::from(wave) * 2.4;
+        let tilt = (f32::from(wave) * 1.7).sin();
+        let along = p[0] * angle.cos() + p[1] * angle.sin() + p[2] * tilt;
+        sum += amplitude * (length * along + f32::from(wave) * 1.3).sin();
+        length *= 1.62;
+        amplitude *= 0.74;
+    }
+    sum
+}
+
+/// Leaves around a twig on nothing: coverage 1 on them, 0 elsewhere.
+fn leaves() -> RgbaImage {
+    RgbaImage::from_fn(128, 128, |x, y| {
+        let (px, py) = ((x as f32 + 0.5) / 64.0 - 1.0, 1.0 - (y as f32 + 0.5) / 64.0);
+        let mut texel = [70, 110, 40, 0];
+        if px.abs() < 0.02 && py < 0.7 {
+            texel = [92, 66, 40, 255];
+        }
+        for leaf in 0..9u8 {
+            if let Some(vein) = leaf_at(px, py, leaf) {
+                let green = 150 - u8::from(vein) * 46 + leaf * 6;
+                texel = [56 + leaf * 8, green, 34, 255];
+            }
+        }
+        Rgba(texel)
+    })
+}
+
+/// Whether leaf number `leaf` covers the point, and if so whether it is a vein there.
+fn leaf_at(px: f32, py: f32, leaf: u8) -> Option<bool> {
+    let side = if leaf.is_multiple_of(2) { 1.0 } else { -1.0 };
+    let stalk = -0.8 + 0.19 * f32::from(leaf);
+    let angle: f32 = if leaf == 8 {
+        0.25 * TAU
+    } else {
+        0.25 * TAU - side * 0.85
+    };
+    let (dx, dy) = (px, py - stalk.min(0.45));
+    let along = dx * angle.cos() + dy * angle.sin();
+    let across = dy * angle.cos() - dx * angle.sin();
+    let length = if leaf == 8 {
+        0.5
+    } else {
+        0.72 - 0.03 * f32::from(leaf)
+    };
+    let s = along / length;
+    let half_width = 0.42 * length * (s * (1.0 - s)).max(0.0).sqrt() * (1.0 - 0.45 * s);
+    ((0.0..1.0).contains(&s) && across.abs() < half_width).then_some(across.abs() < 0.012)
+}
+
+/// A wrought lattice: bars and rings, with holes between them.
+fn lattice() -> RgbaImage {
+    RgbaImage::from_fn(128, 128, |x, y| {
+        let (px, py) = ((x as f32 + 0.5) / 64.0 - 1.0, (y as f32 + 0.5) / 64.0 - 1.0);
+        let is_bar = px.abs() > 0.93 || py.abs() > 0.93;
+        let is_ring = (px.hypot(py) - 0.62).abs() < 0.07;
+        let is_diagonal = (px.abs() - py.abs()).abs() < 0.09 && px.hypot(py) > 0.55;
+        let is_knob = px.hypot(py) < 0.16;
+        let covered = is_bar || is_ring || is_diagonal || is_knob;
+        Rgba([58, 54, 60, if covered { 255 } else { 0 }])
+    })
+}

@@ -126,6 +126,18 @@ fn in_a_placed_mesh_the_lowest_of_coincident_primitives_is_hit() {
 }
 
 #[test]
+fn of_coincident_placed_meshes_the_lowest_instance_is_hit() {
+    let aside = DAffine3::from_translation(DVec3::X * 4.0);
+    check(
+        &scene(
+            vec![square(0.0, all_orders())],
+            &[(0, aside), (0, aside), (0, aside)],
+        ),
+        &rays(4.0),
+    );
+}
+
+#[test]
 fn a_hundred_thousand_coincident_triangles_are_built_and_only_the_first_is_hit() {
     let all_alike = [vec![[0, 2, 3]], vec![[0, 1, 2]; 100_000]].concat();
     let scene = scene(vec![square(0.0, all_alike)], &[(0, DAffine3::IDENTITY)]);

@@ -280,6 +280,8 @@ fn fill_camera_packet(
     if let Some(eye) = eye {
         packet.origin = eye.to_array().map(|axis| [axis as f32; LANES]);
     }
-    packet.t_near = [frame.view.t_near() as f32; LANES];
+    // Only what is beyond the near plane is seen, and intervals include their ends.
+    let near = frame.view.t_near() as f32;
+    packet.t_near = [if near > 0.0 { near.next_up() } else { near }; LANES];
     packet.t_far = [frame.view.t_far() as f32; LANES];
 }

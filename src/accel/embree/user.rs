@@ -311,6 +311,10 @@ fn answer_shape<const W: usize>(
     hit
 }
 
+/// Nearest hits are asked for a little beyond the ray's end, and judged afterwards: Embree compares a triangle's distance
+/// before the division that makes it `t`, and so may refuse a hit whose `t` is exactly the end, which a tie is.
+const REACH: f32 = 1.0 + 1.0 / (1 << 20) as f32;
+
 impl Call {
     /// Carries the rays into a placed mesh's object space and traces its own scene with the query at hand.
     #[inline(always)]
@@ -330,7 +334,11 @@ impl Call {
         let object_from_world: DAffine3 = instance.object_from_world();
         let mut lanes = Lanes::<W>::new();
         for lane in (0..W).filter(|&lane| asked[lane] != 0) {
-            let ray = ray_of(&origin, &direction, (t_near[lane], t_far[lane]), lane);
+            let end = match question {
+                Question::Nearest => t_far[lane] * REACH,
+                Question::Any => t_far[lane],
+            };
+            let ray = ray_of(&origin, &direction, (t_near[lane], end), lane);
             lanes.set(lane, &object_ray(&object_from_world, &ray));
         }
         let mut hit = [0; W];
@@ -351,7 +359,13 @@ impl Call {
         }
         for lane in (0..W).filter(|&lane| lanes.is_active(lane)) {
             let found = match question {
-                Question::Nearest if lanes.get(row::INSTANCE, lane) != NO_HIT => hit_of(&lanes, lane),
+                Question::Nearest if lanes.get(row::INSTANCE, lane) != NO_HIT => {
+                    let found = hit_of(&lanes, lane);
+                    if found.t > t_far[lane] {
+                        continue;
+                    }
+                    found
+                }
                 Question::Any if f32::from_bits(lanes.get(row::T_FAR, lane)) == f32::NEG_INFINITY => {
                     hit_of(&lanes, lane)
                 }

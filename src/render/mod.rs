@@ -322,6 +322,7 @@ impl<'s> Frame<'s> {
             camera_cone: settings.camera_cone(&view),
             filters: used().any(|material| material.layers.iter().any(|layer| scene.is_filtered(layer))),
         };
+        frame.set_samples_aside();
         frame.media_at_eye = frame.media_around(frame.view.ray(0.5, 0.5).origin);
         frame
     }
@@ -334,6 +335,23 @@ impl<'s> Frame<'s> {
     /// Whether there are surfaces that light goes through.
     fn has_sheets(&self) -> bool {
         self.features.transmits || self.features.covers
+    }
+
+    /// Works out what samples add to the directions of their pixels' corners, where that is the same for all packets.
+    fn set_samples_aside(&mut self) {
+        if self.view.eye().is_none() || self.shape.block != 1 || self.layout.is_per_pixel() {
+            return;
+        }
+        let [width, height] = self.pixel_size;
+        for group in &mut self.groups {
+            let mut aside = [[0.0; LANES]; 3];
+            for l in 0..LANES {
+                let [x, y] = group.position.each_ref().map(|position| position[l]);
+                let step = self.view.aside(x * width, y * height).to_array();
+                (0..3).for_each(|axis| aside[axis][l] = step[axis]);
+            }
+            group.aside = Some(aside);
+        }
     }
 
     /// The bodies around `p`, by the surfaces that a ray from there meets: a body that is left before it is entered is

@@ -265,20 +265,28 @@ fn fill_camera_packet(
         };
         packet.active[l] = -i32::from(inside & group.exists[l]);
     }
-    let eye = frame.view.eye();
-    for l in 0..LANES {
-        let x = f64::from(tile.x + corner.0 + frame.pixels[0][l]) + position[0][l];
-        let y = f64::from(tile.y + corner.1 + frame.pixels[1][l]) + position[1][l];
-        let ray = frame.view.ray(x * frame.pixel_size[0], y * frame.pixel_size[1]);
-        for axis in 0..3 {
-            if eye.is_none() {
-                packet.origin[axis][l] = ray.origin[axis] as f32;
+    let on_film = |x: f64, y: f64| frame.view.ray(x * frame.pixel_size[0], y * frame.pixel_size[1]);
+    match &group.aside {
+        Some(aside) => {
+            let first = on_film(f64::from(tile.x + corner.0), f64::from(tile.y + corner.1));
+            for axis in 0..3 {
+                packet.origin[axis] = [first.origin[axis] as f32; LANES];
+                for l in 0..LANES {
+                    packet.direction[axis][l] = (first.direction[axis] + aside[axis][l]) as f32;
+                }
             }
-            packet.direction[axis][l] = ray.direction[axis] as f32;
         }
-    }
-    if let Some(eye) = eye {
-        packet.origin = eye.to_array().map(|axis| [axis as f32; LANES]);
+        None => {
+            for l in 0..LANES {
+                let x = f64::from(tile.x + corner.0 + frame.pixels[0][l]) + position[0][l];
+                let y = f64::from(tile.y + corner.1 + frame.pixels[1][l]) + position[1][l];
+                let ray = on_film(x, y);
+                for axis in 0..3 {
+                    packet.origin[axis][l] = ray.origin[axis] as f32;
+                    packet.direction[axis][l] = ray.direction[axis] as f32;
+                }
+            }
+        }
     }
     // Only what is beyond the near plane is seen, and intervals include their ends.
     let near = frame.view.t_near() as f32;

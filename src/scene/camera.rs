@@ -150,6 +150,11 @@ impl CameraView {
         }
     }
 
+    /// What a step of (`x`, `y`) on the film adds to the direction.
+    pub fn aside(&self, x: f64, y: f64) -> DVec3 {
+        x * self.direction.across + y * self.direction.down
+    }
+
     /// Where rays begin, as a parameter along them: the depth of the near plane.
     pub fn t_near(&self) -> f64 {
         self.t_near

@@ -1,7 +1,7 @@
 //! Which sixteen samples make a packet.
 
 use super::Layout;
-use crate::numeric::{LANES, Lanes};
+use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// How a packet's lanes are spread over pixels and samples: `block * block` pixels of `LANES / block²` samples each.
 ///
@@ -46,6 +46,7 @@ impl PacketShape {
                 position: [shared.map(|p| p[0]), shared.map(|p| p[1])],
                 exists: sample.map(|sample| sample < spp),
                 sample,
+                aside: None,
             }
         };
         (0..spp).step_by(self.samples as usize).map(group).collect()
@@ -60,6 +61,9 @@ pub(in crate::render) struct SampleGroup {
     pub(in crate::render) sample: Lanes<u32>,
     /// Whether the lane's sample is one of those asked for.
     pub(in crate::render) exists: Lanes<bool>,
+    /// What each lane's place adds to the direction through the corner of its pixel, where all lanes have one pixel and all
+    /// pixels the same places.
+    pub(in crate::render) aside: Option<Lanes3<f64>>,
 }
 
 #[cfg(test)]

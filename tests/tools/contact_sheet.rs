@@ -4,11 +4,13 @@
 //! cargo run --release --example contact-sheet
 //! ```
 
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 
 use image::RgbImage;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::{self, LoadOptions};
 use whit::image::ToneMap;
@@ -56,9 +58,14 @@ fn sheet(folder: &Path) -> Result<(), String> {
         println!("{}", name(file));
     }
     let target = folder.join("contact_sheet.png");
+    let unwritable =
+        |error: &dyn std::error::Error| format!("{} cannot be written ({error})", target.display());
+    let out = std::fs::File::create(&target).map_err(|error| unwritable(&error))?;
+    let encoder =
+        PngEncoder::new_with_quality(BufWriter::new(out), CompressionType::Best, FilterType::Adaptive);
     sheet
-        .save(&target)
-        .map_err(|error| format!("{} cannot be written ({error})", target.display()))
+        .write_with_encoder(encoder)
+        .map_err(|error| unwritable(&error))
 }
 
 /// The scene files of `folder`, by name.

@@ -1,11 +1,11 @@
 //! A Whitted-style ray tracer for glTF meshes and analytic shapes.
 //!
-//! Camera rays, shadow feelers and recursive mirror reflection; hits are found by the system's Embree or by an
+//! Camera rays, shadow feelers, recursive reflection and refraction; hits are found by the system's Embree or by an
 //! axis-aligned BSP tree of our own, and the two check each other. All shading, shadow and recursion logic is Rust.
 //!
 //! # The way of the data
 //!
-//! 1. [`gltf::load`] turns a file into a [`scene::Scene`]: checked, flattened, recentred.
+//! 1. [`gltf::load`] or [`scene_file::load`] turns a file into a [`scene::Scene`]: checked, flattened, recentred.
 //! 2. [`accel::build`] makes the structure that answers two questions about packets of sixteen rays: what is hit
 //!    first, and is anything hit at all.
 //! 3. [`render::render`] sends waves of packets through it, tile by tile, and sums what comes back.

@@ -6,6 +6,7 @@
 mod adaptive;
 mod film;
 mod filter;
+mod gather;
 mod ledger;
 mod outcome;
 mod queue;

@@ -9,6 +9,7 @@ mod normalise;
 pub(crate) mod survey;
 mod texture;
 mod validate;
+mod validate_material;
 
 pub use camera::{Camera, CameraView, Projection};
 pub use instance::Instance;
@@ -22,7 +23,8 @@ pub use texture::{
     TextureUse, UvTransform, Wrap,
 };
 pub use validate::SceneError;
-pub(crate) use validate::{check_camera, check_light, check_procedural};
+pub(crate) use validate::{check_camera, check_light};
+pub(crate) use validate_material::check_procedural;
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;

@@ -5,13 +5,13 @@ use std::f64::consts::PI;
 use glam::{DMat3, DVec3};
 
 use super::survey::{all_finite, survey};
+use super::validate_material::{check_interior, check_model, check_procedural};
 use super::{
-    AlphaMode, Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Model, Pattern,
-    Procedural, Projection, Scene, Space, Texture,
+    AlphaMode, Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Projection,
+    Scene, Space, Texture,
 };
 use crate::mesh::Mesh;
 use crate::numeric::{Bounds, Ray};
-use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
 use crate::shape::{Implicit, Shape, Sphere, Torus};
 
 /// What is wrong with a scene, worded as advice.
@@ -189,80 +189,6 @@ impl Scene {
     }
 }
 
-/// Octaves of noise that mean anything: each halves the height, so sixteen reach the last bits of a display value.
-const MOST_OCTAVES: u32 = 16;
-
-/// What is wrong with a pattern.
-pub(crate) fn check_procedural(procedural: &Procedural) -> Result<(), String> {
-    let is_octaves = |octaves: u32| (1..=MOST_OCTAVES).contains(&octaves);
-    let pattern = match procedural.pattern {
-        Pattern::Checker | Pattern::Gradient => true,
-        Pattern::Noise { octaves } => is_octaves(octaves),
-        Pattern::Marble { octaves, turbulence } => is_octaves(octaves) && turbulence.is_finite(),
-        Pattern::Wood { turbulence } => turbulence.is_finite(),
-    };
-    let colors = procedural.colors.as_flattened().iter();
-    let is_sound = pattern
-        && colors.into_iter().all(|c| (0.0..f32::INFINITY).contains(c))
-        && procedural.scale.iter().all(|s| s.is_finite());
-    if is_sound {
-        Ok(())
-    } else {
-        Err("its colours, scale, octaves or turbulence are not finite or out of range: correct them".into())
-    }
-}
-
-fn check_model(model: &Model) -> Result<(), String> {
-    let is_fraction = |x: f32| (0.0..=1.0).contains(&x);
-    match model {
-        Model::MetallicRoughness(model) => {
-            if !(is_fraction(model.metallic) && is_fraction(model.roughness)) {
-                return Err("its metallic or roughness factor is outside [0, 1]: correct the factor".into());
-            }
-            if !(is_fraction(model.specular) && is_fraction(model.transmission)) {
-                return Err(
-                    "its specular or transmission factor is outside [0, 1]: correct the factor".into(),
-                );
-            }
-            if !is_radiance(&model.specular_color) {
-                return Err("its specular colour is negative or not finite: correct the colour".into());
-            }
-        }
-        Model::Lecture(lecture) => {
-            let colors = [lecture.ambient, lecture.diffuse, lecture.specular];
-            let shares = [lecture.reflection, lecture.transmission];
-            if !colors.iter().all(is_radiance) || !(0.0..f32::INFINITY).contains(&lecture.exponent) {
-                return Err("a coefficient or the exponent is negative or not finite: correct it".into());
-            }
-            if !shares.as_flattened().iter().all(|x| is_fraction(*x)) {
-                return Err("its reflection or transmission is outside [0, 1]: correct it".into());
-            }
-        }
-        Model::Unlit => {}
-    }
-    Ok(())
-}
-
-/// Indices of refraction between which anything real lies, over the whole visible range.
-const IOR_RANGE: std::ops::RangeInclusive<f64> = 1.0 / 16.0..=16.0;
-
-fn check_interior(material: &Material) -> Result<(), String> {
-    let Some(interior) = &material.interior else {
-        return Ok(());
-    };
-    let is_sound = [MIN_WAVELENGTH, LINE_D, MAX_WAVELENGTH]
-        .iter()
-        .all(|&wavelength| IOR_RANGE.contains(&interior.ior.ior(wavelength)));
-    if !is_sound {
-        return Err("its index of refraction is not between 1/16 and 16: correct it".into());
-    }
-    let is_coefficient = |sigma: &f64| (0.0..f64::INFINITY).contains(sigma);
-    if !interior.absorption.sigma_a.iter().all(is_coefficient) {
-        return Err("its absorption is negative or not finite: correct it".into());
-    }
-    Ok(())
-}
-
 /// Everything about a mesh that needs a look at every vertex; its bounds.
 fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
     if !all_finite(bytemuck::cast_slice(&mesh.positions)) {
@@ -413,7 +339,7 @@ fn is_unit(v: DVec3) -> bool {
     (v.length_squared() - 1.0).abs() <= UNIT_TOLERANCE
 }
 
-fn is_radiance(rgb: &[f32; 3]) -> bool {
+pub(super) fn is_radiance(rgb: &[f32; 3]) -> bool {
     rgb.iter().all(|x| (0.0..f32::INFINITY).contains(x))
 }
 
@@ -452,8 +378,8 @@ mod tests {
     use crate::mesh::Slab;
     use crate::optics::{Absorption, Dispersion};
     use crate::scene::{
-        Filter, Image, Interior, Layer, Lecture, MetallicRoughness, Parameter, Sampler, Texels, TextureUse,
-        Wrap,
+        Filter, Image, Interior, Layer, Lecture, MetallicRoughness, Model, Parameter, Pattern, Procedural,
+        Sampler, Texels, TextureUse, Wrap,
     };
     use glam::DAffine3;
 

@@ -1,0 +1,71 @@
+//! The scenes of the folder `scenes`, and small pictures of them.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use whit::accel::{self, AccelOptions, Backend};
+use whit::gltf::{self, LoadOptions};
+use whit::image::LinearImage;
+use whit::render::{Monitor, RenderSettings, render};
+use whit::scene::Scene;
+use whit::scene_file::{self, Output};
+
+/// A scene, how its file wants to be rendered, and the file's name without its ending.
+pub struct FiledScene {
+    pub name: String,
+    pub scene: Scene,
+    pub output: Output,
+}
+
+/// The scene files, by name.
+pub fn files() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let entries = folder.read_dir().unwrap().map(|entry| entry.unwrap().path());
+    let is_scene = |path: &PathBuf| path.extension().is_some_and(|e| e == "toml" || e == "gltf");
+    let mut files: Vec<PathBuf> = entries.filter(is_scene).collect();
+    files.sort();
+    files
+}
+
+pub fn load(file: &Path) -> FiledScene {
+    let options = LoadOptions::default();
+    let (scene, output) = if file.extension().is_some_and(|e| e == "toml") {
+        let loaded = scene_file::load(file, &options).unwrap_or_else(|fault| panic!("{fault}"));
+        (loaded.scene, loaded.output)
+    } else {
+        let scene = gltf::load(file, &options).unwrap_or_else(|fault| panic!("{fault}"));
+        (scene, Output::default())
+    };
+    FiledScene {
+        name: file.file_stem().unwrap().to_string_lossy().into_owned(),
+        scene,
+        output,
+    }
+}
+
+impl FiledScene {
+    /// The file's own settings, but `width` pixels a row, rows in the file's proportion, and `spp` samples a pixel.
+    pub fn settings(&self, width: u32, spp: u32) -> RenderSettings {
+        let [w, h] = self.output.size.unwrap_or([4, 3]);
+        let defaults = RenderSettings::default();
+        RenderSettings {
+            width,
+            height: (f64::from(width) * f64::from(h) / f64::from(w)).round() as u32,
+            spp,
+            depth: self.output.depth.unwrap_or(defaults.depth),
+            ..defaults
+        }
+    }
+
+    /// What the first camera sees, by `backend`.
+    pub fn picture(&self, backend: Backend, settings: &RenderSettings) -> LinearImage {
+        let accel = accel::build(&self.scene, backend, &AccelOptions::default()).unwrap();
+        let monitor = Monitor {
+            progress: &|_| {},
+            cancel: &AtomicBool::new(false),
+        };
+        render(&self.scene, &self.scene.cameras[0], &*accel, settings, &monitor)
+            .unwrap()
+            .image
+    }
+}

@@ -1,0 +1,149 @@
+//! The arrays of meshes, and what a packet's hits need of them: corners and corner normals of sixteen triangles.
+
+use glam::{DVec3, Vec3};
+
+use crate::accel::{NO_HIT, RayPacket};
+use crate::mesh::Mesh;
+use crate::numeric::{LANES, Lanes, Lanes3};
+
+/// The arrays of a mesh, resolved once: a `Slab` decides at every access whether it is mapped.
+pub(super) struct MeshView<'s> {
+    pub(super) positions: &'s [[f32; 3]],
+    pub(super) triangles: &'s [[u32; 3]],
+    pub(super) normals: Option<&'s [[f32; 3]]>,
+    pub(super) tex_coords: Vec<&'s [[f32; 2]]>,
+    pub(super) tangents: Option<&'s [[f32; 4]]>,
+    pub(super) colors: Option<&'s [[f32; 4]]>,
+}
+
+/// Corners and corner normals of the hit triangles, as gathered. Lanes without a hit keep those of an earlier packet.
+pub(super) struct Gathered {
+    pub(super) corners: [Lanes3<f32>; 3],
+    pub(super) normals: [Lanes3<f32>; 3],
+    /// Lanes with corner normals; the others are flat.
+    pub(super) smooth: Lanes<bool>,
+    /// Lanes that are not plain triangles in world space and are worked out one by one.
+    pub(super) odd: bool,
+}
+
+impl Gathered {
+    pub(super) fn new() -> Gathered {
+        Gathered {
+            // A right triangle in the xy plane, until a lane has one of its own.
+            corners: [
+                [[0.0; LANES]; 3],
+                [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
+                [[0.0; LANES], [1.0; LANES], [0.0; LANES]],
+            ],
+            normals: [[[0.0; LANES]; 3]; 3],
+            smooth: [false; LANES],
+            odd: false,
+        }
+    }
+}
+
+impl<'s> MeshView<'s> {
+    pub(super) fn of(mesh: &'s Mesh) -> MeshView<'s> {
+        MeshView {
+            positions: &mesh.positions,
+            triangles: &mesh.triangles,
+            normals: mesh.normals.as_deref(),
+            tex_coords: mesh.tex_coords.iter().map(|set| &set[..]).collect(),
+            tangents: mesh.tangents.as_deref(),
+            colors: mesh.colors.as_deref(),
+        }
+    }
+}
+
+impl MeshView<'_> {
+    /// Collects one triangle's corners, and the normals there if the mesh has any, for all lanes.
+    #[inline(always)]
+    pub(super) fn gather_everywhere(&self, primitive: u32, gathered: &mut Gathered) {
+        let vertices = self.triangles[primitive as usize].map(|vertex| vertex as usize);
+        for (corner, vertex) in vertices.into_iter().enumerate() {
+            gathered.corners[corner] = self.positions[vertex].map(|axis| [axis; LANES]);
+        }
+        gathered.smooth = [self.normals.is_some(); LANES];
+        if let Some(normals) = self.normals {
+            for (corner, vertex) in vertices.into_iter().enumerate() {
+                gathered.normals[corner] = normals[vertex].map(|axis| [axis; LANES]);
+            }
+        }
+    }
+
+    /// Collects the corners of all lanes, and the normals there if the mesh has any.
+    ///
+    /// One array after the other, so that the loads of all lanes are under way together. Lanes that missed get the
+    /// first vertex, which spares a branch.
+    #[inline(always)]
+    pub(super) fn gather_lanes(&self, packet: &RayPacket, gathered: &mut Gathered) {
+        let mut vertices = [[0; 3]; LANES];
+        for l in 0..LANES {
+            if packet.instance[l] != NO_HIT {
+                vertices[l] = self.triangles[packet.primitive[l] as usize];
+            }
+        }
+        let columns = |array: &[[f32; 3]], out: &mut [Lanes3<f32>; 3]| {
+            for l in 0..LANES {
+                for corner in 0..3 {
+                    let value = array[vertices[l][corner] as usize];
+                    for axis in 0..3 {
+                        out[corner][axis][l] = value[axis];
+                    }
+                }
+            }
+        };
+        columns(self.positions, &mut gathered.corners);
+        gathered.smooth = [self.normals.is_some(); LANES];
+        if let Some(normals) = self.normals {
+            columns(normals, &mut gathered.normals);
+        }
+    }
+
+    /// Collects the corners of lane `l`, and the normals there if the mesh has any.
+    #[inline(always)]
+    pub(super) fn gather(&self, packet: &RayPacket, l: usize, gathered: &mut Gathered) {
+        let vertices = self.triangles[packet.primitive[l] as usize].map(|vertex| vertex as usize);
+        for (corner, vertex) in vertices.into_iter().enumerate() {
+            let position = self.positions[vertex];
+            for axis in 0..3 {
+                gathered.corners[corner][axis][l] = position[axis];
+            }
+        }
+        if let Some(normals) = self.normals {
+            gathered.smooth[l] = true;
+            for (corner, vertex) in vertices.into_iter().enumerate() {
+                let normal = normals[vertex];
+                for axis in 0..3 {
+                    gathered.normals[corner][axis][l] = normal[axis];
+                }
+            }
+        }
+    }
+
+    /// Derivatives of the point by texture coordinates, in object space; zero where a triangle's coordinates span nothing.
+    pub(super) fn derivatives(&self, set: &[[f32; 2]], primitive: u32) -> [DVec3; 2] {
+        let vertices = self.triangles[primitive as usize].map(|vertex| vertex as usize);
+        let [a, b, c] = vertices.map(|vertex| Vec3::from(self.positions[vertex]).as_dvec3());
+        let [ta, tb, tc] = vertices.map(|vertex| set[vertex].map(f64::from));
+        let (e1, e2) = (b - a, c - a);
+        let ([u1, v1], [u2, v2]) = ([tb[0] - ta[0], tb[1] - ta[1]], [tc[0] - ta[0], tc[1] - ta[1]]);
+        // (e1, e2) = (dp/du, dp/dv) times the matrix of the coordinates' differences.
+        let inverse = (u1 * v2 - u2 * v1).recip();
+        let derivatives = [(e1 * v2 - e2 * v1) * inverse, (e2 * u1 - e1 * u2) * inverse];
+        derivatives.map(|d| if d.is_finite() { d } else { DVec3::ZERO })
+    }
+
+    /// A vertex attribute at the hit of lane `l`.
+    pub(super) fn interpolate<const N: usize>(
+        &self,
+        values: &[[f32; N]],
+        packet: &RayPacket,
+        l: usize,
+    ) -> [f32; N] {
+        let [a, b, c] = self.triangles[packet.primitive[l] as usize].map(|vertex| values[vertex as usize]);
+        let (u, v) = (packet.u[l], packet.v[l]);
+        let w = 1.0 - u - v;
+        std::array::from_fn(|i| w * a[i] + u * b[i] + v * c[i])
+    }
+}

@@ -1,0 +1,79 @@
+//! The checks of materials and procedural textures.
+
+use super::validate::is_radiance;
+use super::{Material, Model, Pattern, Procedural};
+use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
+
+/// Octaves of noise that mean anything: each halves the height, so sixteen reach the last bits of a display value.
+const MOST_OCTAVES: u32 = 16;
+
+/// What is wrong with a pattern.
+pub(crate) fn check_procedural(procedural: &Procedural) -> Result<(), String> {
+    let is_octaves = |octaves: u32| (1..=MOST_OCTAVES).contains(&octaves);
+    let pattern = match procedural.pattern {
+        Pattern::Checker | Pattern::Gradient => true,
+        Pattern::Noise { octaves } => is_octaves(octaves),
+        Pattern::Marble { octaves, turbulence } => is_octaves(octaves) && turbulence.is_finite(),
+        Pattern::Wood { turbulence } => turbulence.is_finite(),
+    };
+    let colors = procedural.colors.as_flattened().iter();
+    let is_sound = pattern
+        && colors.into_iter().all(|c| (0.0..f32::INFINITY).contains(c))
+        && procedural.scale.iter().all(|s| s.is_finite());
+    if is_sound {
+        Ok(())
+    } else {
+        Err("its colours, scale, octaves or turbulence are not finite or out of range: correct them".into())
+    }
+}
+
+pub(super) fn check_model(model: &Model) -> Result<(), String> {
+    let is_fraction = |x: f32| (0.0..=1.0).contains(&x);
+    match model {
+        Model::MetallicRoughness(model) => {
+            if !(is_fraction(model.metallic) && is_fraction(model.roughness)) {
+                return Err("its metallic or roughness factor is outside [0, 1]: correct the factor".into());
+            }
+            if !(is_fraction(model.specular) && is_fraction(model.transmission)) {
+                return Err(
+                    "its specular or transmission factor is outside [0, 1]: correct the factor".into(),
+                );
+            }
+            if !is_radiance(&model.specular_color) {
+                return Err("its specular colour is negative or not finite: correct the colour".into());
+            }
+        }
+        Model::Lecture(lecture) => {
+            let colors = [lecture.ambient, lecture.diffuse, lecture.specular];
+            let shares = [lecture.reflection, lecture.transmission];
+            if !colors.iter().all(is_radiance) || !(0.0..f32::INFINITY).contains(&lecture.exponent) {
+                return Err("a coefficient or the exponent is negative or not finite: correct it".into());
+            }
+            if !shares.as_flattened().iter().all(|x| is_fraction(*x)) {
+                return Err("its reflection or transmission is outside [0, 1]: correct it".into());
+            }
+        }
+        Model::Unlit => {}
+    }
+    Ok(())
+}
+
+/// Indices of refraction between which anything real lies, over the whole visible range.
+const IOR_RANGE: std::ops::RangeInclusive<f64> = 1.0 / 16.0..=16.0;
+
+pub(super) fn check_interior(material: &Material) -> Result<(), String> {
+    let Some(interior) = &material.interior else {
+        return Ok(());
+    };
+    let is_sound = [MIN_WAVELENGTH, LINE_D, MAX_WAVELENGTH]
+        .iter()
+        .all(|&wavelength| IOR_RANGE.contains(&interior.ior.ior(wavelength)));
+    if !is_sound {
+        return Err("its index of refraction is not between 1/16 and 16: correct it".into());
+    }
+    let is_coefficient = |sigma: &f64| (0.0..f64::INFINITY).contains(sigma);
+    if !interior.absorption.sigma_a.iter().all(is_coefficient) {
+        return Err("its absorption is negative or not finite: correct it".into());
+    }
+    Ok(())
+}

@@ -53,7 +53,7 @@ fn every_example_loads_and_says_what_it_shows() {
         let comment: Vec<&str> = text.lines().take_while(|line| line.starts_with('#')).collect();
         assert!(comment.len() >= 2, "{}", path.display());
         assert!(
-            comment.iter().any(|line| line.contains("Calls for:")),
+            comment.iter().any(|line| line.contains("Effects:")),
             "{}",
             path.display()
         );
@@ -225,10 +225,10 @@ fn info_tells_materials_media_shapes_and_groups() {
     let run = whit(&["info", &path.display().to_string()]);
     assert_eq!(run.code, 0, "{}", run.stderr);
     for words in [
-        "1 plane, 13 sphere",
-        "1 groups",
-        "`gold`, metallic-roughness",
-        "roughness 0.35",
+        "1041 sphere",
+        "5 groups",
+        "`rose`, metallic-roughness",
+        "roughness 0.4",
     ] {
         assert!(run.stdout.contains(words), "{words} in {}", run.stdout);
     }
@@ -237,7 +237,7 @@ fn info_tells_materials_media_shapes_and_groups() {
         .find(|p| p.ends_with("whitted_1980.toml"))
         .unwrap();
     let run = whit(&["info", &path.display().to_string()]);
-    for words in ["`glass`, lecture", "inside n = 1.1000", "textures on BaseColor"] {
+    for words in ["`mirror`, lecture", "inside n = 1.5000", "textures on BaseColor"] {
         assert!(run.stdout.contains(words), "{words} in {}", run.stdout);
     }
 }

@@ -6,7 +6,7 @@
 //! same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
 
 use super::outcome::{Outcome, timed};
-use super::queue::Feeler;
+use super::queue::{BATCH, Feeler};
 use super::surface::Surfaces;
 use super::texturing::Widths;
 use super::transparent::Tints;
@@ -29,7 +29,10 @@ impl Outcome<'_, '_> {
             packet.t_near = [0.0; LANES];
             (0..LANES).for_each(|l| packet.forget_hit(l));
         }
-        let reaches: Vec<Lanes<f32>> = packets.iter().map(|packet| packet.t_far).collect();
+        let mut reaches = [[0.0; LANES]; BATCH];
+        for (reach, packet) in reaches.iter_mut().zip(packets.iter()) {
+            *reach = packet.t_far;
+        }
         for _ in 0..MOST_SHEETS {
             if !packets.iter().any(RayPacket::any_active) {
                 break;
@@ -81,7 +84,10 @@ impl Way<'_> {
         if any_hit {
             frame.surfaces.meet(packet, Widths::None, sheets);
         }
-        for l in (0..LANES).filter(|&l| packet.active[l] != 0).collect::<Vec<_>>() {
+        for l in 0..LANES {
+            if packet.active[l] == 0 {
+                continue;
+            }
             let is_hit = packet.instance[l] != NO_HIT;
             let end = if is_hit { packet.t_far[l] } else { self.reach[l] };
             let ray = packet.ray(l);

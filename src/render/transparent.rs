@@ -246,11 +246,10 @@ impl Outcome<'_, '_> {
 
     /// Divides the rays that have met transparent bodies into reflected and refracted ones.
     pub(super) fn cross_surfaces(&mut self, traced: &Traced, travels: &TravelPacket, surfaces: &Surfaces) {
-        let rich = &surfaces.materials.rich;
         for l in 0..LANES {
-            let transmission = rich.transmission[0][l] + rich.transmission[1][l] + rich.transmission[2][l];
-            let seen = traced.weight[0][l] + traced.weight[1][l] + traced.weight[2][l];
-            if surfaces.points.hit[l] && transmission > 0.0 && seen != 0.0 {
+            // Light of one wavelength may have negative weights, whose sum says nothing.
+            let seen = traced.weight.iter().any(|channel| channel[l] != 0.0);
+            if surfaces.points.hit[l] && surfaces.materials.transmits(l) && seen {
                 self.cross(traced, travels, surfaces, l);
             }
         }

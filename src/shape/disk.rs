@@ -45,16 +45,6 @@ impl Implicit for Disk {
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
         flat_point(p, 0.0, DVec3::Z)
     }
-
-    #[inline]
-    fn is_solid(&self) -> bool {
-        false
-    }
-
-    #[inline]
-    fn contains(&self, _p: DVec3) -> bool {
-        false
-    }
 }
 
 /// A point of the square [-1, 1]² at height `z` whose normal `n` is +z or -z; seen from outside, u runs to the right

@@ -177,11 +177,17 @@ pub trait Implicit {
     /// The point of `part` at `p`, which lies near it.
     fn point(&self, p: DVec3, part: u32) -> ShapePoint;
 
-    /// Whether the surface encloses a volume.
-    fn is_solid(&self) -> bool;
+    /// Whether the surface encloses a volume; sheets do not.
+    #[inline]
+    fn is_solid(&self) -> bool {
+        false
+    }
 
     /// Whether a solid's volume, boundary included, contains `p`. A sheet contains nothing.
-    fn contains(&self, p: DVec3) -> bool;
+    #[inline]
+    fn contains(&self, _p: DVec3) -> bool {
+        false
+    }
 }
 
 /// Any shape, stored by value; what is large is shared.

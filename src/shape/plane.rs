@@ -45,16 +45,6 @@ impl Implicit for Plane {
         let p = DVec3::new(p.x, p.y, 0.0);
         ShapePoint::new(p, DVec3::Z, [p.x, p.y], [DVec3::X, DVec3::Y], 1.0)
     }
-
-    #[inline]
-    fn is_solid(&self) -> bool {
-        false
-    }
-
-    #[inline]
-    fn contains(&self, _p: DVec3) -> bool {
-        false
-    }
 }
 
 #[cfg(test)]

@@ -45,16 +45,6 @@ impl Implicit for Quad {
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
         flat_point(p, 0.0, DVec3::Z)
     }
-
-    #[inline]
-    fn is_solid(&self) -> bool {
-        false
-    }
-
-    #[inline]
-    fn contains(&self, _p: DVec3) -> bool {
-        false
-    }
 }
 
 #[cfg(test)]

@@ -166,16 +166,6 @@ impl Implicit for Quadric {
         let tangents = [tangent(right, spans[0]), tangent(up, spans[1])];
         ShapePoint::new(p, g.normalize_or(DVec3::Z), uv, tangents, self.clip.magnitude())
     }
-
-    #[inline]
-    fn is_solid(&self) -> bool {
-        false
-    }
-
-    #[inline]
-    fn contains(&self, _p: DVec3) -> bool {
-        false
-    }
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ fn the_text_tells_triangles_lights_cameras_and_memory() {
         "light 0",
         "camera 0",
         "bounds",
-        "shadow rays",
+        "effect         shadow on",
         "memory",
     ] {
         assert!(
@@ -52,6 +52,23 @@ fn the_json_agrees_with_what_a_render_counts() {
     assert_eq!(info["lights"].as_array().unwrap().len(), stats["scene"]["lights"]);
     assert_eq!(info["cameras"][0]["name"], stats["image"]["camera"]);
     assert_eq!(info["effects"]["shadow"], stats["effects"]["shadow"]["reason"]);
+}
+
+#[test]
+fn effects_that_are_switched_say_what_that_changes() {
+    let run = whit(&["info", &first_light(), "--effects=-shadow,+dispersion"]);
+    assert_eq!((run.code, &*run.stderr), (0, ""));
+    for line in [
+        "shadow off: switched off, so every light reaches every surface that faces it; 3 of 3 lights",
+        "dispersion off: nothing without refraction, which is off; switched on, though no index",
+    ] {
+        assert!(run.stdout.contains(line), "{line} in {}", run.stdout);
+    }
+    fails_with(
+        2,
+        "`shade` is no effect",
+        &["info", &first_light(), "--effects", "shade"],
+    );
 }
 
 #[test]

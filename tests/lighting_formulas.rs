@@ -13,8 +13,8 @@ use std::f64::consts::PI;
 use glam::DVec3;
 use whit::numeric::{LANES, Lanes3};
 use whit::optics::{Absorption, Dispersion};
-use whit::scene::{Interior, Lecture, Material, MetallicRoughness, Model};
-use whit::shading::{MaterialFeatures, MaterialPacket, direct, lecture_direct};
+use whit::scene::{EffectSet, Interior, Lecture, Material, MetallicRoughness, Model};
+use whit::shading::{MaterialPacket, direct, lecture_direct};
 
 use scenes::Random;
 
@@ -67,8 +67,7 @@ fn random_directions(random: &mut Random) -> [Directions; 3] {
 
 fn packet_of(materials: &[Material]) -> MaterialPacket {
     let mut packet = MaterialPacket::BLACK;
-    packet.features = MaterialFeatures::of(materials.iter());
-    packet.features.rich = true;
+    packet.effects = EffectSet::ALL;
     for (l, material) in materials.iter().enumerate() {
         packet.set(l, material);
     }

@@ -10,6 +10,7 @@ use clap::{Args as ArgGroup, Parser, Subcommand};
 use crate::accel::{Backend, Precision};
 use crate::image::ImageFormat;
 use crate::render::{FilterKind, Pattern, PixelFilter};
+use crate::scene::EffectOverrides;
 use crate::scene_file::{self, MAX_EXPOSURE};
 
 /// Most samples a pixel.
@@ -70,6 +71,7 @@ Examples:
   whit render a.glb b.gltf --out pictures --format exr
   whit render scene.glb -o scene.png --spp 64 --pattern sobol --filter mitchell
   whit render scene.glb -o scene.exr --adaptive 0.005 --spp 1024 --aov samples
+  whit render scene.toml -o scene.png --effects=-dispersion,-transparent-shadow
 
 With several scenes, one that fails does not keep the others from being rendered; the exit code is then 1.";
 
@@ -118,6 +120,10 @@ pub(super) struct RenderArgs {
     /// Stops of exposure for PNG images: radiance is multiplied by 2^EV
     #[arg(long, value_name = "EV", help = or_scene("Stops of exposure for PNG images: radiance is multiplied by 2^EV", 0), value_parser = exposure, allow_hyphen_values = true)]
     pub(super) exposure: Option<f32>,
+
+    /// Simulate more (+NAME) or less (-NAME) than the scene calls for, or `all`; see `whit info`
+    #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
+    pub(super) effects: Option<EffectOverrides>,
 
     /// Write rays, seconds and memory as JSON; with several scenes a list
     #[arg(long, value_name = "FILE")]
@@ -202,6 +208,10 @@ pub(super) struct InfoArgs {
     /// Scene file (.toml) or glTF scene (.glb, .gltf)
     #[arg(value_name = "SCENE")]
     pub(super) scene: PathBuf,
+
+    /// Simulate more (+NAME) or less (-NAME) than the scene calls for, or `all`; see `whit info`
+    #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
+    pub(super) effects: Option<EffectOverrides>,
 
     /// Print JSON
     #[arg(long)]

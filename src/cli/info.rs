@@ -12,7 +12,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let info = SceneInfo {
         groups: loaded.group_count,
         included_files: loaded.include_count + loaded.gltf_count,
-        ..SceneInfo::of(&loaded.scene, &args.scene)
+        ..SceneInfo::of(&loaded.scene, &args.scene, &args.effects.unwrap_or_default())
     };
     if !args.json {
         return output::print(&info.to_string());

@@ -80,7 +80,10 @@ impl RenderJob {
         }
         Ok(RenderJob {
             targets,
-            settings: sampling.applied_to(settings(args.frame, args.sampling.spp.unwrap_or(DEFAULT_SPP))?)?,
+            settings: RenderSettings {
+                effects: args.effects.unwrap_or_default(),
+                ..sampling.applied_to(settings(args.frame, args.sampling.spp.unwrap_or(DEFAULT_SPP))?)?
+            },
             wish: Output {
                 size: args.frame.size.map(|size| [size.width, size.height]),
                 spp: args.sampling.spp,

@@ -4,7 +4,7 @@ use std::mem;
 use std::time::Instant;
 
 use crate::accel::{self, Accel, AccelOptions};
-use crate::image::{self, ExtraChannel};
+use crate::image::{self, ExtraChannel, ImageFormat, Note};
 use crate::render::{self, Monitor, Rendering};
 use crate::report::memory;
 use crate::report::stats::{
@@ -84,6 +84,10 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<R
     seconds.render = render_seconds;
     seconds.trace = rendering.ledger.trace_seconds();
 
+    for decision in rendering.plan.overridden() {
+        progress.warn(&format!("{name}: {decision}"));
+    }
+
     let ((), write_seconds) = timed(|| write_image(&shot, target, &rendering))?;
     seconds.write = write_seconds;
     seconds.total = start.elapsed().as_secs_f64();
@@ -150,17 +154,22 @@ fn trace(
 
 fn write_image(shot: &Shot, target: &Target, rendering: &Rendering) -> Result<(), Failure> {
     let (image, path) = (&rendering.image, &target.image);
-    interrupt::finish_first(|| match &rendering.aovs {
-        Some(aovs) => {
-            let channel = |name, values| ExtraChannel { name, values };
-            let extra = [
-                channel("samples", &aovs.samples),
-                channel("variance", &aovs.variance),
-            ];
-            image::write_exr_with(image, &extra, path)
-        }
-        None => image::write(image, path, target.format, shot.tone),
-    })?;
+    if target.format == ImageFormat::Png {
+        interrupt::finish_first(|| image::write(image, path, target.format, shot.tone))?;
+        return Ok(());
+    }
+    let mut extra = Vec::new();
+    if let Some(aovs) = &rendering.aovs {
+        let channel = |name, values| ExtraChannel { name, values };
+        extra.push(channel("samples", &aovs.samples[..]));
+        extra.push(channel("variance", &aovs.variance[..]));
+    }
+    let plan = rendering.plan.to_string();
+    let note = Note {
+        name: "whit.plan",
+        text: &plan,
+    };
+    interrupt::finish_first(|| image::write_exr_with(image, &extra, &[note], path))?;
     Ok(())
 }
 
@@ -236,7 +245,7 @@ fn stats(
         threads: job.tracing.threads,
         seconds: PhaseSeconds::default(),
         rays: RayCounts::of(&rendering.ledger),
-        effects: effect_stats(scene, &rendering.ledger),
+        effects: effect_stats(&rendering.plan, &rendering.ledger),
         accel: AccelStats {
             bytes: report.bytes,
             peak_bytes: report.peak_bytes,

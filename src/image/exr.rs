@@ -6,31 +6,37 @@ use std::io::{self, Seek, Write};
 use std::path::Path;
 
 use exr::prelude::{
-    self as openexr, AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes,
-    ReadChannels, ReadLayers, SpecificChannels, Text, Vec2, WritableImage,
+    self as openexr, AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, Layer,
+    LayerAttributes, ReadChannels, ReadLayers, SpecificChannels, Text, Vec2, WritableImage,
 };
 
-use super::{ExtraChannel, ImageError, LinearImage, SOFTWARE};
+use super::{ExtraChannel, ImageError, LinearImage, Note, SOFTWARE};
 
 /// Writes `image` as an EXR file.
-pub(super) fn encode(image: &LinearImage, out: &mut (impl Write + Seek)) -> io::Result<()> {
+pub(super) fn encode(image: &LinearImage, notes: &[Note], out: &mut (impl Write + Seek)) -> io::Result<()> {
     let width = image.width as usize;
     let channels = SpecificChannels::rgb(|position: Vec2<usize>| {
         let [r, g, b] = image.pixels[position.y() * width + position.x()];
         (r, g, b)
     });
     let size = (width, image.height as usize);
-    Image::from_layer(Layer::new(size, attributes(), Encoding::UNCOMPRESSED, channels))
-        .write()
-        .non_parallel()
-        .to_buffered(out)
-        .map_err(io::Error::other)
+    Image::from_layer(Layer::new(
+        size,
+        attributes(notes),
+        Encoding::UNCOMPRESSED,
+        channels,
+    ))
+    .write()
+    .non_parallel()
+    .to_buffered(out)
+    .map_err(io::Error::other)
 }
 
 /// Writes `image` with further channels, which hold a value a pixel.
 pub(super) fn encode_with(
     image: &LinearImage,
     extra: &[ExtraChannel],
+    notes: &[Note],
     out: &mut (impl Write + Seek),
 ) -> io::Result<()> {
     let pixel_count = image.pixels.len();
@@ -51,16 +57,24 @@ pub(super) fn encode_with(
         .map(|channel| AnyChannel::new(channel.name, FlatSamples::F32(channel.values.to_vec())));
     let channels = AnyChannels::sort(rgb.chain(others).collect());
     let size = (image.width as usize, image.height as usize);
-    Image::from_layer(Layer::new(size, attributes(), Encoding::UNCOMPRESSED, channels))
-        .write()
-        .non_parallel()
-        .to_buffered(out)
-        .map_err(io::Error::other)
+    Image::from_layer(Layer::new(
+        size,
+        attributes(notes),
+        Encoding::UNCOMPRESSED,
+        channels,
+    ))
+    .write()
+    .non_parallel()
+    .to_buffered(out)
+    .map_err(io::Error::other)
 }
 
-fn attributes() -> LayerAttributes {
+fn attributes(notes: &[Note]) -> LayerAttributes {
+    let ascii = |text: &str| Text::new_or_none(text.replace(|c: char| !c.is_ascii(), "?"));
+    let attribute = |note: &Note| Some((Text::from(note.name), AttributeValue::Text(ascii(note.text)?)));
     LayerAttributes {
         software_name: Some(Text::from(SOFTWARE)),
+        other: notes.iter().filter_map(attribute).collect(),
         ..LayerAttributes::default()
     }
 }
@@ -108,6 +122,20 @@ mod tests {
     }
 
     #[test]
+    fn notes_are_kept_as_ascii() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let note = Note {
+            name: "whit.plan",
+            text: "shadow on: light `Ü`\n",
+        };
+        write_exr_with(&LinearImage::black(2, 2), &[], &[note], &path).unwrap();
+        let meta = exr::meta::MetaData::read_from_file(&path, true).unwrap();
+        let kept = &meta.headers[0].own_attributes.other[&Text::from("whit.plan")];
+        assert_eq!(*kept, AttributeValue::Text(Text::from("shadow on: light `?`\n")));
+    }
+
+    #[test]
     fn further_channels_stand_beside_the_picture_and_leave_it_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
@@ -120,7 +148,7 @@ mod tests {
             name,
             values: &values,
         };
-        write_exr_with(&image, &[channel("variance"), channel("a.b")], &path).unwrap();
+        write_exr_with(&image, &[channel("variance"), channel("a.b")], &[], &path).unwrap();
         assert_eq!(super::super::read_exr(&path).unwrap(), image);
         let file = openexr::read_first_flat_layer_from_file(&path).unwrap();
         let channels = &file.layer_data.channel_data.list;
@@ -131,7 +159,9 @@ mod tests {
             name: "short",
             values: &values[1..],
         };
-        let message = write_exr_with(&image, &[short], &path).unwrap_err().to_string();
+        let message = write_exr_with(&image, &[short], &[], &path)
+            .unwrap_err()
+            .to_string();
         assert!(message.contains("14 values for 15 pixels"), "{message}");
     }
 

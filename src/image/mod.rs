@@ -57,6 +57,15 @@ impl LinearImage {
     }
 }
 
+/// A text that an EXR file carries beside its pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct Note<'a> {
+    /// Name of the attribute, ASCII.
+    pub name: &'a str,
+    /// Its value; what is not ASCII becomes a question mark.
+    pub text: &'a str,
+}
+
 /// The kinds of image file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum ImageFormat {
@@ -144,7 +153,7 @@ pub enum ImageError {
 pub fn write(image: &LinearImage, path: &Path, format: ImageFormat, tone: ToneMap) -> Result<(), ImageError> {
     write_atomically(path, |file| match format {
         ImageFormat::Png => png::encode(image, tone, file),
-        ImageFormat::Exr => exr::encode(image, file),
+        ImageFormat::Exr => exr::encode(image, &[], file),
     })
 }
 
@@ -157,9 +166,17 @@ pub struct ExtraChannel<'a> {
     pub values: &'a [f32],
 }
 
-/// Writes `image` and further channels to `path` as an EXR, whole or, on an error, not at all.
-pub fn write_exr_with(image: &LinearImage, extra: &[ExtraChannel], path: &Path) -> Result<(), ImageError> {
-    write_atomically(path, |file| exr::encode_with(image, extra, file))
+/// Writes `image`, further channels and notes to `path` as an EXR, whole or, on an error, not at all.
+pub fn write_exr_with(
+    image: &LinearImage,
+    extra: &[ExtraChannel],
+    notes: &[Note],
+    path: &Path,
+) -> Result<(), ImageError> {
+    write_atomically(path, |file| match extra {
+        [] => exr::encode(image, notes, file),
+        extra => exr::encode_with(image, extra, notes, file),
+    })
 }
 
 /// Reads the linear RGB of an EXR file.

@@ -82,6 +82,13 @@ impl MediaStack {
         anomalies: 0,
     };
 
+    /// Inside of one body.
+    pub fn of(body: Body) -> MediaStack {
+        let mut stack = MediaStack::EMPTY;
+        stack.enter(body);
+        stack
+    }
+
     /// The body that is there; `None` for the surroundings.
     #[inline(always)]
     pub fn current(&self) -> Option<Body> {

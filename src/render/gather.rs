@@ -5,6 +5,7 @@ use glam::{DVec3, Vec3};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::mesh::Mesh;
 use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::scene::{Effect, EffectSet};
 
 /// The arrays of a mesh, resolved once: a `Slab` decides at every access whether it is mapped.
 pub(super) struct MeshView<'s> {
@@ -43,14 +44,21 @@ impl Gathered {
 }
 
 impl<'s> MeshView<'s> {
-    pub(super) fn of(mesh: &'s Mesh) -> MeshView<'s> {
+    /// The arrays of `mesh` that the effects need.
+    pub(super) fn of(mesh: &'s Mesh, effects: EffectSet) -> MeshView<'s> {
         MeshView {
             positions: &mesh.positions,
             triangles: &mesh.triangles,
-            normals: mesh.normals.as_deref(),
+            normals: mesh
+                .normals
+                .as_deref()
+                .filter(|_| effects.has(Effect::SmoothNormals)),
             tex_coords: mesh.tex_coords.iter().map(|set| &set[..]).collect(),
             tangents: mesh.tangents.as_deref(),
-            colors: mesh.colors.as_deref(),
+            colors: mesh
+                .colors
+                .as_deref()
+                .filter(|_| effects.has(Effect::VertexColor)),
         }
     }
 }

@@ -9,6 +9,7 @@ mod filter;
 mod gather;
 mod ledger;
 mod outcome;
+pub mod plan;
 mod queue;
 mod record;
 mod sampler;
@@ -19,6 +20,7 @@ mod surface;
 mod texturing;
 mod tinted;
 mod transparent;
+mod travel;
 mod wave;
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -30,6 +32,7 @@ use rayon::prelude::*;
 pub use adaptive::Adaptive;
 pub use filter::{FilterKind, PixelFilter};
 pub use ledger::{Ledger, RayTally};
+pub use plan::Plan;
 pub use record::{RecordedRays, record};
 pub use sampler::{Pattern, Purpose, sample_2d};
 pub use samples::{SampleAovs, SampleCounts};
@@ -38,8 +41,7 @@ use crate::accel::{Accel, RayOrder, RayPacket};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::{Body, MediaStack, SpectralSampler};
-use crate::scene::{Background, Camera, CameraView, Material, Model, Scene};
-use crate::shading::MaterialFeatures;
+use crate::scene::{Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, Scene};
 use crate::shading::ray_cone::Cone;
 use adaptive::{Estimate, ROUND};
 use film::Tile;
@@ -81,6 +83,8 @@ pub struct RenderSettings {
     pub wavelengths: u32,
     /// A reflected ray is not traced if its weight in every channel is under this.
     pub weight_cutoff: f32,
+    /// Effects that are wanted other than the scene calls for.
+    pub effects: EffectOverrides,
 }
 
 impl Default for RenderSettings {
@@ -96,6 +100,7 @@ impl Default for RenderSettings {
             depth: 5,
             wavelengths: 16,
             weight_cutoff: 1.0 / 512.0,
+            effects: EffectOverrides::default(),
         }
     }
 }
@@ -111,6 +116,8 @@ pub struct Rendering {
     pub aovs: Option<SampleAovs>,
     /// Rays and seconds.
     pub ledger: Ledger,
+    /// What was simulated.
+    pub plan: Plan,
 }
 
 /// How a long render talks to whoever waits for it.
@@ -138,22 +145,16 @@ struct Frame<'s> {
     pixels: [Lanes<u32>; 2],
     /// The samples of each pixel, a packet's share at a time.
     groups: Vec<SampleGroup>,
+    /// What is simulated.
+    plan: Plan,
     ambient: [f32; 3],
     background: Background,
-    /// What the materials in use ask for.
-    features: MaterialFeatures,
-    /// Whether anything is seen without a light: ambient or emission.
-    glows: bool,
-    /// Whether any material may reflect as a mirror.
-    mirrors: bool,
     /// Into which wavelengths a path splits.
     spectrum: SpectralSampler,
     /// The bodies around the camera.
     media_at_eye: MediaStack,
     /// How wide a camera ray is.
     camera_cone: Cone,
-    /// Whether the width of rays counts: some texture is averaged over it.
-    filters: bool,
 }
 
 /// Renders `scene` as `camera` sees it, in the current rayon pool. `None` if it was cancelled.
@@ -199,6 +200,7 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
         },
         samples: SampleCounts::uniform(settings),
         ledger,
+        plan: frame.plan.clone(),
     })
 }
 
@@ -243,6 +245,7 @@ fn render_adaptively(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
         samples: SampleCounts::of(&estimates),
         aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),
         ledger,
+        plan: frame.plan.clone(),
     })
 }
 
@@ -286,13 +289,8 @@ impl RenderSettings {
 
 impl<'s> Frame<'s> {
     fn new(scene: &'s Scene, camera: &Camera, accel: &'s dyn Accel, settings: &RenderSettings) -> Frame<'s> {
-        let used = || {
-            scene
-                .instances
-                .iter()
-                .map(|i| &scene.materials[i.material as usize])
-        };
-        let ambient_light = scene.ambient != [0.0; 3];
+        let plan = Plan::new(scene, camera, &settings.effects);
+        let effects = plan.effects();
         let view = camera.view(settings.width, settings.height);
         let shape = PacketShape::for_samples(settings.spp);
         // Adaptive sampling fills the pixel evenly with every round.
@@ -305,37 +303,41 @@ impl<'s> Frame<'s> {
             accel,
             settings: *settings,
             view,
-            surfaces: SurfaceScene::new(scene),
+            surfaces: SurfaceScene::new(scene, &plan),
             pixel_size: [settings.width, settings.height].map(|size| 1.0 / f64::from(size)),
             layout,
             shape,
             pixels: shape.pixels(),
             groups: shape.groups(layout, settings.spp),
-            ambient: scene.ambient,
-            background: scene.background,
-            features: MaterialFeatures::of(used()),
-            glows: ambient_light
-                || scene.background != Background::default()
-                || used().any(|material| material.emission != [0.0; 3] || material.model == Model::Unlit),
-            mirrors: used().any(Material::may_mirror),
+            ambient: if effects.has(Effect::Ambient) {
+                scene.ambient
+            } else {
+                [0.0; 3]
+            },
+            background: if effects.has(Effect::Background) {
+                scene.background
+            } else {
+                Background::default()
+            },
+            plan,
             spectrum: SpectralSampler::new(settings.wavelengths as usize),
             media_at_eye: MediaStack::EMPTY,
             camera_cone: settings.camera_cone(&view),
-            filters: used().any(|material| material.layers.iter().any(|layer| scene.is_filtered(layer))),
         };
         frame.set_samples_aside();
         frame.media_at_eye = frame.media_around(frame.view.ray(0.5, 0.5).origin);
         frame
     }
 
-    /// Whether paths keep more than their weights.
-    fn travels(&self) -> bool {
-        self.has_sheets() || self.filters && self.mirrors
+    /// The effects that are simulated.
+    #[inline(always)]
+    fn effects(&self) -> EffectSet {
+        self.plan.effects()
     }
 
-    /// Whether there are surfaces that light goes through.
-    fn has_sheets(&self) -> bool {
-        self.features.transmits || self.features.covers
+    /// Whether paths keep more than their weights.
+    fn travels(&self) -> bool {
+        self.effects().has_sheets() || travel::follows_widths(self.effects())
     }
 
     /// Works out what samples add to the directions of their pixels' corners, where that is the same for all packets.
@@ -359,11 +361,11 @@ impl<'s> Frame<'s> {
     /// one of them.
     fn media_around(&self, p: DVec3) -> MediaStack {
         let mut around = MediaStack::EMPTY;
-        if !self.features.transmits {
+        if !self.effects().has(Effect::Refraction) {
             return around;
         }
         let mut met = Vec::new();
-        let mut surfaces = Surfaces::new(self.features);
+        let mut surfaces = Surfaces::new(self.effects());
         let mut packet = [RayPacket::EMPTY];
         // Slanted, so that it runs along no edges of what is built along the axes.
         let mut ray = Ray::new(p.as_vec3(), Vec3::new(0.236_068, 0.854_102, 0.463_525));
@@ -395,10 +397,7 @@ impl<'s> Frame<'s> {
             Background::Gradient { horizon, up, down } => {
                 let mut seen = [[0.0; LANES]; 3];
                 for l in 0..LANES {
-                    let direction = match traced.travels {
-                        Some(travels) => travels[l].direction,
-                        None => traced.packet.ray(l).direction.as_dvec3().normalize(),
-                    };
+                    let direction = traced.packet.ray(l).direction.as_dvec3().normalize();
                     let pole = if direction.y < 0.0 { down } else { up };
                     let height = direction.y.abs();
                     for c in 0..3 {

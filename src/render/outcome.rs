@@ -6,12 +6,14 @@ use glam::Vec3;
 
 use super::film::TileFilm;
 use super::ledger::{Ledger, RayTally};
-use super::queue::{Feelers, Generation, Paths, Sent, Travel, TravelPacket};
+use super::queue::{Feelers, Generation, Paths, Sent};
 use super::surface::Surfaces;
 use super::texturing::Widths;
+use super::travel::{Travel, TravelPacket};
 use super::{Frame, shade};
 use crate::accel::{NO_HIT, RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+use crate::scene::Effect;
 
 /// The working memory of one thread for what follows from hits.
 pub(super) struct Outcome<'f, 's> {
@@ -41,7 +43,7 @@ pub(super) struct Traced<'a> {
     pub(super) pixel: &'a Lanes<u32>,
     /// Weights at the surfaces: what the way there swallowed is taken off.
     pub(super) weight: &'a Lanes3<f32>,
-    pub(super) travels: Option<&'a TravelPacket>,
+    pub(super) travels: Option<TravelPacket<'a>>,
 }
 
 impl<'f, 's> Outcome<'f, 's> {
@@ -49,13 +51,14 @@ impl<'f, 's> Outcome<'f, 's> {
         Outcome {
             frame,
             film,
-            feelers: Feelers::new(),
-            next: Generation::default(),
+            feelers: Feelers::new(frame.effects()),
+            next: Generation::new(frame.effects()),
             refracted: 0,
             ledger: Ledger::default(),
             sheets: frame
-                .has_sheets()
-                .then(|| Box::new(Surfaces::new(frame.features))),
+                .effects()
+                .has(Effect::TransparentShadow)
+                .then(|| Box::new(Surfaces::new(frame.effects()))),
         }
     }
 
@@ -77,7 +80,7 @@ impl<'f, 's> Outcome<'f, 's> {
         for (index, packet) in packets.iter().enumerate() {
             let (path, travels) = paths.at(index);
             let dimmed = travels
-                .filter(|_| self.frame.features.transmits)
+                .filter(|_| self.frame.effects().has(Effect::Absorption))
                 .map(|travels| self.dimmed(packet, path, travels));
             let traced = Traced {
                 packet,
@@ -87,17 +90,24 @@ impl<'f, 's> Outcome<'f, 's> {
             };
             let any_hit = packet.instance.iter().any(|&instance| instance != NO_HIT);
             if any_hit {
-                let widths = match travels {
-                    Some(travels) => Widths::Paths(travels),
-                    None => Widths::Camera(self.frame.camera_cone),
-                };
-                self.frame.surfaces.meet(packet, widths, surfaces);
+                self.frame.surfaces.meet(packet, self.widths(travels), surfaces);
                 self.shade(&traced, surfaces, stage);
-            } else if self.frame.glows {
+            } else if self.frame.effects().glows() {
                 self.add_surroundings(&traced);
             }
         }
         self.answer_feelers(stage.order);
+    }
+
+    /// How wide the rays of a packet are.
+    fn widths<'t>(&self, travels: Option<TravelPacket<'t>>) -> Widths<'t> {
+        if !self.frame.effects().has(Effect::TextureFilter) {
+            return Widths::None;
+        }
+        match travels {
+            Some(travels) => Widths::Paths(travels),
+            None => Widths::Camera(self.frame.camera_cone),
+        }
     }
 
     fn add_surroundings(&mut self, traced: &Traced) {
@@ -107,7 +117,7 @@ impl<'f, 's> Outcome<'f, 's> {
     }
 
     fn shade(&mut self, traced: &Traced, surfaces: &mut Surfaces, stage: Stage) {
-        match traced.travels.filter(|_| self.frame.has_sheets()) {
+        match traced.travels.filter(|_| self.frame.effects().has_sheets()) {
             None => self.shade_surfaces(traced, surfaces, stage),
             Some(travels) => {
                 let present = self.pass_through(traced, travels, surfaces);
@@ -116,7 +126,7 @@ impl<'f, 's> Outcome<'f, 's> {
                     ..*traced
                 };
                 self.shade_surfaces(&traced, surfaces, stage);
-                if self.frame.features.transmits {
+                if self.frame.effects().has(Effect::Refraction) {
                     self.cross_surfaces(&traced, travels, surfaces);
                 }
             }
@@ -126,7 +136,7 @@ impl<'f, 's> Outcome<'f, 's> {
     fn shade_surfaces(&mut self, traced: &Traced, surfaces: &Surfaces, stage: Stage) {
         let frame = self.frame;
         let (points, materials) = (&surfaces.points, &surfaces.materials);
-        if frame.glows {
+        if frame.effects().glows() {
             let background = frame.background_seen(traced);
             let light = shade::Uncaused {
                 ambient: frame.ambient,
@@ -140,20 +150,24 @@ impl<'f, 's> Outcome<'f, 's> {
             materials,
             weight: traced.weight,
         };
-        for light in &frame.scene.lights {
+        for (light, &casts) in frame.scene.lights.iter().zip(&frame.plan.casting) {
             if self.feelers.is_full() {
                 self.answer_feelers(stage.order);
             }
             let (packet, feeler) = self.feelers.next();
             if shade::feel(light, &lit, packet, &mut feeler.radiance) {
                 feeler.pixel = *traced.pixel;
+                if !casts {
+                    // Nothing to ask; but light is summed in the order in which it was found.
+                    packet.active = [0; LANES];
+                }
                 self.feelers.keep();
-                if let Some(travels) = traced.travels.filter(|_| frame.has_sheets()) {
+                if let Some(travels) = traced.travels.filter(|_| frame.effects().has(Effect::Refraction)) {
                     self.feelers.keep_media(travels);
                 }
             }
         }
-        if frame.mirrors {
+        if frame.effects().has(Effect::Reflection) {
             let mirrored = shade::reflection(&lit);
             self.reflect(surfaces, &mirrored, traced, stage);
         }
@@ -173,14 +187,17 @@ impl<'f, 's> Outcome<'f, 's> {
                 ray: Ray::new(vector(&points.origin), direction),
                 pixel: traced.pixel[l],
                 weight,
-                travel: traced.travels.map(|travels| Travel {
-                    depth: travels[l].depth + 1,
-                    direction: direction.as_dvec3().normalize(),
-                    cone: self
-                        .frame
-                        .cone_at(traced, travels, l)
-                        .reflected(self.frame.curvature(traced.packet, surfaces, l)),
-                    ..travels[l]
+                travel: traced.travels.map(|travels| {
+                    let arrival = travels.lane(l);
+                    Travel {
+                        depth: arrival.depth + 1,
+                        direction: direction.as_dvec3().normalize(),
+                        cone: self
+                            .frame
+                            .cone_at(traced, travels, l)
+                            .reflected(self.frame.curvature(traced.packet, surfaces, l)),
+                        ..arrival
+                    }
                 }),
             };
             self.send(&sent, stage.depth + 1);
@@ -197,7 +214,10 @@ impl<'f, 's> Outcome<'f, 's> {
         if !(largest > 0.0) {
             return false;
         }
-        let depth = sent.travel.map_or(steps, |travel| travel.depth);
+        let depth = match sent.travel {
+            Some(travel) if self.frame.effects().has_sheets() => travel.depth,
+            _ => steps,
+        };
         if depth > settings.depth || largest < settings.weight_cutoff {
             self.ledger.lose(largest);
             return false;
@@ -208,7 +228,7 @@ impl<'f, 's> Outcome<'f, 's> {
 
     /// Asks which of the waiting feelers reach their lights, and lets those lights in.
     fn answer_feelers(&mut self, order: RayOrder) {
-        if self.frame.has_sheets() {
+        if self.frame.effects().has(Effect::TransparentShadow) {
             return self.answer_through_sheets(order);
         }
         let (packets, feelers) = self.feelers.take();
@@ -216,9 +236,14 @@ impl<'f, 's> Outcome<'f, 's> {
             return;
         }
         let accel = self.frame.accel;
-        self.ledger.shadow += timed(packets, |packets| accel.occluded(packets, order));
+        let casts = self.frame.effects().has(Effect::Shadow);
+        if casts {
+            self.ledger.shadow += timed(packets, |packets| accel.occluded(packets, order));
+        }
         for (packet, feeler) in packets.iter().zip(feelers) {
-            shade::block(packet, &mut feeler.radiance);
+            if casts {
+                shade::block(packet, &mut feeler.radiance);
+            }
             self.film.add(&feeler.pixel, &feeler.radiance);
         }
     }

@@ -2,12 +2,10 @@
 //!
 //! Memory is kept from tile to tile; packets are filled again rather than made anew.
 
-use glam::DVec3;
-
+use super::travel::{MediaColumn, Travel, TravelPacket, Travels};
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
-use crate::optics::MediaStack;
-use crate::shading::ray_cone::Cone;
+use crate::scene::EffectSet;
 
 /// Packets that are traced and shaded together: 24 KB of rays, half of a first-level cache.
 pub(super) const BATCH: usize = 16;
@@ -28,38 +26,6 @@ impl PathPacket {
     };
 }
 
-/// What a path has behind it that may go through surfaces, beyond its weight.
-#[derive(Clone, Copy)]
-pub(super) struct Travel {
-    /// Reflections and refractions.
-    pub(super) depth: u32,
-    /// The wavelength that it follows, nanometres; 0 for all.
-    pub(super) wavelength: f32,
-    /// Unit direction, before it was rounded to the ray's.
-    pub(super) direction: DVec3,
-    /// The bodies around it.
-    pub(super) media: MediaStack,
-    /// How wide it is.
-    pub(super) cone: Cone,
-}
-
-/// The travels of a packet's lanes.
-pub(super) type TravelPacket = Lanes<Travel>;
-
-impl Travel {
-    /// Of a path that has not begun.
-    pub(super) const NONE: Travel = Travel {
-        depth: 0,
-        wavelength: 0.0,
-        direction: DVec3::ZERO,
-        media: MediaStack::EMPTY,
-        cone: Cone {
-            width: 0.0,
-            spread: 0.0,
-        },
-    };
-}
-
 /// A ray to trace and what it is for.
 pub(super) struct Sent {
     pub(super) ray: Ray,
@@ -70,12 +36,10 @@ pub(super) struct Sent {
 }
 
 /// Rays of one step of the tree. Packets are kept to be filled again.
-#[derive(Default)]
 pub(super) struct Generation {
     packets: Vec<RayPacket>,
     paths: Vec<PathPacket>,
-    /// One a packet, in scenes whose paths keep them.
-    travels: Vec<TravelPacket>,
+    travels: Travels,
     /// Packets in use.
     count: usize,
     /// Lanes in use of the last of them.
@@ -83,6 +47,17 @@ pub(super) struct Generation {
 }
 
 impl Generation {
+    /// For rays of these effects.
+    pub(super) fn new(effects: EffectSet) -> Generation {
+        Generation {
+            packets: Vec::new(),
+            paths: Vec::new(),
+            travels: Travels::new(effects),
+            count: 0,
+            filled: LANES,
+        }
+    }
+
     /// Forgets all rays.
     pub(super) fn clear(&mut self) {
         self.count = 0;
@@ -100,14 +75,15 @@ impl Generation {
         let paths = Paths {
             paths: &self.paths[..self.count],
             travels: &self.travels,
+            first: 0,
         };
         (&mut self.packets[..self.count], paths)
     }
 
-    /// The travels of the packet pushed last.
-    pub(super) fn last_travels(&mut self) -> &mut TravelPacket {
-        self.travels.resize(self.count, [Travel::NONE; LANES]);
-        &mut self.travels[self.count - 1]
+    /// Writes what lane `l` of the packet pushed last has behind it.
+    pub(super) fn set_travel(&mut self, l: usize, travel: &Travel) {
+        self.travels.resize(self.count);
+        self.travels.set(self.count - 1, l, travel);
     }
 
     /// A fresh packet with its paths.
@@ -137,7 +113,7 @@ impl Generation {
             self.paths[last].weight[channel][lane] = sent.weight[channel];
         }
         if let Some(travel) = sent.travel {
-            self.last_travels()[lane] = travel;
+            self.set_travel(lane, &travel);
         }
         self.filled += 1;
     }
@@ -147,21 +123,25 @@ impl Generation {
 #[derive(Clone, Copy)]
 pub(super) struct Paths<'a> {
     paths: &'a [PathPacket],
-    travels: &'a [TravelPacket],
+    travels: &'a Travels,
+    /// The packet of the generation that comes first.
+    first: usize,
 }
 
 impl<'a> Paths<'a> {
-    /// Those of packet `index`.
+    /// Those of packet `index`; what they have behind them, where some effect needs to know.
     #[inline(always)]
-    pub(super) fn at(&self, index: usize) -> (&'a PathPacket, Option<&'a TravelPacket>) {
-        (&self.paths[index], self.travels.get(index))
+    pub(super) fn at(&self, index: usize) -> (&'a PathPacket, Option<TravelPacket<'a>>) {
+        let packet = self.first + index;
+        let travels = (!self.travels.is_void()).then(|| self.travels.at(packet));
+        (&self.paths[packet], travels)
     }
 
     /// Those from packet `first` on.
     pub(super) fn from(&self, first: usize) -> Paths<'a> {
         Paths {
-            paths: &self.paths[first..],
-            travels: self.travels.get(first..).unwrap_or_default(),
+            first: self.first + first,
+            ..*self
         }
     }
 }
@@ -170,8 +150,8 @@ impl<'a> Paths<'a> {
 pub(super) struct Feelers {
     packets: [RayPacket; BATCH],
     lights: [Feeler; BATCH],
-    /// The bodies around the points that feel, one entry a packet, in scenes where light goes through surfaces.
-    media: Vec<Lanes<MediaStack>>,
+    /// The bodies around the points that feel.
+    media: MediaColumn,
     /// Packets in use.
     count: usize,
 }
@@ -183,14 +163,17 @@ pub(super) struct Feeler {
 }
 
 impl Feelers {
-    pub(super) fn new() -> Box<Feelers> {
+    /// For rays of these effects.
+    pub(super) fn new(effects: EffectSet) -> Box<Feelers> {
+        let mut media = MediaColumn::new(effects);
+        media.resize(BATCH);
         Box::new(Feelers {
             packets: std::array::from_fn(|_| RayPacket::EMPTY),
             lights: std::array::from_fn(|_| Feeler {
                 pixel: [0; LANES],
                 radiance: [[0.0; LANES]; 3],
             }),
-            media: Vec::new(),
+            media,
             count: 0,
         })
     }
@@ -211,15 +194,15 @@ impl Feelers {
     }
 
     /// Says what bodies are around the points of the packet last kept.
-    pub(super) fn keep_media(&mut self, travels: &TravelPacket) {
-        self.media.resize(self.count, [MediaStack::EMPTY; LANES]);
-        self.media[self.count - 1] = travels.map(|travel| travel.media);
+    pub(super) fn keep_media(&mut self, travels: TravelPacket) {
+        for l in 0..LANES {
+            self.media.set(self.count - 1, l, &travels.media(l));
+        }
     }
 
     /// As [`Feelers::take`], with the bodies around the points.
-    pub(super) fn take_with_media(&mut self) -> (&mut [RayPacket], &mut [Feeler], &mut [Lanes<MediaStack>]) {
+    pub(super) fn take_with_media(&mut self) -> (&mut [RayPacket], &mut [Feeler], &mut MediaColumn) {
         let count = std::mem::take(&mut self.count);
-        self.media.resize(count, [MediaStack::EMPTY; LANES]);
         (
             &mut self.packets[..count],
             &mut self.lights[..count],

@@ -8,7 +8,7 @@ use multiversion::multiversion;
 use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::{Light, LightKind};
+use crate::scene::{Effect, Light, LightKind};
 use crate::shading::{MaterialPacket, direct, illuminate, lecture_direct, mirror};
 
 /// Surfaces to light, and the rays that found them.
@@ -99,7 +99,7 @@ pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &
     let surfaces = lit.points;
     let arriving = illuminate(light, &surfaces.p);
     let mut reflected = direct(lit.materials, &surfaces.ns, &surfaces.wo, &arriving.wi);
-    if lit.materials.features.lecture {
+    if lit.materials.effects.has(Effect::Lecture) {
         let lecture = lecture_direct(lit.materials, &surfaces.ns, &surfaces.wo, &arriving.wi);
         for channel in 0..3 {
             for l in 0..LANES {
@@ -182,7 +182,7 @@ pub(super) fn reflection(lit: &Lit) -> Mirrored {
         }
         leaves[l] = above > 0.0;
         // What lets light through is divided by Fresnel's equations elsewhere.
-        let divides = lit.materials.features.transmits & lit.materials.transmits(l);
+        let divides = lit.materials.effects.has(Effect::Refraction) & lit.materials.transmits(l);
         for channel in 0..3 {
             let weight = if divides { 0.0 } else { lit.weight[channel][l] };
             reflectance[channel][l] *= weight;

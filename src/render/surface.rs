@@ -10,6 +10,7 @@ use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 
 use super::gather::{Gathered, MeshView};
+use super::plan::Plan;
 use super::shape_point::world_point;
 use super::texturing::{Chart, Widths};
 use crate::accel::{NO_HIT, RayPacket};
@@ -17,9 +18,9 @@ use crate::numeric::{
     LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_bound,
     triangle_spawn_error,
 };
-use crate::scene::{Geometry, Instance, Material, Scene};
+use crate::scene::{Effect, EffectSet, Geometry, Instance, Material, Scene};
 use crate::shading::ray_cone::triangle_curvature;
-use crate::shading::{MaterialFeatures, MaterialPacket, TextureSet};
+use crate::shading::{MaterialPacket, TextureSet};
 use crate::shape::Shape;
 
 /// The scene, seen from its hits: one entry an instance.
@@ -27,6 +28,7 @@ pub(super) struct SurfaceScene<'s> {
     scene: &'s Scene,
     textures: TextureSet<'s>,
     views: Vec<InstanceView<'s>>,
+    pub(super) effects: EffectSet,
 }
 
 pub(super) struct InstanceView<'s> {
@@ -80,8 +82,20 @@ pub(super) struct Surfaces {
 }
 
 impl<'s> SurfaceScene<'s> {
-    pub(super) fn new(scene: &'s Scene) -> SurfaceScene<'s> {
-        let kinds: Vec<Kind> = scene.geometries.iter().map(Kind::of).collect();
+    /// The scene with the effects of `plan`.
+    pub(super) fn new(scene: &'s Scene, plan: &Plan) -> SurfaceScene<'s> {
+        let effects = plan.effects();
+        let kinds: Vec<Kind> = scene
+            .geometries
+            .iter()
+            .map(|geometry| Kind::of(geometry, effects))
+            .collect();
+        let varies = |material: &Material| material.layers.iter().any(|layer| effects.has(layer.effect()));
+        // Where it is to be simulated though nothing calls for it, everything counts as varying.
+        let forced = plan.forced();
+        let everywhere = [Effect::Texture, Effect::NormalMap, Effect::VertexColor]
+            .into_iter()
+            .any(|effect| forced.has(effect));
         let views = scene.instances.iter().map(|instance| {
             let material = &scene.materials[instance.material as usize];
             let kind = kinds[instance.geometry as usize].clone();
@@ -89,7 +103,7 @@ impl<'s> SurfaceScene<'s> {
             InstanceView {
                 kind,
                 material: instance.material,
-                uniform: !colored && !material.is_textured(),
+                uniform: !(colored || varies(material) || everywhere),
                 is_placed: !instance.is_identity(),
             }
         });
@@ -97,6 +111,7 @@ impl<'s> SurfaceScene<'s> {
             scene,
             textures: TextureSet::new(scene),
             views: views.collect(),
+            effects,
         }
     }
 
@@ -340,16 +355,16 @@ impl InstanceView<'_> {
 }
 
 impl<'s> Kind<'s> {
-    fn of(geometry: &'s Geometry) -> Kind<'s> {
+    fn of(geometry: &'s Geometry, effects: EffectSet) -> Kind<'s> {
         match geometry {
-            Geometry::Mesh(mesh) => Kind::Mesh(Arc::new(MeshView::of(mesh))),
+            Geometry::Mesh(mesh) => Kind::Mesh(Arc::new(MeshView::of(mesh, effects))),
             Geometry::Shape(shape) => Kind::Shape(shape),
         }
     }
 }
 
 impl Surfaces {
-    pub(super) fn new(features: MaterialFeatures) -> Surfaces {
+    pub(super) fn new(effects: EffectSet) -> Surfaces {
         Surfaces {
             gathered: Gathered::new(),
             points: SurfacePacket {
@@ -364,7 +379,7 @@ impl Surfaces {
                 error: [0.0; LANES],
             },
             materials: MaterialPacket {
-                features,
+                effects,
                 ..MaterialPacket::BLACK
             },
             filled_for: None,

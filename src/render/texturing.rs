@@ -5,11 +5,11 @@
 
 use glam::DVec3;
 
-use super::queue::TravelPacket;
 use super::surface::{InstanceView, SurfacePacket, SurfaceScene};
+use super::travel::TravelPacket;
 use crate::accel::RayPacket;
 use crate::numeric::Lanes3;
-use crate::scene::{Instance, Layer, Model, Parameter};
+use crate::scene::{Effect, Instance, Layer, Model, Parameter};
 use crate::shading::normal_map::{TangentFrame, bumped, kept_visible, transformed_derivatives};
 use crate::shading::ray_cone::{Cone, axes_on_surface, uv_of};
 use crate::shading::{Footprint, MaterialPacket, RichLanes, TexturePoint};
@@ -20,7 +20,7 @@ pub(super) enum Widths<'a> {
     /// All as the camera's.
     Camera(Cone),
     /// Each as its path says.
-    Paths(&'a TravelPacket),
+    Paths(TravelPacket<'a>),
     /// Not at all.
     None,
 }
@@ -30,7 +30,7 @@ impl Widths<'_> {
     pub(super) fn at_start(&self, l: usize) -> Cone {
         match self {
             Widths::Camera(cone) => *cone,
-            Widths::Paths(travels) => travels[l].cone,
+            Widths::Paths(travels) => travels.cone(l),
             Widths::None => Cone::default(),
         }
     }
@@ -70,6 +70,9 @@ impl SurfaceScene<'_> {
         let mut alpha = material.base_color[3];
         let mut normal = None;
         for layer in &material.layers {
+            if !self.effects.has(layer.effect()) {
+                continue;
+            }
             let (chart, at, footprint) = hit.look_up(layer);
             if layer.parameter == Parameter::Bump {
                 let object_from_world = instance.object_from_world().matrix3;
@@ -109,8 +112,8 @@ impl SurfaceScene<'_> {
             (0..3).for_each(|c| materials.base_color[c][l] *= color[c]);
             alpha *= color[3];
         }
-        materials.alpha[l] = material.alpha.coverage(alpha);
-        if material.model == Model::Unlit {
+        materials.alpha[l] = materials.coverage(material, alpha);
+        if material.model == Model::Unlit && self.effects.has(Effect::Emission) {
             (0..3).for_each(|c| materials.emission[c][l] = materials.base_color[c][l]);
         }
         if let Some(n) = normal {

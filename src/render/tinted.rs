@@ -10,10 +10,12 @@ use super::queue::{BATCH, Feeler};
 use super::surface::Surfaces;
 use super::texturing::Widths;
 use super::transparent::Tints;
+use super::travel::MediaColumn;
 use super::{Frame, shade};
 use crate::accel::{NO_HIT, RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes};
-use crate::optics::{LINE_D, MediaStack};
+use crate::optics::LINE_D;
+use crate::scene::Effect;
 
 /// Surfaces after which a feeler counts as blocked: no light is left behind so many of any real material.
 const MOST_SHEETS: usize = 256;
@@ -42,7 +44,8 @@ impl Outcome<'_, '_> {
                 if packet.any_active() {
                     let way = Way {
                         reach: &reaches[index],
-                        media: &mut media[index],
+                        media,
+                        index,
                     };
                     way.pass_next(frame, packet, &mut feelers[index], sheets);
                 }
@@ -68,7 +71,9 @@ struct Way<'a> {
     /// Where the lights are, as ray parameters.
     reach: &'a Lanes<f32>,
     /// The bodies around.
-    media: &'a mut Lanes<MediaStack>,
+    media: &'a mut MediaColumn,
+    /// The packet's place among those that are answered together.
+    index: usize,
 }
 
 impl Way<'_> {
@@ -93,7 +98,10 @@ impl Way<'_> {
             let ray = packet.ray(l);
             let length = ray.direction.as_dvec3().length();
             let distance = (f64::from(end) - f64::from(ray.t_near)) * length;
-            let mut left = frame.transmittance(&self.media[l], distance);
+            let mut left = [1.0; 3];
+            if frame.effects().has(Effect::Absorption) {
+                left = frame.transmittance(&self.media.get(self.index, l), distance);
+            }
             if is_hit {
                 let through = self.tint(frame, packet, sheets, l);
                 (0..3).for_each(|c| left[c] *= through[c]);
@@ -116,13 +124,14 @@ impl Way<'_> {
     /// What the surface that lane `l` has met leaves of the light; the lane's bodies become those behind it.
     fn tint(&mut self, frame: &Frame, packet: &RayPacket, sheets: &Surfaces, l: usize) -> [f32; 3] {
         let points = &sheets.points;
-        let boundary = frame.boundary(packet.instance[l], points.front[l], &self.media[l]);
+        let media = self.media.get(self.index, l);
+        let boundary = frame.boundary(packet.instance[l], points.front[l], &media);
         let is_hidden = boundary.is_hidden();
         let coverage = sheets.materials.alpha[l];
         let mut through = [0.0; 3];
         if is_hidden {
             through = [1.0; 3];
-        } else if boundary.material.transmits() {
+        } else if frame.effects().has(Effect::Refraction) && boundary.material.transmits() {
             let d = packet.ray(l).direction.as_dvec3().normalize();
             let n = frame.surfaces.interface_normal(packet, sheets, l);
             let cos_i = (-d.dot(n)).clamp(0.0, 1.0);
@@ -130,7 +139,7 @@ impl Way<'_> {
             let tints = Tints::of(&boundary.material.model, &sheets.materials, l);
             through = tints.weights(reflectance, transmittance).1;
         }
-        self.media[l] = boundary.crossing.through;
+        self.media.set(self.index, l, &boundary.crossing.through);
         through.map(|c| 1.0 - coverage + coverage * c)
     }
 }

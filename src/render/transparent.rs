@@ -9,14 +9,15 @@ use glam::DVec3;
 
 use super::Frame;
 use super::outcome::{Outcome, Traced};
-use super::queue::{PathPacket, Sent, Travel, TravelPacket};
+use super::queue::{PathPacket, Sent};
 use super::surface::{SurfacePacket, Surfaces};
+use super::travel::{Travel, TravelPacket};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes3, Ray, spawn_point};
 use crate::optics::{
     Body, Crossing, LINE_D, MediaStack, Passage, Polarised, dielectric, reflect, refract, thin_slab,
 };
-use crate::scene::{Lecture, Material, Model};
+use crate::scene::{Effect, Lecture, Material, Model};
 use crate::shading::MaterialPacket;
 use crate::shading::ray_cone::Cone;
 
@@ -24,12 +25,14 @@ use crate::shading::ray_cone::Cone;
 pub(super) struct Boundary<'m> {
     pub(super) material: &'m Material,
     pub(super) crossing: Crossing,
+    /// Whether it is that of a body that light goes through.
+    is_body: bool,
 }
 
 impl Boundary<'_> {
     /// Whether bodies of higher priority hide it: the ray does not notice.
     pub(super) fn is_hidden(&self) -> bool {
-        self.material.transmits() && !self.material.is_wall() && !self.crossing.is_real()
+        self.is_body && !self.crossing.is_real()
     }
 }
 
@@ -42,14 +45,17 @@ impl Material {
 
 impl Frame<'_> {
     /// The cone of a traced ray where it has met something.
-    pub(super) fn cone_at(&self, traced: &Traced, travels: &TravelPacket, l: usize) -> Cone {
+    pub(super) fn cone_at(&self, traced: &Traced, travels: TravelPacket, l: usize) -> Cone {
+        if !self.effects().has(Effect::TextureFilter) {
+            return Travel::NONE.cone;
+        }
         let length = traced.packet.ray(l).direction.as_dvec3().length();
-        travels[l].cone.after(f64::from(traced.packet.t_far[l]) * length)
+        travels.cone(l).after(f64::from(traced.packet.t_far[l]) * length)
     }
 
     /// The curvature that widens or narrows rays at a hit, where their widths count.
     pub(super) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
-        if self.filters {
+        if self.effects().has(Effect::TextureFilter) {
             self.surfaces.curvature(packet, surfaces, l)
         } else {
             0.0
@@ -65,7 +71,8 @@ impl Frame<'_> {
         } else {
             Passage::Leave
         };
-        let crossing = if material.is_wall() || !material.transmits() {
+        let is_body = self.effects().has(Effect::Refraction) && material.transmits() && !material.is_wall();
+        let crossing = if !is_body {
             Crossing {
                 before: media.current(),
                 after: media.current(),
@@ -75,7 +82,11 @@ impl Frame<'_> {
             let priority = material.interior.map_or(0, |inside| inside.priority);
             media.crossing(Body { id: index, priority }, passage)
         };
-        Boundary { material, crossing }
+        Boundary {
+            material,
+            crossing,
+            is_body,
+        }
     }
 
     fn body_material(&self, body: Option<Body>) -> Option<&Material> {
@@ -170,15 +181,14 @@ impl Tints {
 
 impl Outcome<'_, '_> {
     /// The weights of a packet where it arrives: what the bodies on its way swallow is taken off.
-    pub(super) fn dimmed(
-        &self,
-        packet: &RayPacket,
-        path: &PathPacket,
-        travels: &TravelPacket,
-    ) -> Lanes3<f32> {
+    pub(super) fn dimmed(&self, packet: &RayPacket, path: &PathPacket, travels: TravelPacket) -> Lanes3<f32> {
         let mut weight = path.weight;
         for l in 0..LANES {
-            if packet.active[l] == 0 || travels[l].media.current().is_none() {
+            if packet.active[l] == 0 {
+                continue;
+            }
+            let media = travels.media(l);
+            if media.current().is_none() {
                 continue;
             }
             let length = packet.ray(l).direction.as_dvec3().length();
@@ -190,7 +200,7 @@ impl Outcome<'_, '_> {
             };
             // A ray that has passed something begins behind it.
             let distance = (t - f64::from(packet.t_near[l])) * length;
-            let left = self.frame.transmittance(&travels[l].media, distance);
+            let left = self.frame.transmittance(&media, distance);
             for channel in 0..3 {
                 weight[channel][l] *= left[channel];
             }
@@ -202,7 +212,7 @@ impl Outcome<'_, '_> {
     pub(super) fn pass_through(
         &mut self,
         traced: &Traced,
-        travels: &TravelPacket,
+        travels: TravelPacket,
         surfaces: &mut Surfaces,
     ) -> Lanes3<f32> {
         let mut present = *traced.weight;
@@ -211,9 +221,10 @@ impl Outcome<'_, '_> {
                 continue;
             }
             let from_outside = surfaces.points.front[l];
+            let travel = travels.lane(l);
             let boundary = self
                 .frame
-                .boundary(traced.packet.instance[l], from_outside, &travels[l].media);
+                .boundary(traced.packet.instance[l], from_outside, &travel.media);
             let mut coverage = surfaces.materials.alpha[l];
             if boundary.is_hidden() {
                 coverage = 0.0;
@@ -236,7 +247,7 @@ impl Outcome<'_, '_> {
                 // Through a gap in a body's surface a ray is inside it as well.
                 travel: Some(Travel {
                     media: boundary.crossing.through,
-                    ..travels[l]
+                    ..travel
                 }),
             };
             self.refracted += u64::from(self.send(&sent, 0));
@@ -245,7 +256,7 @@ impl Outcome<'_, '_> {
     }
 
     /// Divides the rays that have met transparent bodies into reflected and refracted ones.
-    pub(super) fn cross_surfaces(&mut self, traced: &Traced, travels: &TravelPacket, surfaces: &Surfaces) {
+    pub(super) fn cross_surfaces(&mut self, traced: &Traced, travels: TravelPacket, surfaces: &Surfaces) {
         for l in 0..LANES {
             // Light of one wavelength may have negative weights, whose sum says nothing.
             let seen = traced.weight.iter().any(|channel| channel[l] != 0.0);
@@ -255,9 +266,9 @@ impl Outcome<'_, '_> {
         }
     }
 
-    fn cross(&mut self, traced: &Traced, travels: &TravelPacket, surfaces: &Surfaces, l: usize) {
+    fn cross(&mut self, traced: &Traced, travels: TravelPacket, surfaces: &Surfaces, l: usize) {
         let frame = self.frame;
-        let arrival = &travels[l];
+        let arrival = &travels.lane(l);
         let cone = frame.cone_at(traced, travels, l);
         let curvature = frame.curvature(traced.packet, surfaces, l);
         let points = &surfaces.points;
@@ -269,7 +280,8 @@ impl Outcome<'_, '_> {
             n: frame.surfaces.interface_normal(traced.packet, surfaces, l),
             side: points.geometric_normal(l),
         };
-        let disperses = arrival.wavelength == 0.0
+        let disperses = frame.effects().has(Effect::Dispersion)
+            && arrival.wavelength == 0.0
             && !boundary.material.is_wall()
             && (frame.disperses(boundary.crossing.before) || frame.disperses(boundary.crossing.after));
         let mut reflected = [0.0; 3];
@@ -305,7 +317,7 @@ impl Outcome<'_, '_> {
         }
         let is_smooth = surfaces.materials.rich.is_lecture[l]
             || surfaces.materials.roughness[l] <= crate::scene::MIRROR_ROUGHNESS;
-        if is_smooth {
+        if is_smooth && frame.effects().has(Effect::Reflection) {
             let travel = Travel {
                 depth: arrival.depth + 1,
                 direction: bend.reflected(),

@@ -16,10 +16,11 @@ use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
 use super::ledger::{Ledger, RayTally};
 use super::outcome::{Outcome, Stage, timed};
-use super::queue::{BATCH, Generation, Travel};
+use super::queue::{BATCH, Generation};
 use super::sampler::SampleGroup;
 use super::samples::SampleFilm;
 use super::surface::Surfaces;
+use super::travel::Travel;
 use crate::accel::{RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes};
 
@@ -68,8 +69,8 @@ impl<'f, 's> Wave<'f, 's> {
         Wave {
             packets: 0,
             frame,
-            current: Generation::default(),
-            surfaces: Box::new(Surfaces::new(frame.features)),
+            current: Generation::new(frame.effects()),
+            surfaces: Box::new(Surfaces::new(frame.effects())),
             outcome: Outcome::new(frame, TileFilm::new(samples)),
         }
     }
@@ -149,14 +150,14 @@ impl<'f, 's> Wave<'f, 's> {
         }
         if frame.travels() {
             let directions = exact_directions(frame, block, position);
-            let travels = self.current.last_travels();
             for l in 0..LANES {
-                travels[l] = Travel {
+                let travel = Travel {
                     direction: directions[l],
                     media: frame.media_at_eye,
                     cone: frame.camera_cone,
                     ..Travel::NONE
                 };
+                self.current.set_travel(l, &travel);
             }
         }
     }

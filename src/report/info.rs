@@ -7,10 +7,10 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::optics::LINE_D;
-use crate::scene::{Geometry, LightKind, Material, Model, Projection, Scene};
+use crate::render::plan::{Decision, Plan};
+use crate::scene::{EffectOverrides, Geometry, LightKind, Material, Model, Projection, Scene};
 use crate::shape::Shape;
 
-use super::effects;
 use super::memory::{self, MemoryForecast};
 
 /// A scene in numbers and names.
@@ -58,8 +58,10 @@ pub struct SceneInfo {
     pub normalisation: NormalisationInfo,
     /// Estimates.
     pub memory: MemoryForecast,
-    /// Why each kind of secondary ray is traced or not.
-    pub effects: EffectReasons,
+    /// Why each effect is simulated or not, seen by the first camera.
+    pub effects: BTreeMap<&'static str, String>,
+    /// The same in the plan's order, with whether it is.
+    pub plan: Vec<Decision>,
     /// What was dropped or approximated while loading.
     pub warnings: Vec<String>,
 }
@@ -201,20 +203,13 @@ pub struct NormalisationInfo {
     pub scale: f64,
 }
 
-/// Why each kind of secondary ray is traced or not.
-#[derive(Clone, Debug, Serialize)]
-pub struct EffectReasons {
-    /// Rays to lights.
-    pub shadow: String,
-    /// Rays from mirrors.
-    pub reflection: String,
-    /// Rays through surfaces.
-    pub refraction: String,
-}
-
 impl SceneInfo {
-    /// Describes a loaded scene that was read from `path`.
-    pub fn of(scene: &Scene, path: impl Into<PathBuf>) -> SceneInfo {
+    /// Describes a loaded scene that was read from `path`, with the effects that a person wants otherwise.
+    pub fn of(scene: &Scene, path: impl Into<PathBuf>, overrides: &EffectOverrides) -> SceneInfo {
+        let plan = scene
+            .cameras
+            .first()
+            .map_or_else(Vec::new, |camera| Plan::new(scene, camera, overrides).decisions);
         SceneInfo {
             scene: path.into(),
             triangles: scene.triangle_count(),
@@ -244,11 +239,11 @@ impl SceneInfo {
                 scale: scene.normalisation.scale,
             },
             memory: MemoryForecast::of(scene),
-            effects: EffectReasons {
-                shadow: effects::shadow_reason(scene),
-                reflection: effects::reflection_reason(scene),
-                refraction: effects::refraction_reason(scene),
-            },
+            effects: plan
+                .iter()
+                .map(|decision| (decision.effect.name(), decision.reason.clone()))
+                .collect(),
+            plan,
             warnings: scene.warnings.clone(),
         }
     }
@@ -408,9 +403,9 @@ impl fmt::Display for SceneInfo {
             "normalisation",
             format!("(p - {:?}) * {}", normalisation.center, normalisation.scale),
         )?;
-        line("shadow rays", self.effects.shadow.clone())?;
-        line("reflected rays", self.effects.reflection.clone())?;
-        line("refracted rays", self.effects.refraction.clone())?;
+        for decision in &self.plan {
+            line("effect", decision.to_string())?;
+        }
         let memory = &self.memory;
         line(
             "memory",
@@ -460,9 +455,15 @@ mod tests {
     #[test]
     fn bounds_are_told_in_the_files_coordinates() {
         // A unit ball in the scene, halved and moved by 10: ±1 / 0.5 + 10 = 8 .. 12.
-        let bounds = SceneInfo::of(&scene(), "a.glb").bounds.unwrap();
+        let bounds = SceneInfo::of(&scene(), "a.glb", &EffectOverrides::default())
+            .bounds
+            .unwrap();
         assert_eq!((bounds.min, bounds.max), ([8.0, -2.0, -2.0], [12.0, 2.0, 2.0]));
-        assert!(SceneInfo::of(&Scene::default(), "a.glb").bounds.is_none());
+        assert!(
+            SceneInfo::of(&Scene::default(), "a.glb", &EffectOverrides::default())
+                .bounds
+                .is_none()
+        );
     }
 
     #[test]
@@ -474,14 +475,14 @@ mod tests {
         };
         // Halving all lengths takes a quarter of the intensity to keep the picture.
         assert_eq!(
-            SceneInfo::of(&scene, "a.glb").lights[0].intensity,
+            SceneInfo::of(&scene, "a.glb", &EffectOverrides::default()).lights[0].intensity,
             [12.0, 8.0, 4.0]
         );
     }
 
     #[test]
     fn the_text_names_lights_units_and_warnings() {
-        let text = SceneInfo::of(&scene(), "a.glb").to_string();
+        let text = SceneInfo::of(&scene(), "a.glb", &EffectOverrides::default()).to_string();
         assert!(
             text.contains("light 0        `sun`, directional, 3 2 1 lx\n"),
             "{text}"

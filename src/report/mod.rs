@@ -3,7 +3,6 @@
 //! Keys of the JSON forms are stable: they are added to, never renamed.
 
 pub mod bench;
-pub mod effects;
 pub mod info;
 pub mod memory;
 pub mod stats;

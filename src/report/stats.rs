@@ -6,10 +6,9 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::accel::{Backend, EmbreeIdentity, Precision};
-use crate::render::{Ledger, RayTally, SampleCounts};
-use crate::scene::{Geometry, Scene};
-
-use super::effects;
+use crate::render::plan::Decision;
+use crate::render::{Ledger, Plan, RayTally, SampleCounts};
+use crate::scene::{Effect, Geometry, Scene};
 
 /// Everything worth knowing about one rendered image.
 #[derive(Clone, Debug, Serialize)]
@@ -40,7 +39,7 @@ pub struct RenderStats {
     pub seconds: PhaseSeconds,
     /// Rays by purpose.
     pub rays: RayCounts,
-    /// Kinds of secondary ray, each with its cost and its reason.
+    /// What was simulated and what was not, each with its cost and its reason.
     pub effects: BTreeMap<&'static str, EffectStats>,
     /// The acceleration structure.
     pub accel: AccelStats,
@@ -168,28 +167,30 @@ pub struct EffectStats {
     pub rays: u64,
     /// Seconds within the backend for them, summed over threads.
     pub seconds: f64,
+    /// Whether it was simulated.
+    pub on: bool,
     /// What in the scene calls for it, or that nothing does.
     pub reason: String,
 }
 
 /// The effects of a frame by name.
-pub fn effect_stats(scene: &Scene, ledger: &Ledger) -> BTreeMap<&'static str, EffectStats> {
-    let entry = |tally: &RayTally, reason| EffectStats {
-        rays: tally.rays,
-        seconds: tally.seconds,
-        reason,
+pub fn effect_stats(plan: &Plan, ledger: &Ledger) -> BTreeMap<&'static str, EffectStats> {
+    let tally = |effect| match effect {
+        Effect::Shadow => ledger.shadow,
+        Effect::Reflection => ledger.reflection,
+        Effect::Refraction => ledger.refraction,
+        _ => RayTally::default(),
     };
-    BTreeMap::from([
-        ("shadow", entry(&ledger.shadow, effects::shadow_reason(scene))),
-        (
-            "reflection",
-            entry(&ledger.reflection, effects::reflection_reason(scene)),
-        ),
-        (
-            "refraction",
-            entry(&ledger.refraction, effects::refraction_reason(scene)),
-        ),
-    ])
+    let entry = |decision: &Decision| EffectStats {
+        rays: tally(decision.effect).rays,
+        seconds: tally(decision.effect).seconds,
+        on: decision.on,
+        reason: decision.reason.clone(),
+    };
+    plan.decisions
+        .iter()
+        .map(|decision| (decision.effect.name(), entry(decision)))
+        .collect()
 }
 
 /// The acceleration structure that was used.

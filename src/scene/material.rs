@@ -188,13 +188,6 @@ impl Material {
         }
     }
 
-    /// Whether a texture lies on a parameter that few materials have.
-    pub(crate) fn has_rich_layer(&self) -> bool {
-        use Parameter::{Occlusion, Reflection, Specular, SpecularColor, Transmission};
-        let rich = [Occlusion, Reflection, Specular, SpecularColor, Transmission];
-        rich.into_iter().any(|parameter| self.layer(parameter).is_some())
-    }
-
     /// Whether it may reflect an image. A texture multiplies the factor, so it can only make a surface smoother.
     pub fn may_mirror(&self) -> bool {
         match &self.model {

@@ -2,6 +2,7 @@
 
 mod bake;
 mod camera;
+mod effect;
 mod instance;
 mod light;
 mod material;
@@ -12,6 +13,7 @@ mod validate;
 mod validate_material;
 
 pub use camera::{Camera, CameraView, Projection};
+pub use effect::{Effect, EffectOverrides, EffectSet};
 pub use instance::Instance;
 pub use light::{Falloff, Light, LightKind};
 pub use material::{
@@ -113,14 +115,6 @@ impl Geometry {
 }
 
 impl Scene {
-    /// Whether a layer's texture is averaged over the width of the ray.
-    pub(crate) fn is_filtered(&self, layer: &Layer) -> bool {
-        match &self.textures[layer.texture.texture as usize] {
-            Texture::Image { sampler, .. } => sampler.filter == Filter::Mipmap,
-            Texture::Procedural(_) => true,
-        }
-    }
-
     /// The geometry of an instance.
     #[inline(always)]
     pub fn geometry_of(&self, instance: u32) -> &Geometry {

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::Effect;
 use crate::image::{self, ImageError, ReadPixels, TransferCurve};
 
 /// A texture on a parameter of a material.
@@ -14,6 +15,17 @@ pub struct Layer {
     /// glTF's scale of a normal map, strength of an occlusion map; height in metres of white in a bump map; 1
     /// elsewhere.
     pub strength: f32,
+}
+
+impl Layer {
+    /// The effect that it is a part of.
+    pub fn effect(&self) -> Effect {
+        match self.parameter {
+            Parameter::Normal | Parameter::Bump => Effect::NormalMap,
+            Parameter::Occlusion => Effect::Occlusion,
+            _ => Effect::Texture,
+        }
+    }
 }
 
 /// What a texture may change. Colours are sRGB-encoded in 8-bit images, everything else is linear. Values multiply the

@@ -41,7 +41,7 @@ pub fn lecture_direct(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Lecture, Material, Model};
+    use crate::scene::{EffectSet, Lecture, Material, Model};
 
     fn lanes3(v: [f32; 3]) -> Lanes3<f32> {
         v.map(|axis| [axis; LANES])
@@ -49,7 +49,7 @@ mod tests {
 
     fn shiny(exponent: f32) -> MaterialPacket {
         let mut packet = MaterialPacket::BLACK;
-        packet.features.rich = true;
+        packet.effects = EffectSet::ALL;
         let material = Material {
             model: Model::Lecture(Lecture {
                 diffuse: [0.5; 3],

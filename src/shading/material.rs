@@ -1,15 +1,15 @@
 //! The materials of sixteen points: factors, with textures and vertex colours multiplied in later.
 
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::{Lecture, Material, MetallicRoughness, Model};
+use crate::scene::{AlphaMode, Effect, EffectSet, Lecture, Material, MetallicRoughness, Model};
 
 /// The material at sixteen points.
 ///
-/// `rich` holds neutral values unless the features ask for it.
+/// `rich` holds neutral values unless the effects ask for it.
 #[derive(Clone, Debug)]
 pub struct MaterialPacket {
-    /// Which parts are written.
-    pub features: MaterialFeatures,
+    /// Which parts are written; what belongs to others is neutral.
+    pub effects: EffectSet,
     /// Linear RGB.
     pub base_color: Lanes3<f32>,
     /// Coverage: the part of the surface that is there, 1 for opaque materials.
@@ -62,7 +62,7 @@ pub(super) const DEFAULT_F0: f32 = 0.04;
 impl MaterialPacket {
     /// Black everywhere.
     pub const BLACK: MaterialPacket = MaterialPacket {
-        features: MaterialFeatures::NONE,
+        effects: EffectSet::NONE,
         base_color: [[0.0; LANES]; 3],
         alpha: [1.0; LANES],
         emission: [[0.0; LANES]; 3],
@@ -89,7 +89,7 @@ impl MaterialPacket {
         for l in 0..LANES {
             self.set_plain(l, &factors);
         }
-        if self.features.rich {
+        if self.effects.is_rich() {
             for l in 0..LANES {
                 self.set_rich(l, &factors);
             }
@@ -101,7 +101,7 @@ impl MaterialPacket {
     pub fn set(&mut self, l: usize, material: &Material) {
         let factors = Factors::of(material);
         self.set_plain(l, &factors);
-        if self.features.rich {
+        if self.effects.is_rich() {
             self.set_rich(l, &factors);
         }
     }
@@ -116,25 +116,50 @@ impl MaterialPacket {
     #[inline(always)]
     fn set_plain(&mut self, l: usize, factors: &Factors) {
         let material = factors.material;
+        let shines = self.effects.has(Effect::Emission);
         for channel in 0..3 {
             self.base_color[channel][l] = material.base_color[channel];
-            self.emission[channel][l] = factors.emission[channel];
+            self.emission[channel][l] = if shines { factors.emission[channel] } else { 0.0 };
         }
-        self.alpha[l] = material.alpha.coverage(material.base_color[3]);
+        self.alpha[l] = self.coverage(material, material.base_color[3]);
         self.metallic[l] = factors.model.metallic;
         self.roughness[l] = factors.model.roughness;
-        self.f0[l] = factors.f0;
+        self.f0[l] = if self.effects.has(Effect::Specular) {
+            factors.f0
+        } else {
+            DEFAULT_F0
+        };
+    }
+
+    /// The part of a surface of `material` that is there, by the fourth channel of its base colour.
+    #[inline(always)]
+    pub fn coverage(&self, material: &Material, alpha: f32) -> f32 {
+        let counts = match material.alpha {
+            AlphaMode::Opaque => false,
+            AlphaMode::Mask(_) => self.effects.has(Effect::AlphaTest),
+            AlphaMode::Blend => self.effects.has(Effect::AlphaBlend),
+        };
+        if counts {
+            material.alpha.coverage(alpha)
+        } else {
+            1.0
+        }
     }
 
     #[inline(always)]
     fn set_rich(&mut self, l: usize, factors: &Factors) {
+        let is_specular = factors.is_lecture || self.effects.has(Effect::Specular);
         let rich = &mut self.rich;
-        rich.specular[l] = factors.model.specular;
+        rich.specular[l] = if is_specular { factors.model.specular } else { 1.0 };
         rich.is_lecture[l] = factors.is_lecture;
         rich.exponent[l] = factors.lecture.exponent;
         rich.occlusion[l] = 1.0;
         for channel in 0..3 {
-            rich.specular_color[channel][l] = factors.specular_color[channel];
+            rich.specular_color[channel][l] = if is_specular {
+                factors.specular_color[channel]
+            } else {
+                1.0
+            };
             rich.transmission[channel][l] = factors.transmission[channel];
             rich.ambient[channel][l] = factors.lecture.ambient[channel];
             rich.diffuse[channel][l] = factors.lecture.diffuse[channel];
@@ -193,53 +218,5 @@ impl<'m> Factors<'m> {
                 [model.transmission; 3]
             },
         }
-    }
-}
-
-/// Which parts of a scene's materials are in use: what no material asks for is not worked out.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct MaterialFeatures {
-    /// Any field of [`RichLanes`].
-    pub rich: bool,
-    /// The lecture's model, or unlit surfaces.
-    pub lecture: bool,
-    /// Light goes through surfaces.
-    pub transmits: bool,
-    /// Surfaces that are only partly there.
-    pub covers: bool,
-    /// Wavelengths part.
-    pub disperses: bool,
-}
-
-impl MaterialFeatures {
-    /// Nothing but the plain parts of glTF's model.
-    pub const NONE: MaterialFeatures = MaterialFeatures {
-        rich: false,
-        lecture: false,
-        transmits: false,
-        covers: false,
-        disperses: false,
-    };
-
-    /// Those of these materials together.
-    pub fn of<'m>(materials: impl Iterator<Item = &'m Material>) -> MaterialFeatures {
-        let mut features = MaterialFeatures::default();
-        for material in materials {
-            let lecture = !matches!(material.model, Model::MetallicRoughness(_));
-            let specular = matches!(material.model, Model::MetallicRoughness(model)
-                if model.specular != 1.0 || model.specular_color != [1.0; 3]);
-            let transmits = material.transmits();
-            let disperses = transmits
-                && material
-                    .interior
-                    .is_some_and(|inside| inside.ior.spread() != 0.0 && !inside.is_thin);
-            features.lecture |= lecture;
-            features.transmits |= transmits;
-            features.covers |= material.alpha != crate::scene::AlphaMode::Opaque;
-            features.disperses |= disperses;
-            let ior = material.interior.is_some();
-            features.rich |= lecture || specular || transmits || ior || material.has_rich_layer();
-        }
-        features
     }
 }

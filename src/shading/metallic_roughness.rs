@@ -46,7 +46,7 @@ impl MaterialPacket {
     /// specularly where no mirror ray brings them.
     #[inline(always)]
     pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
-        if self.features.rich {
+        if self.effects.is_rich() {
             self.ambient_of::<true>(ambient)
         } else {
             self.ambient_of::<false>(ambient)
@@ -90,7 +90,7 @@ pub fn direct(
     wo: &Lanes3<f32>,
     wi: &Lanes3<f32>,
 ) -> Lanes3<f32> {
-    if material.features.rich {
+    if material.effects.is_rich() {
         direct_of::<true>(material, ns, wo, wi)
     } else {
         direct_of::<false>(material, ns, wo, wi)

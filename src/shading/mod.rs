@@ -14,6 +14,6 @@ mod texture;
 
 pub use lecture::lecture_direct;
 pub use light::{Illumination, illuminate};
-pub use material::{MaterialFeatures, MaterialPacket, RichLanes};
+pub use material::{MaterialPacket, RichLanes};
 pub use metallic_roughness::{direct, mirror};
 pub use texture::{Footprint, TexturePoint, TextureSet};

@@ -1,0 +1,79 @@
+//! What a plan goes by: the materials, meshes and lights that are in use, gathered in one pass.
+
+use super::reach::{self, LightReach};
+use crate::mesh::Mesh;
+use crate::scene::{Camera, Geometry, Layer, Material, Scene};
+
+/// What is in use of a scene.
+pub struct Facts<'s> {
+    /// The scene.
+    pub scene: &'s Scene,
+    /// Materials that some instance has.
+    pub materials: Vec<&'s Material>,
+    /// Meshes that some instance shows, with the name of its material.
+    pub meshes: Vec<(&'s Mesh, &'s str)>,
+    /// Whose light may be hidden, one a light.
+    pub lights: Vec<LightReach>,
+}
+
+impl<'s> Facts<'s> {
+    /// Those of a scene that has passed [`Scene::validate`].
+    pub fn of(scene: &'s Scene, camera: &Camera) -> Facts<'s> {
+        let mut has_material = vec![false; scene.materials.len()];
+        // The material that a geometry was first met with.
+        let mut shown = vec![None; scene.geometries.len()];
+        for instance in &scene.instances {
+            has_material[instance.material as usize] = true;
+            shown[instance.geometry as usize].get_or_insert(instance.material);
+        }
+        let mesh = |(geometry, material): (&'s Geometry, &Option<u32>)| match (geometry, material) {
+            (Geometry::Mesh(mesh), Some(material)) => {
+                Some((mesh, scene.materials[*material as usize].name.as_str()))
+            }
+            _ => None,
+        };
+        Facts {
+            scene,
+            materials: scene
+                .materials
+                .iter()
+                .zip(has_material)
+                .filter_map(|(material, is_used)| is_used.then_some(material))
+                .collect(),
+            meshes: scene.geometries.iter().zip(&shown).filter_map(mesh).collect(),
+            lights: reach::of_lights(scene, camera),
+        }
+    }
+
+    /// `reason` for the first material that `calls`, and how many more there are.
+    pub(super) fn material(
+        &self,
+        calls: impl Fn(&Material) -> bool,
+        reason: impl Fn(&Material) -> String,
+    ) -> Option<String> {
+        let mut calling = self.materials.iter().filter(|material| calls(material));
+        let first = calling.next()?;
+        let of = self.materials.len();
+        Some(match calling.count() {
+            0 => format!("material `{}` {}", first.name, reason(first)),
+            more => format!(
+                "material `{}` {}, and {more} more of {of}",
+                first.name,
+                reason(first)
+            ),
+        })
+    }
+
+    /// `reason` for the first layer that `calls`, and how many more materials have one.
+    pub(super) fn layer(
+        &self,
+        calls: impl Fn(&Layer) -> bool,
+        reason: impl Fn(&Layer) -> String,
+    ) -> Option<String> {
+        let find = |material: &Material| material.layers.iter().copied().find(|layer| calls(layer));
+        self.material(
+            |material| find(material).is_some(),
+            |material| find(material).map_or_else(String::new, |layer| reason(&layer)),
+        )
+    }
+}

@@ -1,0 +1,185 @@
+//! Whether anything can stand between a light and what it lights.
+//!
+//! For every pair of objects: the box around the first is swept to the light, and if the box around the second is not
+//! touched by that, no point of the first has the second before the light. A convex object that is only seen from
+//! outside hides no light from itself. Boxes are the worst case, so what is found impossible is impossible.
+
+use glam::DVec3;
+
+use crate::numeric::Bounds;
+use crate::scene::{AlphaMode, Camera, Falloff, Geometry, Instance, Light, LightKind, Projection, Scene};
+use crate::shape::Shape;
+
+/// Objects whose pairs are looked at; in larger scenes every light is taken to be hidden somewhere.
+const MOST_OBJECTS: usize = 64;
+
+/// What one light's feelers can meet.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightReach {
+    /// Whether anything may hide it.
+    pub casts: bool,
+    /// Why, or why not.
+    pub reason: String,
+}
+
+impl LightReach {
+    fn none(reason: &str) -> LightReach {
+        LightReach {
+            casts: false,
+            reason: reason.into(),
+        }
+    }
+
+    fn some(reason: impl Into<String>) -> LightReach {
+        LightReach {
+            casts: true,
+            reason: reason.into(),
+        }
+    }
+}
+
+/// An instance as a light sees it.
+struct Object<'s> {
+    bounds: Bounds,
+    name: &'s str,
+    /// Whether it may hide the light from itself.
+    hides_itself: bool,
+}
+
+/// What each light's feelers can meet, in the order of the lights.
+pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightReach> {
+    if scene.instances.len() > MOST_OBJECTS {
+        let reason = format!("any of {} objects", scene.instances.len());
+        return vec![LightReach::some(reason); scene.lights.len()];
+    }
+    let objects: Vec<Object> = scene
+        .instances
+        .iter()
+        .map(|instance| Object::of(scene, instance, camera))
+        .collect();
+    scene
+        .lights
+        .iter()
+        .map(|light| of_light(light, &objects))
+        .collect()
+}
+
+fn of_light(light: &Light, objects: &[Object]) -> LightReach {
+    if light.intensity == [0.0; 3] {
+        return LightReach::none("it is dark");
+    }
+    let lit: Vec<&Object> = objects
+        .iter()
+        .filter(|object| light.lights(&object.bounds))
+        .collect();
+    if lit.is_empty() {
+        return LightReach::none("nothing is within its range");
+    }
+    for object in &lit {
+        if object.hides_itself {
+            return LightReach::some(format!("`{}` may hide it from itself", object.name));
+        }
+        let swept = light.swept(&object.bounds);
+        let hiding = objects
+            .iter()
+            .find(|other| !std::ptr::eq(*other, *object) && touch(&swept, &other.bounds));
+        if let Some(other) = hiding {
+            return LightReach::some(format!("`{}` may hide it from `{}`", other.name, object.name));
+        }
+    }
+    LightReach::none("nothing stands between it and what it lights")
+}
+
+impl<'s> Object<'s> {
+    fn of(scene: &'s Scene, instance: &Instance, camera: &Camera) -> Object<'s> {
+        let geometry = &scene.geometries[instance.geometry as usize];
+        let material = &scene.materials[instance.material as usize];
+        let bounds = if geometry.is_unbounded() {
+            Bounds {
+                min: DVec3::NEG_INFINITY,
+                max: DVec3::INFINITY,
+            }
+        } else {
+            instance.world_bounds(geometry, &geometry.bounds())
+        };
+        let is_flat = matches!(
+            geometry,
+            Geometry::Shape(Shape::Plane | Shape::Disk | Shape::Quad)
+        );
+        let is_convex = matches!(
+            geometry,
+            Geometry::Shape(Shape::Sphere(_) | Shape::Cube | Shape::Polyhedron(_))
+        );
+        let from_outside = !material.transmits()
+            && material.alpha == AlphaMode::Opaque
+            && !may_be_seen_from_inside(&bounds, camera);
+        Object {
+            bounds,
+            name: &material.name,
+            hides_itself: !(is_flat || is_convex && from_outside),
+        }
+    }
+}
+
+/// Whether camera rays may begin within the box.
+fn may_be_seen_from_inside(bounds: &Bounds, camera: &Camera) -> bool {
+    let eye = camera.world_from_camera.translation;
+    let ahead = -camera.world_from_camera.matrix3.z_axis;
+    let is_point = !matches!(camera.projection, Projection::Orthographic { .. });
+    if is_point && camera.z_near == 0.0 {
+        return touch(bounds, &Bounds { min: eye, max: eye });
+    }
+    // They begin on the near plane.
+    let middle = (0.5 * (bounds.min + bounds.max) - eye).dot(ahead);
+    let reach = (0.5 * (bounds.max - bounds.min)).dot(ahead.abs());
+    !((middle - camera.z_near).abs() > reach)
+}
+
+impl Light {
+    /// Whether any of its light gets to the box.
+    fn lights(&self, bounds: &Bounds) -> bool {
+        let (position, falloff) = match &self.kind {
+            LightKind::Directional { .. } => return true,
+            LightKind::Point { position, falloff }
+            | LightKind::Spot {
+                position, falloff, ..
+            } => (*position, falloff),
+        };
+        match falloff {
+            Falloff::InverseSquare { range: Some(range) } => {
+                let reached = Bounds {
+                    min: position - *range,
+                    max: position + *range,
+                };
+                touch(&reached, bounds)
+            }
+            _ => true,
+        }
+    }
+
+    /// A box around all ways from the box to the light.
+    fn swept(&self, bounds: &Bounds) -> Bounds {
+        match &self.kind {
+            LightKind::Directional { to_light } => {
+                let mut swept = *bounds;
+                for axis in 0..3 {
+                    if to_light[axis] > 0.0 {
+                        swept.max[axis] = f64::INFINITY;
+                    } else if to_light[axis] < 0.0 {
+                        swept.min[axis] = f64::NEG_INFINITY;
+                    }
+                }
+                swept
+            }
+            LightKind::Point { position, .. } | LightKind::Spot { position, .. } => Bounds {
+                min: bounds.min.min(*position),
+                max: bounds.max.max(*position),
+            },
+        }
+    }
+}
+
+/// Whether two boxes have a point in common; points on their sides count.
+fn touch(a: &Bounds, b: &Bounds) -> bool {
+    (0..3).all(|axis| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis])
+}

@@ -1,0 +1,255 @@
+//! What calls for an effect: one entry for every way in which a scene may ask for it.
+//!
+//! A trigger must fire wherever the effect could change a bit of the picture; that it does not fire elsewhere saves time.
+//! `tests/plan.rs` removes the triggers one by one and sees to it that a picture changes each time.
+
+use super::Facts;
+use crate::optics::{Absorption, LINE_D};
+use crate::scene::{
+    AlphaMode, Background, Effect, Filter, Lecture, MIRROR_ROUGHNESS, Material, MetallicRoughness, Model,
+    Parameter, Texture,
+};
+
+/// One way to call for an effect.
+pub struct Trigger {
+    /// What is called for.
+    pub effect: Effect,
+    /// What calls, for tests.
+    pub name: &'static str,
+    /// Why, if a scene does.
+    pub fires: fn(&Facts) -> Option<String>,
+}
+
+/// All triggers. An effect is on if one of its triggers fires.
+pub const TRIGGERS: &[Trigger] = &[
+    trigger(Effect::Shadow, "a light that may be hidden", shadow),
+    trigger(Effect::TransparentShadow, "light goes through", |facts| {
+        casting(facts)?;
+        facts.material(Material::transmits, |_| "lets light through".into())
+    }),
+    trigger(Effect::TransparentShadow, "surfaces not all there", |facts| {
+        casting(facts)?;
+        facts.material(
+            |m| m.alpha != AlphaMode::Opaque,
+            |_| "is only partly there".into(),
+        )
+    }),
+    trigger(Effect::Reflection, "smooth", |facts| {
+        facts.material(is_smooth, |m| match m.model {
+            Model::MetallicRoughness(model) => format!("has roughness {}", model.roughness),
+            _ => String::new(),
+        })
+    }),
+    trigger(Effect::Reflection, "roughness texture", |facts| {
+        facts.material(may_be_smooth, |_| "has a roughness texture".into())
+    }),
+    trigger(Effect::Reflection, "kr", |facts| {
+        facts.material(
+            |m| lecture(m).is_some_and(|l| l.reflection != [0.0; 3]),
+            |_| "reflects".into(),
+        )
+    }),
+    trigger(Effect::Reflection, "total reflection", |facts| {
+        facts.material(
+            |m| m.transmits() && lecture(m).is_some(),
+            |_| "reflects totally from within".into(),
+        )
+    }),
+    trigger(Effect::Refraction, "transmission", |facts| {
+        facts.material(Material::transmits, |m| {
+            format!("lets light through, index of refraction {:.3}", m.ior(LINE_D))
+        })
+    }),
+    trigger(Effect::NestedMedia, "several bodies", nested),
+    trigger(Effect::Dispersion, "index by wavelength", |facts| {
+        facts.material(disperses, |m| {
+            let spread = m.interior.map_or(0.0, |inside| inside.ior.spread());
+            format!("bends blue light more than red, n by {spread:.4}")
+        })
+    }),
+    trigger(Effect::Absorption, "absorption", |facts| {
+        facts.material(absorbs, |_| "swallows light".into())
+    }),
+    trigger(Effect::Texture, "a texture", |facts| {
+        facts.layer(
+            |layer| layer.effect() == Effect::Texture,
+            |layer| format!("has a texture on {:?}", layer.parameter),
+        )
+    }),
+    trigger(Effect::TextureFilter, "mip maps", |facts| {
+        let scene = facts.scene;
+        let is_mipmap = |texture: u32| matches!(&scene.textures[texture as usize], Texture::Image { sampler, .. } if sampler.filter == Filter::Mipmap);
+        facts.layer(
+            |layer| is_mipmap(layer.texture.texture),
+            |_| "asks for mip maps".into(),
+        )
+    }),
+    trigger(Effect::TextureFilter, "a pattern", |facts| {
+        let scene = facts.scene;
+        let is_rule = |texture: u32| matches!(&scene.textures[texture as usize], Texture::Procedural(_));
+        facts.layer(|layer| is_rule(layer.texture.texture), |_| "has a pattern".into())
+    }),
+    trigger(Effect::NormalMap, "normal map", |facts| {
+        facts.layer(
+            |layer| layer.parameter == Parameter::Normal,
+            |_| "has a normal map".into(),
+        )
+    }),
+    trigger(Effect::NormalMap, "bump map", |facts| {
+        facts.layer(
+            |layer| layer.parameter == Parameter::Bump,
+            |_| "has a bump map".into(),
+        )
+    }),
+    trigger(Effect::VertexColor, "colours", |facts| {
+        let (_, material) = facts.meshes.iter().find(|(mesh, _)| mesh.colors.is_some())?;
+        Some(format!("a mesh of material `{material}` has vertex colours"))
+    }),
+    trigger(Effect::AlphaTest, "mask", |facts| {
+        facts.material(|m| matches!(m.alpha, AlphaMode::Mask(_)), |_| "has holes".into())
+    }),
+    trigger(Effect::AlphaBlend, "blend", |facts| {
+        facts.material(|m| m.alpha == AlphaMode::Blend, |_| "covers only a part".into())
+    }),
+    trigger(Effect::SmoothNormals, "normals", |facts| {
+        let (_, material) = facts.meshes.iter().find(|(mesh, _)| mesh.normals.is_some())?;
+        Some(format!("a mesh of material `{material}` has vertex normals"))
+    }),
+    trigger(Effect::Lecture, "lecture", |facts| {
+        facts.material(|m| lecture(m).is_some(), |_| "is of the lecture's model".into())
+    }),
+    trigger(Effect::Lecture, "unlit", |facts| {
+        facts.material(|m| m.model == Model::Unlit, |_| "is unlit".into())
+    }),
+    trigger(Effect::Specular, "strength or colour", |facts| {
+        let differs = |model: &MetallicRoughness| model.specular != 1.0 || model.specular_color != [1.0; 3];
+        facts.material(
+            |m| matches!(&m.model, Model::MetallicRoughness(model) if differs(model)),
+            |_| "has a specular strength or colour".into(),
+        )
+    }),
+    trigger(Effect::Specular, "index of refraction", |facts| {
+        facts.material(
+            |m| m.interior.is_some() && matches!(m.model, Model::MetallicRoughness(_)),
+            |m| format!("has index of refraction {:.3}", m.ior(LINE_D)),
+        )
+    }),
+    trigger(Effect::Specular, "texture", |facts| {
+        let on = [Parameter::Specular, Parameter::SpecularColor];
+        facts.layer(
+            |layer| on.contains(&layer.parameter),
+            |_| "has a specular texture".into(),
+        )
+    }),
+    trigger(Effect::Occlusion, "occlusion map", |facts| {
+        facts.layer(
+            |layer| layer.parameter == Parameter::Occlusion && facts.scene.ambient != [0.0; 3],
+            |_| "has an occlusion map".into(),
+        )
+    }),
+    trigger(Effect::Emission, "emission", |facts| {
+        facts.material(|m| m.emission != [0.0; 3], |_| "shines".into())
+    }),
+    trigger(Effect::Emission, "unlit", |facts| {
+        facts.material(|m| m.model == Model::Unlit, |_| "shines, being unlit".into())
+    }),
+    trigger(Effect::Ambient, "ambient light", |facts| {
+        let [r, g, b] = facts.scene.ambient;
+        (facts.scene.ambient != [0.0; 3]).then(|| format!("ambient light {r}, {g}, {b}"))
+    }),
+    trigger(Effect::Background, "background", |facts| {
+        (facts.scene.background != Background::default()).then(|| match facts.scene.background {
+            Background::Uniform([r, g, b]) => format!("background {r}, {g}, {b}"),
+            Background::Gradient { .. } => "the background is a gradient".into(),
+        })
+    }),
+];
+
+/// Why an effect is off that nothing calls for.
+pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
+    match effect {
+        Effect::Shadow => match &facts.lights[..] {
+            [] => "there are no lights".into(),
+            [light, ..] => format!("no light may be hidden: {}", light.reason),
+        },
+        Effect::TransparentShadow => "nothing that lets light through stands before a light".into(),
+        Effect::Reflection => format!("no material has a roughness of {MIRROR_ROUGHNESS} or less"),
+        Effect::Refraction => "no material lets light through".into(),
+        Effect::NestedMedia => "there are no two kinds of bodies that light goes through".into(),
+        Effect::Dispersion => "no index of refraction varies with the wavelength".into(),
+        Effect::Absorption => "no body swallows light".into(),
+        Effect::Texture => "no parameter varies".into(),
+        Effect::TextureFilter => "no texture is averaged".into(),
+        Effect::NormalMap => "there are no normal or bump maps".into(),
+        Effect::VertexColor => "no mesh has vertex colours".into(),
+        Effect::AlphaTest => "no material is masked".into(),
+        Effect::AlphaBlend => "no material is blended".into(),
+        Effect::SmoothNormals => "no mesh has vertex normals".into(),
+        Effect::Lecture => "all materials are glTF's".into(),
+        Effect::Specular => "all dielectrics reflect as glTF's default".into(),
+        Effect::Occlusion => "there are no occlusion maps".into(),
+        Effect::Emission => "nothing shines by itself".into(),
+        Effect::Ambient => "there is no ambient light".into(),
+        Effect::Background => "the background is black".into(),
+    }
+}
+
+const fn trigger(effect: Effect, name: &'static str, fires: fn(&Facts) -> Option<String>) -> Trigger {
+    Trigger { effect, name, fires }
+}
+
+fn shadow(facts: &Facts) -> Option<String> {
+    let light = casting(facts)?;
+    let of = facts.lights.len();
+    let casting = facts.lights.iter().filter(|reach| reach.casts).count();
+    let (name, reach) = (&facts.scene.lights[light].name, &facts.lights[light].reason);
+    Some(format!(
+        "{casting} of {of} lights may be hidden; light `{name}`: {reach}"
+    ))
+}
+
+/// The first light that may be hidden.
+fn casting(facts: &Facts) -> Option<usize> {
+    facts.lights.iter().position(|reach| reach.casts)
+}
+
+fn nested(facts: &Facts) -> Option<String> {
+    let has_inside = |m: &&&Material| m.transmits() && m.interior.is_some_and(|inside| !inside.is_thin);
+    let bodies: Vec<&&Material> = facts.materials.iter().filter(has_inside).collect();
+    let [first, second, ..] = &bodies[..] else {
+        return None;
+    };
+    Some(format!(
+        "{} materials may lie within each other, `{}` and `{}` among them",
+        bodies.len(),
+        first.name,
+        second.name
+    ))
+}
+
+fn lecture(material: &Material) -> Option<&Lecture> {
+    match &material.model {
+        Model::Lecture(lecture) => Some(lecture),
+        _ => None,
+    }
+}
+
+/// Whether it is glTF's and reflects an image wherever it is seen.
+fn is_smooth(material: &Material) -> bool {
+    matches!(&material.model, Model::MetallicRoughness(model) if model.roughness <= MIRROR_ROUGHNESS)
+}
+
+/// Whether a texture may make it smooth.
+fn may_be_smooth(material: &Material) -> bool {
+    material.may_mirror() && !is_smooth(material) && matches!(material.model, Model::MetallicRoughness(_))
+}
+
+fn disperses(material: &Material) -> bool {
+    let varies = |inside: &crate::scene::Interior| inside.ior.spread() != 0.0 && !inside.is_thin;
+    material.transmits() && material.interior.as_ref().is_some_and(varies)
+}
+
+fn absorbs(material: &Material) -> bool {
+    let swallows = |inside: &crate::scene::Interior| inside.absorption != Absorption::NONE && !inside.is_thin;
+    material.transmits() && material.interior.as_ref().is_some_and(swallows)
+}

@@ -1,0 +1,207 @@
+//! What a path has behind it, beyond its weight, in columns: one for each thing that some effect needs to know.
+//!
+//! A scene without bodies has no column of bodies, one without filtered textures none of widths. Columns hold a packet's
+//! sixteen lanes side by side.
+
+use glam::DVec3;
+
+use crate::numeric::{LANES, Lanes};
+use crate::optics::{Body, MediaStack};
+use crate::scene::{Effect, EffectSet};
+use crate::shading::ray_cone::Cone;
+
+/// What one path has behind it.
+#[derive(Clone, Copy)]
+pub(super) struct Travel {
+    /// Reflections and refractions.
+    pub(super) depth: u32,
+    /// The wavelength that it follows, nanometres; 0 for all.
+    pub(super) wavelength: f32,
+    /// Unit direction, before it was rounded to the ray's.
+    pub(super) direction: DVec3,
+    /// The bodies around it.
+    pub(super) media: MediaStack,
+    /// How wide it is.
+    pub(super) cone: Cone,
+}
+
+impl Travel {
+    /// Of a path that has not begun.
+    pub(super) const NONE: Travel = Travel {
+        depth: 0,
+        wavelength: 0.0,
+        direction: DVec3::ZERO,
+        media: MediaStack::EMPTY,
+        cone: Cone {
+            width: 0.0,
+            spread: 0.0,
+        },
+    };
+}
+
+/// What the paths of some packets have behind them, as far as the effects need it.
+pub(super) struct Travels {
+    depth: Column<u32>,
+    wavelength: Column<f32>,
+    direction: Column<DVec3>,
+    media: MediaColumn,
+    cone: Column<Cone>,
+}
+
+impl Travels {
+    /// Columns for these effects.
+    pub(super) fn new(effects: EffectSet) -> Travels {
+        Travels {
+            depth: Column::new(effects.has_sheets()),
+            wavelength: Column::new(effects.has(Effect::Dispersion)),
+            direction: Column::new(effects.has(Effect::Refraction)),
+            media: MediaColumn::new(effects),
+            cone: Column::new(follows_widths(effects)),
+        }
+    }
+
+    /// Whether there is nothing to know.
+    pub(super) fn is_void(&self) -> bool {
+        // Every column but that of widths is only there with this one.
+        !(self.depth.is_kept || self.cone.is_kept)
+    }
+
+    /// Forgets all packets.
+    pub(super) fn clear(&mut self) {
+        self.resize(0);
+    }
+
+    /// Makes room for `packets` packets; new ones have not begun.
+    pub(super) fn resize(&mut self, packets: usize) {
+        self.depth.resize(packets, 0);
+        self.wavelength.resize(packets, 0.0);
+        self.direction.resize(packets, DVec3::ZERO);
+        self.media.resize(packets);
+        self.cone.resize(packets, Travel::NONE.cone);
+    }
+
+    /// Writes lane `l` of packet `packet`.
+    pub(super) fn set(&mut self, packet: usize, l: usize, travel: &Travel) {
+        self.depth.set(packet, l, travel.depth);
+        self.wavelength.set(packet, l, travel.wavelength);
+        self.direction.set(packet, l, travel.direction);
+        self.media.set(packet, l, &travel.media);
+        self.cone.set(packet, l, travel.cone);
+    }
+
+    /// Those of one packet.
+    pub(super) fn at(&self, packet: usize) -> TravelPacket<'_> {
+        TravelPacket {
+            travels: self,
+            packet,
+        }
+    }
+}
+
+/// Whether paths know how wide they are.
+pub(super) fn follows_widths(effects: EffectSet) -> bool {
+    effects.has(Effect::TextureFilter) && (effects.has(Effect::Reflection) || effects.has_sheets())
+}
+
+/// What the paths of one packet have behind them.
+#[derive(Clone, Copy)]
+pub(super) struct TravelPacket<'a> {
+    travels: &'a Travels,
+    packet: usize,
+}
+
+impl TravelPacket<'_> {
+    /// That of lane `l`; what no effect needs is as if the path had not begun.
+    pub(super) fn lane(&self, l: usize) -> Travel {
+        let (travels, packet) = (self.travels, self.packet);
+        Travel {
+            depth: travels.depth.get(packet, l, 0),
+            wavelength: travels.wavelength.get(packet, l, 0.0),
+            direction: travels.direction.get(packet, l, DVec3::ZERO),
+            media: travels.media.get(packet, l),
+            cone: self.cone(l),
+        }
+    }
+
+    /// How wide lane `l` is.
+    pub(super) fn cone(&self, l: usize) -> Cone {
+        self.travels.cone.get(self.packet, l, Travel::NONE.cone)
+    }
+
+    /// The bodies around lane `l`.
+    pub(super) fn media(&self, l: usize) -> MediaStack {
+        self.travels.media.get(self.packet, l)
+    }
+}
+
+/// One thing about every lane, or nothing.
+struct Column<T> {
+    is_kept: bool,
+    packets: Vec<Lanes<T>>,
+}
+
+impl<T: Copy> Column<T> {
+    fn new(is_kept: bool) -> Column<T> {
+        Column {
+            is_kept,
+            packets: Vec::new(),
+        }
+    }
+
+    fn resize(&mut self, packets: usize, value: T) {
+        if self.is_kept {
+            self.packets.resize(packets, [value; LANES]);
+        }
+    }
+
+    fn set(&mut self, packet: usize, l: usize, value: T) {
+        if self.is_kept {
+            self.packets[packet][l] = value;
+        }
+    }
+
+    fn get(&self, packet: usize, l: usize, otherwise: T) -> T {
+        if self.is_kept {
+            self.packets[packet][l]
+        } else {
+            otherwise
+        }
+    }
+}
+
+/// The bodies around every lane: none where light goes through none, one where no two can overlap.
+pub(super) struct MediaColumn {
+    single: Column<Option<Body>>,
+    nested: Column<MediaStack>,
+}
+
+impl MediaColumn {
+    /// For these effects.
+    pub(super) fn new(effects: EffectSet) -> MediaColumn {
+        let nests = effects.has(Effect::NestedMedia);
+        MediaColumn {
+            single: Column::new(effects.has(Effect::Refraction) && !nests),
+            nested: Column::new(effects.has(Effect::Refraction) && nests),
+        }
+    }
+
+    /// Makes room for `packets` packets, new ones outside of all bodies.
+    pub(super) fn resize(&mut self, packets: usize) {
+        self.single.resize(packets, None);
+        self.nested.resize(packets, MediaStack::EMPTY);
+    }
+
+    /// Writes lane `l` of packet `packet`.
+    pub(super) fn set(&mut self, packet: usize, l: usize, media: &MediaStack) {
+        self.single.set(packet, l, media.current());
+        self.nested.set(packet, l, *media);
+    }
+
+    /// The bodies around lane `l` of packet `packet`.
+    pub(super) fn get(&self, packet: usize, l: usize) -> MediaStack {
+        match self.single.get(packet, l, None) {
+            Some(body) => MediaStack::of(body),
+            None => self.nested.get(packet, l, MediaStack::EMPTY),
+        }
+    }
+}

@@ -1,0 +1,374 @@
+//! The effects that a scene may call for, sets of them, and what a person may ask for beyond the scene.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Serialize, Serializer};
+
+/// Something that light may do, and that costs time only where a scene calls for it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Effect {
+    /// Lights are hidden by what stands before them.
+    Shadow,
+    /// Shadows take the colour of what lets light through.
+    TransparentShadow,
+    /// Mirrors.
+    Reflection,
+    /// Light goes through bodies and walls.
+    Refraction,
+    /// Bodies overlap, and priorities say which one is there.
+    NestedMedia,
+    /// Wavelengths part.
+    Dispersion,
+    /// Bodies swallow light on its way.
+    Absorption,
+    /// Parameters of materials vary by images and patterns.
+    Texture,
+    /// Textures are averaged over the width of the ray.
+    TextureFilter,
+    /// Maps bend normals.
+    NormalMap,
+    /// Vertices have colours.
+    VertexColor,
+    /// Surfaces with holes.
+    AlphaTest,
+    /// Surfaces that cover a part of what is behind them.
+    AlphaBlend,
+    /// Normals are interpolated over triangles.
+    SmoothNormals,
+    /// The lecture's lighting equation, and unlit surfaces.
+    Lecture,
+    /// Dielectrics that reflect more, less or in other colours than glTF's default.
+    Specular,
+    /// Crevices get less of the ambient light.
+    Occlusion,
+    /// Surfaces shine by themselves.
+    Emission,
+    /// Light from all around.
+    Ambient,
+    /// Something is seen behind everything.
+    Background,
+}
+
+impl Effect {
+    /// All of them, in the order of reports.
+    pub const ALL: [Effect; 20] = [
+        Effect::Shadow,
+        Effect::TransparentShadow,
+        Effect::Reflection,
+        Effect::Refraction,
+        Effect::NestedMedia,
+        Effect::Dispersion,
+        Effect::Absorption,
+        Effect::Texture,
+        Effect::TextureFilter,
+        Effect::NormalMap,
+        Effect::VertexColor,
+        Effect::AlphaTest,
+        Effect::AlphaBlend,
+        Effect::SmoothNormals,
+        Effect::Lecture,
+        Effect::Specular,
+        Effect::Occlusion,
+        Effect::Emission,
+        Effect::Ambient,
+        Effect::Background,
+    ];
+
+    /// What the command line and reports call it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Effect::Shadow => "shadow",
+            Effect::TransparentShadow => "transparent-shadow",
+            Effect::Reflection => "reflection",
+            Effect::Refraction => "refraction",
+            Effect::NestedMedia => "nested-media",
+            Effect::Dispersion => "dispersion",
+            Effect::Absorption => "absorption",
+            Effect::Texture => "texture",
+            Effect::TextureFilter => "texture-filter",
+            Effect::NormalMap => "normal-map",
+            Effect::VertexColor => "vertex-color",
+            Effect::AlphaTest => "alpha-test",
+            Effect::AlphaBlend => "alpha-blend",
+            Effect::SmoothNormals => "smooth-normals",
+            Effect::Lecture => "lecture",
+            Effect::Specular => "specular",
+            Effect::Occlusion => "occlusion",
+            Effect::Emission => "emission",
+            Effect::Ambient => "ambient",
+            Effect::Background => "background",
+        }
+    }
+
+    /// The effect without which this one does nothing.
+    pub const fn needs(self) -> Option<Effect> {
+        match self {
+            Effect::TransparentShadow => Some(Effect::Shadow),
+            Effect::NestedMedia | Effect::Dispersion | Effect::Absorption => Some(Effect::Refraction),
+            _ => None,
+        }
+    }
+
+    /// What a picture lacks without it.
+    pub const fn lack(self) -> &'static str {
+        match self {
+            Effect::Shadow => "every light reaches every surface that faces it",
+            Effect::TransparentShadow => "what lets light through casts black shadows",
+            Effect::Reflection => "mirrors show nothing",
+            Effect::Refraction => "what would go through a surface is lost",
+            Effect::NestedMedia => "a ray that leaves one of several bodies is outside of all",
+            Effect::Dispersion => "all wavelengths are bent alike, as the d line is",
+            Effect::Absorption => "bodies are clear",
+            Effect::Texture => "parameters have their factors' values everywhere",
+            Effect::TextureFilter => "textures are looked up at points, and may flicker",
+            Effect::NormalMap => "surfaces are as smooth as their geometry",
+            Effect::VertexColor => "vertex colours are white",
+            Effect::AlphaTest => "surfaces have no holes",
+            Effect::AlphaBlend => "surfaces cover everything behind them",
+            Effect::SmoothNormals => "triangles are flat",
+            Effect::Lecture => "surfaces of the lecture's model answer no light",
+            Effect::Specular => "dielectrics reflect as glTF's default, 4 %",
+            Effect::Occlusion => "crevices get all of the ambient light",
+            Effect::Emission => "nothing shines by itself",
+            Effect::Ambient => "no light comes from all around",
+            Effect::Background => "black is behind everything",
+        }
+    }
+
+    const fn bit(self) -> u64 {
+        1 << self as u8
+    }
+}
+
+impl fmt::Display for Effect {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl Serialize for Effect {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+/// Some of the effects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EffectSet(u64);
+
+impl EffectSet {
+    /// None of them.
+    pub const NONE: EffectSet = EffectSet(0);
+
+    /// All of them.
+    pub const ALL: EffectSet = EffectSet(u64::MAX);
+
+    /// Whether `effect` is one of them and was compiled.
+    ///
+    /// The environment variable `WHIT_WITHOUT` of the compiler names effects whose code is left out, with commas
+    /// between them: for them this is `false` at compile time. That is for the test that shows that an effect which a
+    /// scene does not call for costs nothing by being there.
+    #[inline(always)]
+    pub const fn has(self, effect: Effect) -> bool {
+        COMPILED & self.0 & effect.bit() != 0
+    }
+
+    /// These and `effect`.
+    #[must_use]
+    pub const fn with(self, effect: Effect) -> EffectSet {
+        EffectSet(self.0 | effect.bit())
+    }
+
+    /// These without `effect`.
+    #[must_use]
+    pub const fn without(self, effect: Effect) -> EffectSet {
+        EffectSet(self.0 & !effect.bit())
+    }
+
+    /// Those of these that are not in `other`.
+    #[must_use]
+    pub const fn minus(self, other: EffectSet) -> EffectSet {
+        EffectSet(self.0 & !other.0)
+    }
+
+    /// These and those of `other`.
+    #[must_use]
+    pub const fn union(self, other: EffectSet) -> EffectSet {
+        EffectSet(self.0 | other.0)
+    }
+
+    /// Whether materials have more than glTF's plain base colour, metalness, roughness and emission.
+    #[inline(always)]
+    pub const fn is_rich(self) -> bool {
+        self.has(Effect::Lecture)
+            || self.has(Effect::Specular)
+            || self.has(Effect::Refraction)
+            || self.has(Effect::Occlusion)
+    }
+
+    /// Whether light goes on behind some surfaces.
+    #[inline(always)]
+    pub const fn has_sheets(self) -> bool {
+        self.has(Effect::Refraction) || self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend)
+    }
+
+    /// Whether anything is seen without a light.
+    #[inline(always)]
+    pub const fn glows(self) -> bool {
+        self.has(Effect::Emission) || self.has(Effect::Ambient) || self.has(Effect::Background)
+    }
+
+    /// The effects one by one.
+    pub fn iter(self) -> impl Iterator<Item = Effect> {
+        Effect::ALL.into_iter().filter(move |&effect| self.has(effect))
+    }
+}
+
+impl FromIterator<Effect> for EffectSet {
+    fn from_iter<I: IntoIterator<Item = Effect>>(effects: I) -> EffectSet {
+        effects.into_iter().fold(EffectSet::NONE, EffectSet::with)
+    }
+}
+
+/// The effects whose code is there.
+const COMPILED: u64 = match option_env!("WHIT_WITHOUT") {
+    Some(names) => !bits_of(names.as_bytes()),
+    None => u64::MAX,
+};
+
+/// The bits of the effects in a list of names.
+const fn bits_of(list: &[u8]) -> u64 {
+    let mut bits = 0;
+    let mut start = 0;
+    while start < list.len() {
+        let mut end = start;
+        while end < list.len() && list[end] != b',' {
+            end += 1;
+        }
+        let mut known = false;
+        let mut e = 0;
+        while e < Effect::ALL.len() {
+            if is_at(Effect::ALL[e].name().as_bytes(), list, start, end) {
+                bits |= Effect::ALL[e].bit();
+                known = true;
+            }
+            e += 1;
+        }
+        assert!(known, "WHIT_WITHOUT names an effect that does not exist");
+        start = end + 1;
+    }
+    bits
+}
+
+const fn is_at(name: &[u8], list: &[u8], start: usize, end: usize) -> bool {
+    if name.len() != end - start {
+        return false;
+    }
+    let mut i = 0;
+    while i < name.len() {
+        if name[i] != list[start + i] {
+            return false;
+        }
+        i += 1;
+    }
+    true
+}
+
+/// What a person wants other than the scene calls for: `+x,-y`, or `all`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EffectOverrides {
+    /// Simulated although nothing calls for it.
+    pub added: EffectSet,
+    /// Left out although something calls for it.
+    pub removed: EffectSet,
+}
+
+impl EffectOverrides {
+    /// Everything, called for or not.
+    pub const ALL: EffectOverrides = EffectOverrides {
+        added: EffectSet::ALL,
+        removed: EffectSet::NONE,
+    };
+}
+
+impl FromStr for EffectOverrides {
+    type Err = String;
+
+    fn from_str(list: &str) -> Result<EffectOverrides, String> {
+        let mut overrides = EffectOverrides::default();
+        for item in list.split(',') {
+            if item == "all" {
+                overrides.added = EffectSet::ALL;
+                continue;
+            }
+            let by_name = |name: &str| Effect::ALL.into_iter().find(|effect| effect.name() == name);
+            let unknown = || {
+                let names: Vec<&str> = Effect::ALL.iter().map(|effect| effect.name()).collect();
+                format!(
+                    "`{item}` is no effect: write `all`, or +NAME and -NAME of {}",
+                    names.join(", ")
+                )
+            };
+            match (item.strip_prefix('+'), item.strip_prefix('-')) {
+                (Some(name), _) => overrides.added = overrides.added.with(by_name(name).ok_or_else(unknown)?),
+                (_, Some(name)) => {
+                    overrides.removed = overrides.removed.with(by_name(name).ok_or_else(unknown)?);
+                }
+                _ => return Err(unknown()),
+            }
+        }
+        overrides.added = overrides.added.minus(overrides.removed);
+        Ok(overrides)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_list_holds_every_effect_once_in_its_own_order() {
+        for (index, effect) in Effect::ALL.into_iter().enumerate() {
+            assert_eq!(effect as usize, index);
+        }
+        let names: std::collections::HashSet<&str> = Effect::ALL.iter().map(|effect| effect.name()).collect();
+        assert_eq!(names.len(), Effect::ALL.len());
+    }
+
+    #[test]
+    fn sets_hold_what_was_put_in() {
+        let set: EffectSet = [Effect::Shadow, Effect::Texture].into_iter().collect();
+        assert!(set.has(Effect::Shadow) && set.has(Effect::Texture) && !set.has(Effect::Ambient));
+        assert_eq!(
+            set.without(Effect::Shadow).iter().collect::<Vec<_>>(),
+            [Effect::Texture]
+        );
+        assert_eq!(set.minus(set), EffectSet::NONE);
+        assert_eq!(EffectSet::ALL.iter().count(), Effect::ALL.len());
+    }
+
+    #[test]
+    fn overrides_are_read_and_wrong_ones_refused() {
+        let overrides: EffectOverrides = "+dispersion,-shadow".parse().unwrap();
+        assert_eq!(overrides.added.iter().collect::<Vec<_>>(), [Effect::Dispersion]);
+        assert_eq!(overrides.removed.iter().collect::<Vec<_>>(), [Effect::Shadow]);
+        let overrides: EffectOverrides = "all,-shadow".parse().unwrap();
+        assert_eq!(overrides.added.iter().count(), Effect::ALL.len() - 1);
+        for wrong in ["", "shadow", "+shade", "+", "all,"] {
+            let message = wrong.parse::<EffectOverrides>().unwrap_err();
+            assert!(message.contains("is no effect"), "{wrong}: {message}");
+        }
+    }
+
+    #[test]
+    fn names_in_the_compilers_environment_are_found() {
+        assert_eq!(bits_of(b"shadow"), Effect::Shadow.bit());
+        assert_eq!(
+            bits_of(b"texture,ambient"),
+            Effect::Texture.bit() | Effect::Ambient.bit()
+        );
+        assert_eq!(bits_of(b""), 0);
+    }
+}

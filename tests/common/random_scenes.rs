@@ -1,0 +1,322 @@
+//! Small random scenes: a few objects, materials, lights and textures of every kind, most effects absent from most of
+//! them.
+
+use glam::{DAffine3, DVec3};
+use whit::mesh::Mesh;
+use whit::optics::{Absorption, Cauchy, Dispersion};
+use whit::scene::{
+    AlphaMode, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Interior, Layer, Lecture,
+    Light, LightKind, Material, MetallicRoughness, Model, Parameter, Pattern, Procedural, Projection,
+    Sampler, Scene, Space, Texels, Texture, TextureUse, Wrap,
+};
+
+use super::meshes::{Shading, ball, textured_panel};
+use super::scenes::{Random, all_shapes};
+
+/// The scene of number `seed`; it passes its checks.
+pub fn scene(seed: u64) -> Scene {
+    // Neighbouring seeds of such a generator begin alike.
+    let mut random = Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    (0..4).for_each(|_| _ = random.next());
+    let r = &mut random;
+    let mut scene = Scene {
+        images: vec![image(r)],
+        ambient: sometimes(r, 0.4, [0.1, 0.2, 0.15]),
+        background: match r.below(4) {
+            0 => Background::Uniform([0.3, 0.2, 0.1]),
+            1 => Background::Gradient {
+                horizon: [0.6, 0.5, 0.4],
+                up: [0.1, 0.2, 0.7],
+                down: [0.05; 3],
+            },
+            _ => Background::default(),
+        },
+        textures: vec![
+            pattern(Pattern::Checker, Space::Object),
+            pattern(Pattern::Noise { octaves: 3 }, Space::Object),
+            pattern(Pattern::Gradient, Space::Uv),
+            picture(Filter::Linear),
+            picture(Filter::Mipmap),
+        ],
+        cameras: vec![camera(r)],
+        ..Scene::default()
+    };
+    // Most scenes draw from few kinds of material, so that most effects are absent.
+    let kinds: Vec<usize> = (0..1 + r.below(3)).map(|_| r.below(KINDS)).collect();
+    for number in 0..1 + r.below(4) {
+        let kind = kinds[r.below(kinds.len())];
+        scene.materials.push(Material {
+            name: format!("material {number}"),
+            ..material(kind, r)
+        });
+    }
+    for _ in 0..1 + r.below(4) {
+        add_object(&mut scene, r);
+    }
+    for number in 0..r.below(3) {
+        scene.lights.push(light(number, r));
+    }
+    scene.validate().unwrap();
+    scene
+}
+
+fn sometimes<T: Default>(r: &mut Random, probability: f64, value: T) -> T {
+    if r.next() < probability {
+        value
+    } else {
+        T::default()
+    }
+}
+
+fn camera(r: &mut Random) -> Camera {
+    let aside = 0.4 * r.in_cube();
+    let z_near = [0.0, 0.5, 3.2][r.below(3)];
+    Camera {
+        name: "eye".into(),
+        world_from_camera: DAffine3::from_translation(DVec3::new(0.0, 0.0, 4.0) + aside),
+        projection: if r.next() < 0.85 {
+            Projection::Perspective {
+                y_fov: 0.8,
+                aspect: None,
+            }
+        } else {
+            Projection::Orthographic {
+                x_mag: None,
+                y_mag: 1.8,
+            }
+        },
+        z_near,
+        z_far: f64::INFINITY,
+    }
+}
+
+fn image(r: &mut Random) -> Image {
+    let mut byte = || (255.0 * r.next()) as u8;
+    let texels = (0..64).map(|_| [byte(), byte(), byte(), byte()]).collect();
+    Image {
+        name: "spots".into(),
+        width: 8,
+        height: 8,
+        texels: Texels::Bytes(texels),
+    }
+}
+
+fn picture(filter: Filter) -> Texture {
+    Texture::Image {
+        image: 0,
+        sampler: Sampler {
+            wrap_u: Wrap::Repeat,
+            wrap_v: Wrap::MirroredRepeat,
+            filter,
+        },
+    }
+}
+
+fn pattern(pattern: Pattern, space: Space) -> Texture {
+    Texture::Procedural(Procedural {
+        pattern,
+        colors: [[0.2, 0.9, 0.3, 0.1], [1.0, 0.6, 0.8, 1.0]],
+        space,
+        scale: [3.0, 2.0, 4.0],
+    })
+}
+
+fn layer(parameter: Parameter, texture: u32, strength: f32) -> Layer {
+    Layer {
+        parameter,
+        texture: TextureUse::new(texture),
+        strength,
+    }
+}
+
+/// How many kinds of material there are.
+const KINDS: usize = 22;
+
+fn gltf(color: [f32; 3], model: MetallicRoughness) -> Material {
+    Material {
+        model: Model::MetallicRoughness(model),
+        base_color: [color[0], color[1], color[2], 1.0],
+        ..Material::default()
+    }
+}
+
+fn body(ior: Dispersion, absorption: Absorption, priority: i32) -> Option<Interior> {
+    Some(Interior {
+        ior,
+        absorption,
+        priority,
+        is_thin: false,
+    })
+}
+
+fn material(kind: usize, r: &mut Random) -> Material {
+    let color = [0.2 + 0.8 * r.next() as f32, 0.7, 0.2 + 0.8 * r.next() as f32];
+    let chalk = MetallicRoughness {
+        metallic: 0.0,
+        roughness: 0.6,
+        ..MetallicRoughness::DEFAULT
+    };
+    let glass = MetallicRoughness {
+        roughness: [0.0, 0.5][r.below(2)],
+        transmission: 0.9,
+        ..chalk
+    };
+    let constant = Dispersion::Constant(1.3 + 0.4 * r.next());
+    let matte = gltf(color, chalk);
+    let texture = r.below(5) as u32;
+    let with = |layer: Layer| Material {
+        layers: vec![layer],
+        ..matte.clone()
+    };
+    let taught = |lecture: Lecture| Material {
+        model: Model::Lecture(lecture),
+        ..matte.clone()
+    };
+    match kind {
+        0 => matte,
+        1 => gltf(
+            color,
+            MetallicRoughness {
+                roughness: 0.05,
+                ..MetallicRoughness::DEFAULT
+            },
+        ),
+        2 => Material {
+            interior: body(constant, Absorption::NONE, r.below(3) as i32),
+            ..gltf([1.0; 3], glass)
+        },
+        3 => Material {
+            interior: body(constant, Absorption::from_color([0.3, 0.8, 0.5], 1.0), 0),
+            ..gltf([1.0; 3], glass)
+        },
+        4 => Material {
+            interior: body(
+                Dispersion::Cauchy(Cauchy { a: 1.5, b: 20_000.0 }),
+                Absorption::NONE,
+                0,
+            ),
+            ..gltf([1.0; 3], glass)
+        },
+        5 => Material {
+            interior: Some(Interior {
+                ior: constant,
+                absorption: Absorption::NONE,
+                priority: 0,
+                is_thin: true,
+            }),
+            ..gltf(color, glass)
+        },
+        6 => with(layer(Parameter::BaseColor, texture, 1.0)),
+        7 => with(layer(Parameter::Roughness, texture, 1.0)),
+        8 => with(layer(Parameter::Normal, 3, 0.7)),
+        9 => with(layer(Parameter::Bump, texture, 0.2)),
+        10 => with(layer(Parameter::Occlusion, texture, 0.8)),
+        11 => with(layer(Parameter::SpecularColor, texture, 1.0)),
+        12 => Material {
+            alpha: AlphaMode::Mask(0.5),
+            ..with(layer(Parameter::BaseColor, texture, 1.0))
+        },
+        13 => Material {
+            alpha: AlphaMode::Blend,
+            base_color: [color[0], color[1], color[2], 0.4],
+            ..matte
+        },
+        14 => Material {
+            emission: [0.4, 0.1, 0.3],
+            ..matte
+        },
+        15 => Material {
+            model: Model::Unlit,
+            ..matte
+        },
+        16 => taught(Lecture {
+            specular: [0.4; 3],
+            exponent: 12.0,
+            ..Lecture::DEFAULT
+        }),
+        17 => taught(Lecture {
+            reflection: [0.5, 0.3, 0.4],
+            ..Lecture::DEFAULT
+        }),
+        18 => Material {
+            interior: body(constant, Absorption::NONE, 0),
+            ..taught(Lecture {
+                transmission: [0.8; 3],
+                fresnel: r.next() < 0.5,
+                ..Lecture::DEFAULT
+            })
+        },
+        19 => gltf(
+            color,
+            MetallicRoughness {
+                specular: 0.4,
+                ..chalk
+            },
+        ),
+        20 => Material {
+            interior: body(Dispersion::Constant(1.8), Absorption::NONE, 0),
+            ..matte
+        },
+        _ => with(layer(Parameter::MetallicRoughness, texture, 1.0)),
+    }
+}
+
+/// With the first two coordinates of each vertex as its texture coordinates.
+fn charted(mesh: Mesh) -> Mesh {
+    let set: Vec<[f32; 2]> = mesh.positions.iter().map(|p| [p[0], p[1]]).collect();
+    Mesh {
+        tex_coords: vec![set.into()],
+        ..mesh
+    }
+}
+
+fn add_object(scene: &mut Scene, r: &mut Random) {
+    let shapes = all_shapes();
+    let geometry = match r.below(8) {
+        0 => Geometry::Mesh(charted(ball(1, Shading::Smooth))),
+        1 => Geometry::Mesh(charted(ball(1, Shading::Flat))),
+        2 => Geometry::Mesh(textured_panel()),
+        3 => Geometry::Mesh(Mesh {
+            colors: None,
+            ..textured_panel()
+        }),
+        _ => Geometry::Shape(shapes[r.below(shapes.len())].1.clone()),
+    };
+    scene.geometries.push(geometry);
+    let size = DVec3::new(1.0, 0.5 + r.next(), [1.0, -1.0][r.below(2)]) * (0.4 + 0.6 * r.next());
+    let place = DAffine3::from_translation(1.3 * r.in_cube())
+        * DAffine3::from_axis_angle(r.on_sphere(), 6.0 * r.next())
+        * DAffine3::from_scale(size);
+    let material = r.below(scene.materials.len()) as u32;
+    let geometry = scene.geometries.len() as u32 - 1;
+    scene
+        .instances
+        .push(Instance::new("object", geometry, material, place).unwrap());
+}
+
+fn light(number: usize, r: &mut Random) -> Light {
+    let position = DVec3::new(0.0, 2.5, 2.0) + 1.5 * r.in_cube();
+    let falloff = [
+        Falloff::PHYSICAL,
+        Falloff::NONE,
+        Falloff::InverseSquare { range: Some(1.5) },
+    ][r.below(3)];
+    let kind = match r.below(3) {
+        0 => LightKind::Directional {
+            to_light: r.on_sphere(),
+        },
+        1 => LightKind::Point { position, falloff },
+        _ => LightKind::Spot {
+            position,
+            direction: -position.normalize(),
+            cos_inner: 0.95,
+            cos_outer: 0.8,
+            falloff,
+        },
+    };
+    Light {
+        name: format!("light {number}"),
+        intensity: [3.0, 2.5, 2.0],
+        kind,
+    }
+}

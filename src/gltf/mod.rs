@@ -40,6 +40,7 @@ pub(crate) use view::framing_camera;
 
 use crate::numeric::Bounds;
 use crate::scene::{Background, Geometry, Instance, Normalisation, Scene};
+use crate::shading::fold_constant_textures;
 use document::Document;
 use material::Materials;
 use node::PlacedNode;
@@ -275,7 +276,10 @@ impl Document {
         }
         shorten(&mut scene.warnings);
         match scene.validate_structure(&bounds) {
-            Ok(()) => Ok(scene),
+            Ok(()) => {
+                fold_constant_textures(&mut scene);
+                Ok(scene)
+            }
             Err(source) => Err(GltfError::Scene {
                 file: self.file.clone(),
                 source,

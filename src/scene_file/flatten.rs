@@ -11,6 +11,7 @@ use super::placement::Copies;
 use crate::gltf::{dropped_sentence, framing_camera};
 use crate::numeric::Bounds;
 use crate::scene::{Camera, Geometry, Instance, Light, LightKind, Normalisation, Scene};
+use crate::shading::fold_constant_textures;
 
 /// What comes down to an object from those that it is in.
 #[derive(Clone, Copy)]
@@ -182,7 +183,10 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
         scene.cameras.push(framing_camera(&finite));
     }
     match scene.validate() {
-        Ok(()) => Ok(scene),
+        Ok(()) => {
+            fold_constant_textures(&mut scene);
+            Ok(scene)
+        }
         Err(error) => Err(file_error(path, error.to_string())),
     }
 }

@@ -16,4 +16,4 @@ pub use lecture::lecture_direct;
 pub use light::{Illumination, illuminate};
 pub use material::{MaterialPacket, RichLanes};
 pub use metallic_roughness::{direct, mirror};
-pub use texture::{Footprint, TexturePoint, TextureSet};
+pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};

@@ -9,6 +9,7 @@
 //! and follows the longer one with several narrower look-ups (McCormack et al., "Feline", SIGGRAPH 1999), so a floor
 //! stays sharp across the view up to the horizon.
 
+mod fold;
 mod grid;
 mod noise;
 mod procedural;
@@ -19,6 +20,7 @@ use std::collections::HashSet;
 use glam::DVec3;
 use rayon::prelude::*;
 
+pub use self::fold::fold_constant_textures;
 use self::grid::Grid;
 use self::pyramid::Pyramid;
 use crate::scene::{Encoding, Filter, Image, Procedural, Sampler, Scene, Space, Texels, Texture, TextureUse};

@@ -1,0 +1,176 @@
+//! Textures of one colour become values of the materials that they lie on, once, when a scene is loaded.
+//!
+//! A product with the same number at every point is a number, so no bit of a picture changes; but nothing is looked up,
+//! and an effect that a texture of zeros stifles is not called for.
+
+use crate::scene::{
+    AlphaMode, Geometry, Image, Layer, Material, MetallicRoughness, Model, Parameter, Scene, Texels, Texture,
+};
+
+use super::{constant, slot};
+
+/// Folds the constant textures of a scene that has passed its checks into its materials.
+pub fn fold_constant_textures(scene: &mut Scene) {
+    let colors: Vec<Option<[[f32; 4]; 2]>> = constants_of(scene);
+    let mut varies = vec![false; scene.materials.len()];
+    for instance in &scene.instances {
+        let geometry = &scene.geometries[instance.geometry as usize];
+        varies[instance.material as usize] |=
+            matches!(geometry, Geometry::Mesh(mesh) if mesh.colors.is_some());
+    }
+    for (material, has_vertex_colors) in scene.materials.iter_mut().zip(varies) {
+        let layers = std::mem::take(&mut material.layers);
+        material.layers = layers
+            .into_iter()
+            .filter(|layer| {
+                let color = colors[layer.texture.texture as usize];
+                !color.is_some_and(|color| fold(material, layer, color[slot(layer.parameter.encoding())]))
+            })
+            .collect();
+        let is_even = material.layer(Parameter::BaseColor).is_none() && !has_vertex_colors;
+        if is_even && material.alpha.coverage(material.base_color[3]) == 1.0 {
+            material.alpha = AlphaMode::Opaque;
+        }
+    }
+    for (image, colors) in scene
+        .images
+        .iter_mut()
+        .zip(image_constants(&scene.textures, &colors))
+    {
+        if colors {
+            shrink(image);
+        }
+    }
+}
+
+/// The colours, by encoding, of the textures that have one.
+fn constants_of(scene: &Scene) -> Vec<Option<[[f32; 4]; 2]>> {
+    let images: Vec<_> = scene.images.iter().map(constant).collect();
+    let color = |texture: &Texture| match texture {
+        Texture::Image { image, .. } => images[*image as usize],
+        Texture::Procedural(rule) => (rule.colors[0] == rule.colors[1]).then_some([rule.colors[0]; 2]),
+    };
+    scene.textures.iter().map(color).collect()
+}
+
+/// For each image whether it has one colour.
+fn image_constants(textures: &[Texture], colors: &[Option<[[f32; 4]; 2]>]) -> Vec<bool> {
+    let mut images = Vec::new();
+    for (texture, color) in textures.iter().zip(colors) {
+        if let Texture::Image { image, .. } = texture {
+            let image = *image as usize;
+            images.resize(images.len().max(image + 1), false);
+            images[image] = color.is_some();
+        }
+    }
+    images
+}
+
+/// Leaves an image of one colour a single pixel of it.
+fn shrink(image: &mut Image) {
+    match &mut image.texels {
+        Texels::Bytes(texels) => *texels = texels[..1].to_vec(),
+        Texels::Floats(texels) => *texels = texels[..1].to_vec(),
+    }
+    (image.width, image.height) = (1, 1);
+}
+
+/// Multiplies `texel` into what the layer changes. Returns whether the layer has nothing left to do.
+fn fold(material: &mut Material, layer: &Layer, texel: [f32; 4]) -> bool {
+    let tint = |color: &mut [f32; 3]| (0..3).for_each(|c| color[c] *= texel[c]);
+    match (layer.parameter, &mut material.model) {
+        (Parameter::BaseColor, _) => (0..4).for_each(|c| material.base_color[c] *= texel[c]),
+        (Parameter::Emission, _) => tint(&mut material.emission),
+        // A height that is the same everywhere has no slope.
+        (Parameter::Bump, _) => {}
+        (Parameter::Normal, _) => return [0, 1, 2].map(|c| 2.0 * texel[c] - 1.0) == [0.0, 0.0, 1.0],
+        (Parameter::Occlusion, _) => return layer.strength * (texel[0] - 1.0) == 0.0,
+        (parameter, Model::MetallicRoughness(model)) => fold_metallic_roughness(model, parameter, texel),
+        (Parameter::SpecularColor, Model::Lecture(lecture)) => tint(&mut lecture.specular),
+        (Parameter::Reflection, Model::Lecture(lecture)) => tint(&mut lecture.reflection),
+        (Parameter::Transmission, Model::Lecture(lecture)) => tint(&mut lecture.transmission),
+        // A parameter that the model does not have.
+        _ => {}
+    }
+    true
+}
+
+fn fold_metallic_roughness(model: &mut MetallicRoughness, parameter: Parameter, texel: [f32; 4]) {
+    match parameter {
+        Parameter::MetallicRoughness => {
+            model.roughness *= texel[1];
+            model.metallic *= texel[2];
+        }
+        Parameter::Roughness => model.roughness *= texel[0],
+        Parameter::Metallic => model.metallic *= texel[0],
+        Parameter::Specular => model.specular *= texel[3],
+        Parameter::SpecularColor => (0..3).for_each(|c| model.specular_color[c] *= texel[c]),
+        Parameter::Transmission => model.transmission *= texel[0],
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Filter, Sampler, TextureUse, Wrap};
+
+    /// A scene whose one material has a texture of `texel` on `parameter`, and another of two colours on its roughness.
+    fn scene(parameter: Parameter, texel: [u8; 4]) -> Scene {
+        let image = |texels: Vec<[u8; 4]>| Image {
+            name: "plain".into(),
+            width: 2,
+            height: 1,
+            texels: Texels::Bytes(texels),
+        };
+        let texture = |image| Texture::Image {
+            image,
+            sampler: Sampler {
+                wrap_u: Wrap::Repeat,
+                wrap_v: Wrap::Repeat,
+                filter: Filter::Mipmap,
+            },
+        };
+        let layer = |parameter, texture| Layer {
+            parameter,
+            texture: TextureUse::new(texture),
+            strength: 1.0,
+        };
+        Scene {
+            images: vec![image(vec![texel; 2]), image(vec![[0; 4], [255; 4]])],
+            textures: vec![texture(0), texture(1)],
+            materials: vec![Material {
+                emission: [2.0; 3],
+                alpha: AlphaMode::Blend,
+                layers: vec![layer(parameter, 0), layer(Parameter::Roughness, 1)],
+                ..Material::default()
+            }],
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn a_texture_of_one_colour_becomes_a_factor_and_one_of_zeros_switches_its_effect_off() {
+        let mut black = scene(Parameter::Emission, [0, 0, 0, 255]);
+        fold_constant_textures(&mut black);
+        assert_eq!(black.materials[0].emission, [0.0; 3]);
+        let left: Vec<Parameter> = black.materials[0].layers.iter().map(|l| l.parameter).collect();
+        assert_eq!(left, [Parameter::Roughness]);
+        assert_eq!((black.images[0].width, black.images[0].texels.len()), (1, 1));
+        assert_eq!((black.images[1].width, black.images[1].texels.len()), (2, 2));
+        let mut white = scene(Parameter::BaseColor, [255; 4]);
+        fold_constant_textures(&mut white);
+        assert_eq!(white.materials[0].base_color, [1.0; 4]);
+        assert_eq!(white.materials[0].alpha, AlphaMode::Opaque);
+    }
+
+    #[test]
+    fn what_covers_a_part_everywhere_and_what_bends_normals_stays() {
+        let mut half = scene(Parameter::BaseColor, [255, 255, 255, 128]);
+        fold_constant_textures(&mut half);
+        assert_eq!(half.materials[0].alpha, AlphaMode::Blend);
+        let mut tilted = scene(Parameter::Normal, [128, 128, 255, 255]);
+        fold_constant_textures(&mut tilted);
+        assert_eq!(tilted.materials[0].layers.len(), 2);
+    }
+}

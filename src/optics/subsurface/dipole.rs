@@ -18,7 +18,8 @@ use super::scattering::{Scattering, ScatteringError, boundary_factor};
 /// A sum of coefficients below this is that of a clear body, which sends nothing back.
 const CLEAR: f64 = 1e-15;
 
-/// How far apart samples of irradiance may lie, in mean free paths.
+/// How far apart samples of irradiance may lie, in mean free paths: the noise of their sum is 1 % then, and four times that
+/// at twice the distance.
 const SPACING: f64 = 0.5;
 
 /// What a half-space of a scattering material sends back from where light enters.
@@ -110,8 +111,8 @@ impl Dipole {
         self.channels.map(|channel| channel.z[0])
     }
 
-    /// How far apart irradiance is to be sampled for this dipole to be summed over it: [`SPACING`] of the shortest mean free
-    /// path. Infinite if nothing is scattered.
+    /// How far apart irradiance is to be sampled for this dipole to be summed over it: half of the shortest mean free path.
+    /// Infinite if nothing is scattered.
     pub fn sample_spacing(&self) -> f64 {
         let scattering = self.channels.iter().filter(|channel| channel.albedo > 0.0);
         SPACING

@@ -1,4 +1,5 @@
-//! What light does where media meet and inside them: Snell's law, Fresnel's equations, dispersion, absorption, nesting.
+//! What light does where media meet and inside them: Snell's law, Fresnel's equations, dispersion, absorption, nesting,
+//! scattering.
 //!
 //! Pure functions of f64 numbers; nothing here knows what a scene is. Wavelengths are in nanometres and measured in
 //! vacuum, angles in radians, absorption is per unit of length. An index of refraction is called `eta_i` on the side
@@ -10,9 +11,11 @@ mod dispersion;
 mod fresnel;
 mod interface;
 mod lanes;
+mod leaf;
 mod media;
 mod snell;
 mod spectrum;
+pub mod subsurface;
 mod thin_slab;
 
 pub use absorption::Absorption;
@@ -20,6 +23,7 @@ pub use conductor::{Conductor, conductor};
 pub use dispersion::{Cauchy, Dispersion, LINE_C, LINE_D, LINE_F, Sellmeier};
 pub use fresnel::{Fresnel, Polarised, dielectric};
 pub use lanes::{DielectricLanes, dielectric_lanes};
+pub use leaf::Leaf;
 pub use media::{Body, Crossing, MEDIA_CAPACITY, MediaStack, Passage};
 pub use snell::{Refraction, brewster_angle, critical_angle, ior_from_speed, reflect, refract};
 pub use spectrum::{

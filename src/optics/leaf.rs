@@ -1,0 +1,134 @@
+//! A thin translucent sheet, such as a leaf, paper or a lampshade: it scatters light so much that what it lets through leaves
+//! as diffusely as what it sends back, and it is so thin that both leave where light arrived.
+//!
+//! Both lobes are Lambert's: f_r = reflectance / pi towards the side that light comes from and f_t = translucency / pi
+//! towards the other. No more leaves than arrives if both together are at most 1.
+
+use std::f64::consts::FRAC_1_PI;
+
+/// How a thin sheet divides light between its two sides, in linear red, green and blue.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leaf {
+    reflectance: [f64; 3],
+    translucency: [f64; 3],
+}
+
+impl Leaf {
+    /// The sheet that sends back `reflectance` and lets through `translucency` of what arrives, from either side.
+    ///
+    /// Negative numbers and NaN count as 0. Channels of which more than 1 would leave have both parts divided by their sum.
+    pub fn new(reflectance: [f64; 3], translucency: [f64; 3]) -> Leaf {
+        // Also of a NaN, and so that the sum of two is finite.
+        let part = |x: f64| if x > 0.0 { x.min(f64::MAX / 2.0) } else { 0.0 };
+        let mut leaf = Leaf {
+            reflectance: reflectance.map(part),
+            translucency: translucency.map(part),
+        };
+        for c in 0..3 {
+            let sum = leaf.reflectance[c] + leaf.translucency[c];
+            if sum > 1.0 {
+                leaf.reflectance[c] /= sum;
+                // Not a quotient of its own, whose rounding might make the sum exceed 1.
+                leaf.translucency[c] = 1.0 - leaf.reflectance[c];
+            }
+        }
+        leaf
+    }
+
+    /// The sheet of base colour `base` that lets through `factor` of what is not reflected as by a mirror, coloured by
+    /// `color` (KHR_materials_diffuse_transmission): reflectance (1 - factor) base, translucency factor color.
+    pub fn from_diffuse_transmission(base: [f64; 3], factor: f64, color: [f64; 3]) -> Leaf {
+        Leaf::new(base.map(|b| (1.0 - factor) * b), color.map(|c| factor * c))
+    }
+
+    /// What it sends back over what arrives.
+    pub fn reflectance(&self) -> [f64; 3] {
+        self.reflectance
+    }
+
+    /// What it lets through over what arrives.
+    pub fn translucency(&self) -> [f64; 3] {
+        self.translucency
+    }
+
+    /// Radiance towards the viewer over the irradiance from a lamp, per steradian: which of the two lobes it is depends on
+    /// whether the normal sees the viewer (`cos_o`) and the lamp (`cos_i`) on the same side.
+    pub fn scattering(&self, cos_o: f64, cos_i: f64) -> [f64; 3] {
+        let lobe = if (cos_o < 0.0) == (cos_i < 0.0) {
+            &self.reflectance
+        } else {
+            &self.translucency
+        };
+        lobe.map(|part| part * FRAC_1_PI)
+    }
+
+    /// What leaves one side per unit of area when that side receives `near` and the other `far`.
+    pub fn radiant_exitance(&self, near: [f64; 3], far: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|c| self.reflectance[c] * near[c] + self.translucency[c] * far[c])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_sheet_sends_out_more_than_arrives() {
+        let values = [
+            0.0,
+            0.1,
+            1.0 / 3.0,
+            0.7,
+            1.0,
+            3.7,
+            1e300,
+            f64::INFINITY,
+            f64::NAN,
+            -1.0,
+        ];
+        for r in values {
+            for t in values {
+                let leaf = Leaf::new([r, t, r], [t, r, 0.5]);
+                let out = leaf.radiant_exitance([1.0; 3], [1.0; 3]);
+                assert!(out.iter().all(|x| (0.0..=1.0).contains(x)), "{r} {t}: {leaf:?}");
+                let parts = leaf.reflectance().into_iter().chain(leaf.translucency());
+                assert!(parts.into_iter().all(|x| (0.0..=1.0).contains(&x)), "{leaf:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_possible_stays_as_it_is_and_the_rest_keeps_its_proportion() {
+        let leaf = Leaf::new([0.25, 0.5, 3.0], [0.5, 0.5, 1.0]);
+        assert_eq!(leaf.reflectance(), [0.25, 0.5, 0.75]);
+        assert_eq!(leaf.translucency(), [0.5, 0.5, 0.25]);
+    }
+
+    #[test]
+    fn the_lobes_sum_to_their_parts_over_the_hemispheres() {
+        let leaf = Leaf::new([0.3; 3], [0.6; 3]);
+        // The integral of f |cos| over a hemisphere: 2 pi times that of f cos over cos in (0, 1); a linear integrand, for
+        // which the midpoint rule is exact.
+        let over = |side: f64| {
+            let middle = |k: i32| (f64::from(k) + 0.5) / 100.0;
+            let sum: f64 = (0..100)
+                .map(|k| leaf.scattering(side * middle(k), 0.5)[0] * middle(k))
+                .sum();
+            2.0 * std::f64::consts::PI * sum / 100.0
+        };
+        assert!((over(1.0) - 0.3).abs() <= 1e-14);
+        assert!((over(-1.0) - 0.6).abs() <= 1e-14);
+        assert_eq!(leaf.scattering(-0.5, -0.5), leaf.scattering(0.5, 0.5));
+    }
+
+    #[test]
+    fn a_sheet_lit_from_behind_shows_its_translucency() {
+        let leaf = Leaf::from_diffuse_transmission([0.2, 0.8, 0.4], 0.25, [0.4, 1.0, 0.0]);
+        assert_eq!(leaf.radiant_exitance([0.0; 3], [2.0; 3]), [0.2, 0.5, 0.0]);
+        // 3/4 of the base colour.
+        let front = leaf.radiant_exitance([1.0; 3], [0.0; 3]);
+        for c in 0..3 {
+            assert!((front[c] - 0.75 * [0.2, 0.8, 0.4][c]).abs() <= f64::EPSILON);
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Places in a cube, ordered along Morton's curve (G. M. Morton 1966), whose runs are an octree's cells.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::numeric::Bounds;
+
+/// Binary digits of each coordinate.
+const DIGITS: u32 = 21;
+
+/// A place along the curve and whose it is.
+pub(super) type Key = (u64, u32);
+
+/// The places of `position(0..count)` in the cube around them, in the curve's order; equal ones by their index.
+///
+/// The same for any number of threads. `count` is below 2^32, positions are finite.
+pub(super) fn sorted_keys(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> (Bounds, Vec<Key>) {
+    let bounds = (0..count)
+        .into_par_iter()
+        .map(|i| Bounds::of_points([position(i)]))
+        .reduce(|| Bounds::EMPTY, Bounds::union);
+    let edge = bounds.extent().max_element();
+    let scale = f64::from(1u32 << DIGITS) / edge;
+    let key = |i: usize| {
+        // A cube without an edge has a single place: 0 · infinity is cast to 0.
+        let cell = ((position(i) - bounds.min) * scale).to_array();
+        let digits = cell.map(|x| (x as u64).min((1 << DIGITS) - 1));
+        (
+            spread(digits[0]) | spread(digits[1]) << 1 | spread(digits[2]) << 2,
+            i as u32,
+        )
+    };
+    let mut keys: Vec<Key> = (0..count).into_par_iter().map(key).collect();
+    keys.par_sort_unstable();
+    (bounds, keys)
+}
+
+/// The lowest 21 digits with two zeros before each.
+fn spread(digits: u64) -> u64 {
+    let mut v = digits;
+    v = (v | v << 32) & 0x001f_0000_0000_ffff;
+    v = (v | v << 16) & 0x001f_0000_ff00_00ff;
+    v = (v | v << 8) & 0x100f_00f0_0f00_f00f;
+    v = (v | v << 4) & 0x10c3_0c30_c30c_30c3;
+    (v | v << 2) & 0x1249_2492_4924_9249
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_are_spread_to_every_third_place() {
+        for bit in 0..DIGITS {
+            assert_eq!(spread(1 << bit), 1 << (3 * bit));
+        }
+        assert_eq!(spread(0b1011), 0b1000001001);
+    }
+
+    #[test]
+    fn corners_of_a_cube_come_in_the_curves_order_and_equal_places_by_index() {
+        let corner = |i: usize| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64);
+        let (bounds, keys) = sorted_keys(16, |i| corner(15 - i));
+        assert_eq!((bounds.min, bounds.max), (DVec3::ZERO, DVec3::ONE));
+        let order: Vec<u32> = keys.iter().map(|key| key.1).collect();
+        assert_eq!(order, [7, 15, 6, 14, 5, 13, 4, 12, 3, 11, 2, 10, 1, 9, 0, 8]);
+    }
+
+    #[test]
+    fn points_that_coincide_have_one_place() {
+        let (_, keys) = sorted_keys(3, |_| DVec3::splat(5.0));
+        assert_eq!(keys, [(0, 0), (0, 1), (0, 2)]);
+    }
+}

@@ -79,18 +79,22 @@ fn backends<'s>(scene: &'s Scene) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
 #[cfg(feature = "embree")]
 fn embree_backends<'s>(
     scene: &'s Scene,
-    [single, packet]: [AccelOptions; 2],
+    [single, packet]: [AccelOptions<'static>; 2],
 ) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
+    use whit::accel::Instancing;
     use whit::accel::embree::EmbreeAccel;
+    let native = |options: &AccelOptions<'static>| AccelOptions {
+        instancing: Instancing::Native,
+        ..options.clone()
+    };
+    let build = |options: &AccelOptions| -> Box<dyn Accel + 's> {
+        Box::new(EmbreeAccel::build(scene, options).unwrap())
+    };
     vec![
-        (
-            "embree single",
-            Box::new(EmbreeAccel::build(scene, &single).unwrap()),
-        ),
-        (
-            "embree packet",
-            Box::new(EmbreeAccel::build(scene, &packet).unwrap()),
-        ),
+        ("embree single", build(&single)),
+        ("embree packet", build(&packet)),
+        ("embree native single", build(&native(&single))),
+        ("embree native packet", build(&native(&packet))),
     ]
 }
 

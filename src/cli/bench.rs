@@ -226,6 +226,17 @@ struct Contestant<'a> {
     report: AccelReport,
 }
 
+impl<'a> Contestant<'a> {
+    /// Whose answers this one's are held against: the first one's. Raw calls, of which only distances are compared, bit by
+    /// bit, are held against the packets that they are the bare form of.
+    fn referee<'c>(&self, contestants: &'c [Contestant<'a>]) -> &'c Contestant<'a> {
+        let is_referee = |other: &&Contestant| {
+            self.mode != Mode::Raw || (other.backend, other.instancing) == (self.backend, self.instancing)
+        };
+        contestants.iter().find(is_referee).unwrap_or(&contestants[0])
+    }
+}
+
 /// The picture whose rays are replayed.
 struct Frame<'a> {
     scene: &'a Scene,
@@ -346,7 +357,12 @@ fn rows(
             // The referee needs no comparison with itself.
             let differ = match rows.len() % contestants.len() {
                 0 => Differences::default(),
-                _ => differences(frame.scene, set, contestants[0].engine, contestant.engine),
+                _ => differences(
+                    frame.scene,
+                    set,
+                    contestant.referee(contestants).engine,
+                    contestant.engine,
+                ),
             };
             let speed = |seconds: f64| set.ray_count as f64 * 1e-6 / seconds;
             let spread = Spread::of(seconds);

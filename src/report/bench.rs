@@ -118,7 +118,7 @@ pub struct BenchRow {
     pub build_seconds: f64,
     /// Bytes of the structure.
     pub bytes: u64,
-    /// Answers that differ from the first backend's packets by more than rounding.
+    /// Answers that differ from the first backend's packets by more than rounding; of raw calls, from their own packets'.
     pub mismatches: u64,
     /// Answers that differ within the documented rounding.
     pub ties: u64,

@@ -47,6 +47,7 @@ pub struct EmbreeAccel<'s> {
     widths: [Width; 2],
     planes: Planes,
     placed_mesh_count: usize,
+    native_instance_count: usize,
     summary: String,
 }
 
@@ -92,6 +93,7 @@ impl<'s> EmbreeAccel<'s> {
             device,
             widths,
             planes: Planes::of(scene),
+            native_instance_count,
             placed_mesh_count: scene.instances.iter().filter(is_placed).count(),
             summary,
         })
@@ -133,9 +135,10 @@ impl Accel for EmbreeAccel<'_> {
 
     fn report(&self) -> AccelReport {
         let memory = self.device.memory();
+        let untold = self.user.byte_count() + native::RECORD_BYTES * self.native_instance_count as u64;
         AccelReport {
-            bytes: memory.bytes() + self.user.byte_count(),
-            peak_bytes: memory.peak_bytes() + self.user.byte_count(),
+            bytes: memory.bytes() + untold,
+            peak_bytes: memory.peak_bytes() + untold,
             embree: Some(self.device.identity().clone()),
             summary: self.summary.clone(),
         }

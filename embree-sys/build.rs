@@ -20,7 +20,7 @@ const FUNCTIONS: &str = "rtc(NewDevice|ReleaseDevice|GetDeviceProperty|GetDevice
     |SetDeviceMemoryMonitorFunction|NewScene|ReleaseScene|CommitScene|SetSceneFlags|SetSceneBuildQuality\
     |SetSceneProgressMonitorFunction|NewGeometry|ReleaseGeometry|CommitGeometry|AttachGeometryByID\
     |SetGeometryBuildQuality|SetGeometryMask|SetSharedGeometryBuffer|SetNewGeometryBuffer|SetGeometryUserPrimitiveCount\
-    |SetGeometryUserData|SetGeometryBoundsFunction|SetGeometryIntersectFunction|SetGeometryOccludedFunction)\
+    |SetGeometryUserData|SetGeometryInstancedScene|SetGeometryTransform|SetGeometryBoundsFunction|SetGeometryIntersectFunction|SetGeometryOccludedFunction)\
     |embree_.*";
 
 /// Constants are reached by no function's type, so they are named here.

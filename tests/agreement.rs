@@ -3,14 +3,15 @@
 #[path = "common/scenes.rs"]
 mod scenes;
 
+use glam::{DAffine3, DQuat, DVec3};
 use rayon::prelude::*;
 use scenes::Random;
-use whit::accel::agreement::{Agreement, compare, compare_occlusion};
+use whit::accel::agreement::{Agreement, compare_carried, compare_occlusion_carried};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
-use whit::accel::{Accel, AccelOptions, Hit, Kernel, LANES, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder, RayPacket};
 use whit::numeric::Ray;
-use whit::scene::Scene;
+use whit::scene::{Geometry, Scene};
 
 /// Rays a scene: a square of pixels, their shadows, random rays, rays along the axes.
 const FILM: usize = 240;
@@ -79,18 +80,21 @@ fn backends<'s>(scene: &'s Scene) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
 #[cfg(feature = "embree")]
 fn embree_backends<'s>(
     scene: &'s Scene,
-    [single, packet]: [AccelOptions; 2],
+    [single, packet]: [AccelOptions<'static>; 2],
 ) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
     use whit::accel::embree::EmbreeAccel;
+    let native = |options: &AccelOptions<'static>| AccelOptions {
+        instancing: Instancing::Native,
+        ..options.clone()
+    };
+    let build = |options: &AccelOptions| -> Box<dyn Accel + 's> {
+        Box::new(EmbreeAccel::build(scene, options).unwrap())
+    };
     vec![
-        (
-            "embree single",
-            Box::new(EmbreeAccel::build(scene, &single).unwrap()),
-        ),
-        (
-            "embree packet",
-            Box::new(EmbreeAccel::build(scene, &packet).unwrap()),
-        ),
+        ("embree single", build(&single)),
+        ("embree packet", build(&packet)),
+        ("embree native single", build(&native(&single))),
+        ("embree native packet", build(&native(&packet))),
     ]
 }
 
@@ -127,16 +131,23 @@ impl Tally {
 fn judge(
     scene: &Scene,
     truth: (&[Option<Hit>], &[bool]),
-    accel: &dyn Accel,
+    (name, accel): (&str, &dyn Accel),
     rays: &[Ray],
     order: RayOrder,
 ) -> Tally {
+    let instancing = if name.starts_with("embree native") {
+        Instancing::Native
+    } else {
+        Instancing::Callback
+    };
     let mut tally = Tally::default();
     for ((ray, &a), b) in rays.iter().zip(truth.0).zip(nearest(accel, rays, order)) {
-        tally.add(compare(scene, ray, a, b), || format!("{ray:?}: {a:?} but {b:?}"));
+        tally.add(compare_carried(scene, ray, [a, b], instancing), || {
+            format!("{ray:?}: {a:?} but {b:?}")
+        });
     }
     for ((ray, &a), b) in rays.iter().zip(truth.1).zip(blocked(accel, rays, order)) {
-        tally.add(compare_occlusion(scene, ray, a, b), || {
+        tally.add(compare_occlusion_carried(scene, ray, [a, b], instancing), || {
             format!("{ray:?}: blocked {a} but {b}")
         });
     }
@@ -187,9 +198,9 @@ fn compare_all(name: &str, scene: &Scene, film: usize, count: usize) -> (usize, 
         let hits = nearest(&brute, &rays, order);
         // Brute force is blocked by what it hits; asking it again would double the time.
         let shadows: Vec<bool> = hits.iter().map(Option::is_some).collect();
-        for ((_, accel), sum) in backends.iter().zip(&mut sums) {
+        for ((name, accel), sum) in backends.iter().zip(&mut sums) {
             sum.merge(
-                judge(scene, (&hits, &shadows), accel.as_ref(), &rays, order),
+                judge(scene, (&hits, &shadows), (name, accel.as_ref()), &rays, order),
                 kind,
             );
         }
@@ -218,6 +229,39 @@ fn all_backends_agree_on_a_million_rays_over_seven_scenes() {
     println!("{ray_count} rays");
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(ray_count >= 1_000_000, "only {ray_count} rays");
+}
+
+/// Meshes mirrored, turned, stretched and sheared at random, some far more in one direction than in another, near and far
+/// from the origin.
+fn placed_at_random(seed: u64) -> Scene {
+    let mut random = Random(seed);
+    let meshes = [
+        scenes::bumpy_sphere(5),
+        scenes::box_lattice(2),
+        scenes::thin_soup(40),
+    ];
+    let places = (0..40).map(|i| {
+        let turn = |random: &mut Random| DQuat::from_axis_angle(random.on_sphere(), 6.0 * random.next());
+        // Up to a factor of 64 between two axes: both sides of what Embree is left to place.
+        let mut stretch = DVec3::from_array([0, 1, 2].map(|_| 0.2 * 64f64.powf(random.next() - 0.5)));
+        if i % 3 == 0 {
+            stretch.x = -stretch.x;
+        }
+        let at = DVec3::splat(10.0 * (seed % 3) as f64) + 3.0 * random.in_cube();
+        let placed = DAffine3::from_scale_rotation_translation(stretch, turn(&mut random), at);
+        (i % 3, placed * DAffine3::from_quat(turn(&mut random)))
+    });
+    scenes::scene(meshes.map(Geometry::Mesh).into(), places.collect())
+}
+
+#[test]
+fn all_backends_agree_on_meshes_placed_at_random() {
+    let mut wrong = Vec::new();
+    for seed in 0..3 {
+        let name = format!("placed at random, seed {seed}");
+        wrong.extend(compare_all(&name, &placed_at_random(seed), 60, 3_000).1);
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 /// Every shape, in all placements, is found alike.

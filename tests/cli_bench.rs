@@ -50,6 +50,45 @@ fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
     }
 }
 
+#[cfg(feature = "embree")]
+const PLACED: &str = r#"
+[camera]
+from = [0, 1, 9]
+at = [0, 0, 0]
+
+[[object]]
+shape = { mesh = { vertices = [[-1, 0, 0], [1, 0, 0], [0, 1, 0]], faces = [[0, 1, 2]] } }
+repeat = { count = [3, 1, 1], step = [2, 0, 0] }
+"#;
+
+#[cfg(feature = "embree")]
+#[test]
+fn both_kinds_of_instancing_are_measured_where_meshes_are_placed_and_only_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    fs::write(path("placed.toml"), PLACED).unwrap();
+    let flags = ["--size", "16x16", "--repeat", "1", "--json", &path("a.json")];
+    let chosen = |flag: &[&str]| {
+        let run = whit(&[&["bench", &path("placed.toml")], &flags[..], flag].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        for words in ["callback instancing", "native instancing", "embree native"] {
+            assert!(run.stdout.contains(words), "{words} in {}", run.stdout);
+        }
+        let rows: serde_json::Value = serde_json::from_slice(&fs::read(path("a.json")).unwrap()).unwrap();
+        for row in rows.as_array().unwrap() {
+            assert_eq!(row["instancing"].is_string(), row["backend"] == "embree", "{row}");
+            assert_eq!(row["mismatches"], 0, "{row}");
+        }
+        rows[0]["instancing"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(chosen(&[]), "callback");
+    assert_eq!(chosen(&["--precision", "fast"]), "native");
+    assert_eq!(chosen(&["--instancing", "native"]), "native");
+
+    let run = whit(&[&["bench", &first_light()], &flags[..]].concat());
+    assert!(!run.stdout.contains("instancing"), "{}", run.stdout);
+}
+
 #[test]
 fn bad_input_ends_in_one_sentence_before_anything_is_written() {
     let folder = tempfile::tempdir().unwrap();

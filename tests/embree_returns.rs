@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Accel, AccelOptions, Kernel, LANES, Precision, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Instancing, Kernel, LANES, Precision, RayOrder, RayPacket};
 use whit::mesh::{Mesh, Slab};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
@@ -23,7 +23,28 @@ enum Kind {
     Triangles,
     Spheres,
     PlacedMeshes,
+    NativeInstances,
     All,
+    AllNative,
+}
+
+impl Kind {
+    fn instancing(self) -> Instancing {
+        match self {
+            Kind::NativeInstances | Kind::AllNative => Instancing::Native,
+            _ => Instancing::Callback,
+        }
+    }
+
+    /// The kinds of geometry in it: triangles where they are, spheres, placed meshes.
+    fn holds(self) -> [bool; 3] {
+        match self {
+            Kind::Triangles => [true, false, false],
+            Kind::Spheres => [false, true, false],
+            Kind::PlacedMeshes | Kind::NativeInstances => [false, false, true],
+            Kind::All | Kind::AllNative => [true; 3],
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -49,18 +70,19 @@ fn tetrahedron() -> Geometry {
 }
 
 fn scene(kind: Kind) -> Scene {
+    let [triangles, spheres, placed_meshes] = kind.holds();
     let mut instances = Vec::new();
     let mut place = |geometry, map| instances.push(Instance::new("", geometry, 0, map).unwrap());
-    if matches!(kind, Kind::Triangles | Kind::All) {
+    if triangles {
         place(0, DAffine3::IDENTITY);
     }
     for i in 0..64 {
         let at = DVec3::new(f64::from(i % 8), f64::from(i / 8), f64::from(i % 3)) * 2.0 - DVec3::splat(7.0);
         let map = DAffine3::from_translation(at) * DAffine3::from_rotation_x(f64::from(i));
-        if matches!(kind, Kind::PlacedMeshes | Kind::All) {
+        if placed_meshes {
             place(0, map);
         }
-        if matches!(kind, Kind::Spheres | Kind::All) {
+        if spheres {
             place(1, map);
         }
     }
@@ -96,7 +118,14 @@ fn packets() -> Vec<RayPacket> {
 #[test]
 fn every_call_flag_kernel_and_kind_returns() {
     let mut pairs = Vec::new();
-    for kind in [Kind::Triangles, Kind::Spheres, Kind::PlacedMeshes, Kind::All] {
+    for kind in [
+        Kind::Triangles,
+        Kind::Spheres,
+        Kind::PlacedMeshes,
+        Kind::NativeInstances,
+        Kind::All,
+        Kind::AllNative,
+    ] {
         for precision in [Precision::Fast, Precision::Robust] {
             for kernel in [Kernel::Packet, Kernel::Single] {
                 for isa in [None, Some("avx2"), Some("sse2")] {
@@ -123,6 +152,7 @@ fn every_call_flag_kernel_and_kind_returns() {
             let options = AccelOptions {
                 precision,
                 kernel,
+                instancing: kind.instancing(),
                 isa,
                 ..AccelOptions::default()
             };

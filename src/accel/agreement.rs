@@ -11,19 +11,22 @@
 //!   longest edge and the farthest corner; √3 bounds `|d| / |d_z|`. Where an exact edge function is closer to zero than
 //!   that, hit or miss is anybody's guess.
 //!
+//! Where Embree places meshes itself ([`Instancing::Native`]), rays reach object space by an inverse in f32 and are off by
+//! more, which [`compare_carried`] and [`compare_occlusion_carried`] allow for by the bound of [`Carried`].
+//!
 //! Analytic shapes are computed in f64 by one function, so a backend that answers otherwise about one is wrong.
 //!
 //! Two answers are *the same* if they name the same primitive, each with its parameter in bounds. They *tie* if both
 //! primitives lie within the bounds of each other, or if what only one of them found is too close to call. Else one is
 //! *wrong*.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
-use super::Hit;
 use super::brute::ray_in;
 use super::shapes::shape_hit;
+use super::{Hit, Instancing};
 use crate::numeric::Ray;
-use crate::scene::{Geometry, Scene};
+use crate::scene::{Geometry, Instance, Scene};
 
 /// How two answers to the same question compare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,15 +50,25 @@ const fn gamma(n: f64) -> f64 {
     n * UNIT / (1.0 - n * UNIT)
 }
 
-/// Compares two answers of [`super::Accel::intersect`] to `ray`.
+/// Compares two answers of [`super::Accel::intersect`] to `ray`, both by rays carried into object space in f64.
 pub fn compare(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> Agreement {
+    compare_carried(scene, ray, [a, b], Instancing::Callback)
+}
+
+/// Compares two answers of [`super::Accel::intersect`] to `ray`, one of them by that kind of instancing.
+pub fn compare_carried(
+    scene: &Scene,
+    ray: &Ray,
+    [a, b]: [Option<Hit>; 2],
+    instancing: Instancing,
+) -> Agreement {
     match (a, b) {
         (None, None) => Agreement::Same,
-        (Some(hit), None) | (None, Some(hit)) => match Exact::of(scene, ray, &hit) {
+        (Some(hit), None) | (None, Some(hit)) => match Exact::of(scene, ray, &hit, instancing) {
             Some(exact) if exact.explains(&hit) && exact.is_doubtful(ray) => Agreement::Tie,
             _ => Agreement::Wrong,
         },
-        (Some(a), Some(b)) => compare_hits(scene, ray, &a, &b),
+        (Some(a), Some(b)) => compare_hits(scene, ray, [&a, &b], instancing),
     }
 }
 
@@ -63,6 +76,16 @@ pub fn compare(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> Agre
 ///
 /// Different answers cost a walk over the whole scene.
 pub fn compare_occlusion(scene: &Scene, ray: &Ray, a: bool, b: bool) -> Agreement {
+    compare_occlusion_carried(scene, ray, [a, b], Instancing::Callback)
+}
+
+/// [`compare_occlusion`], where one of the answers is by that kind of instancing.
+pub fn compare_occlusion_carried(
+    scene: &Scene,
+    ray: &Ray,
+    [a, b]: [bool; 2],
+    instancing: Instancing,
+) -> Agreement {
     if a == b {
         return Agreement::Same;
     }
@@ -70,7 +93,8 @@ pub fn compare_occlusion(scene: &Scene, ray: &Ray, a: bool, b: bool) -> Agreemen
     for (index, instance) in scene.instances.iter().enumerate() {
         let count = scene.geometries[instance.geometry as usize].primitive_count();
         for primitive in 0..count as u32 {
-            match Exact::of_primitive(scene, ray, index as u32, primitive).map(|exact| exact.decision(ray)) {
+            let exact = Exact::of_primitive(scene, ray, [index as u32, primitive], instancing);
+            match exact.map(|exact| exact.decision(ray)) {
                 Some(Decision::Hit) => return Agreement::Wrong,
                 Some(Decision::Doubtful) => doubtful = true,
                 Some(Decision::Miss) | None => (),
@@ -84,8 +108,9 @@ pub fn compare_occlusion(scene: &Scene, ray: &Ray, a: bool, b: bool) -> Agreemen
     }
 }
 
-fn compare_hits(scene: &Scene, ray: &Ray, a: &Hit, b: &Hit) -> Agreement {
-    let (Some(exact_a), Some(exact_b)) = (Exact::of(scene, ray, a), Exact::of(scene, ray, b)) else {
+fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instancing) -> Agreement {
+    let exact = |hit| Exact::of(scene, ray, hit, instancing);
+    let (Some(exact_a), Some(exact_b)) = (exact(a), exact(b)) else {
         return Agreement::Wrong;
     };
     if !exact_a.explains(a) || !exact_b.explains(b) {
@@ -101,6 +126,51 @@ fn compare_hits(scene: &Scene, ray: &Ray, a: &Hit, b: &Hit) -> Agreement {
         Agreement::Tie
     } else {
         Agreement::Wrong
+    }
+}
+
+/// How far a ray may be from the exact one when it reaches object space, in lengths there, by the maximum norm.
+///
+/// Carried in f64 and rounded it is exact by definition. Embree's own instances round the map M to f32, invert it there by
+/// cofactors over the determinant, and apply the inverse, all in f32. With κ = ‖M‖ ‖M⁻¹‖ by largest row sums, the rounding
+/// of M moves M⁻¹ by κ u ‖M⁻¹‖, that of the cofactors, two products and a difference each, by 6 κ u ‖M⁻¹‖, as
+/// ‖M‖² / |det M| is κ ‖M⁻¹‖ at most. The map of the ray adds 4 u ‖M⁻¹‖ (Higham, Accuracy and Stability of Numerical
+/// Algorithms, 2nd edition, chapters 3 and 14). An error of the determinant, 8 u times the product of the columns'
+/// lengths over it, scales object space.
+#[derive(Clone, Copy, Debug, Default)]
+struct Carried {
+    origin: f64,
+    /// For each unit of t.
+    direction: f64,
+    /// Relative to the coordinates of what is met.
+    scale: f64,
+}
+
+/// Roundings of a coefficient of M⁻¹, of its determinant's reciprocal and of the map, each in u: see [`Carried`].
+const INVERSE: f64 = 12.0;
+const DETERMINANT: f64 = 10.0;
+
+impl Carried {
+    fn new(instance: &Instance, ray: &Ray, instancing: Instancing) -> Carried {
+        if instancing != Instancing::Native || instance.is_identity() {
+            return Carried::default();
+        }
+        let (map, inverse) = (instance.world_from_object(), instance.object_from_world().matrix3);
+        let norm = |m: &DMat3| (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element();
+        let size = |v: DVec3| v.abs().max_element();
+        let inverse_error = INVERSE * UNIT * norm(&map.matrix3) * norm(&inverse) * norm(&inverse);
+        let m = map.matrix3;
+        let lengths = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
+        Carried {
+            origin: inverse_error * (size(ray.origin.as_dvec3()) + size(map.translation)),
+            direction: inverse_error * size(ray.direction.as_dvec3()),
+            scale: DETERMINANT * UNIT * lengths / m.determinant().abs(),
+        }
+    }
+
+    /// How far the ray may be where it meets, at `t`, something with that largest coordinate.
+    fn at(&self, t: f64, coordinate: f64) -> f64 {
+        self.origin + self.direction * t.abs() + self.scale * coordinate
     }
 }
 
@@ -126,17 +196,22 @@ enum Decision {
 
 impl Exact {
     /// `None` if there is no such primitive; of a shape it is its nearest part.
-    fn of(scene: &Scene, ray: &Ray, hit: &Hit) -> Option<Exact> {
+    fn of(scene: &Scene, ray: &Ray, hit: &Hit, instancing: Instancing) -> Option<Exact> {
         let instance = scene.instances.get(hit.instance as usize)?;
         if let Geometry::Shape(shape) = scene.geometries.get(instance.geometry as usize)? {
             let expected = shape_hit(hit.instance, instance, shape, ray)?;
             (expected.primitive == hit.primitive).then_some(())?;
         }
-        Exact::of_primitive(scene, ray, hit.instance, hit.primitive)
+        Exact::of_primitive(scene, ray, [hit.instance, hit.primitive], instancing)
     }
 
     /// `None` if there is no such primitive. A shape is one, whatever its part.
-    fn of_primitive(scene: &Scene, ray: &Ray, instance: u32, primitive: u32) -> Option<Exact> {
+    fn of_primitive(
+        scene: &Scene,
+        ray: &Ray,
+        [instance, primitive]: [u32; 2],
+        instancing: Instancing,
+    ) -> Option<Exact> {
         let instance = scene.instances.get(instance as usize)?;
         match scene.geometries.get(instance.geometry as usize)? {
             Geometry::Mesh(mesh) => {
@@ -144,6 +219,7 @@ impl Exact {
                 Some(Exact::of_triangle(
                     mesh.corners_f64(primitive),
                     &ray_in(instance, ray),
+                    &Carried::new(instance, ray, instancing),
                 ))
             }
             Geometry::Shape(shape) => Some(Exact::of_shape(shape_hit(0, instance, shape, ray))),
@@ -162,8 +238,9 @@ impl Exact {
         }
     }
 
-    fn of_triangle(corners: [DVec3; 3], ray: &Ray) -> Exact {
+    fn of_triangle(corners: [DVec3; 3], ray: &Ray, carried: &Carried) -> Exact {
         let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let largest_corner = corners.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
         let [a, b, c] = corners.map(|p| p - origin);
         let (e1, e2) = (b - a, c - a);
         let n = e1.cross(e2);
@@ -203,12 +280,16 @@ impl Exact {
         let watertight_t = 3.0 * (gamma(3.0) * max_e * max_z + delta_e * max_z + delta_z * max_e) / det.abs();
         let longest = e1.length().max(e2.length()).max((e2 - e1).length());
         let normal_form_t = TRIPLE_PRODUCT * e1.length() * e2.length() * reach / n.dot(direction).abs();
-        let t_error = watertight_t + normal_form_t + gamma(2.0) * t.abs();
+        // The same shift of all corners: along the ray by its part across the plane, and each edge function by twice the
+        // shift in the sheared frame times the edge's two sheared extents.
+        let shift = carried.at(t, largest_corner);
+        let carried_t = 3f64.sqrt() * shift * n.length() / n.dot(direction).abs();
+        let t_error = watertight_t + normal_form_t + carried_t + gamma(2.0) * t.abs();
         Exact {
             t,
             t_error,
             margin,
-            edge_error: delta_e + TRIPLE_PRODUCT * longest * reach * 3f64.sqrt(),
+            edge_error: delta_e + TRIPLE_PRODUCT * longest * reach * 3f64.sqrt() + 8.0 * shift * longest,
         }
     }
 

@@ -105,6 +105,49 @@ impl fmt::Display for Precision {
     }
 }
 
+/// How Embree is given the meshes that stand elsewhere than in their own space.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Instancing {
+    /// The faster of the two that gives the precision asked for.
+    #[default]
+    Auto,
+    /// As user geometry, whose callbacks carry the rays into object space in f64.
+    Callback,
+    /// As Embree's own instances, which carry rays by an f32 inverse: a mesh is met as if it stood some roundings of its
+    /// coordinates aside, and between instances at the same `t` Embree decides.
+    Native,
+}
+
+impl Instancing {
+    /// [`Instancing::Callback`] or [`Instancing::Native`]: what [`Instancing::Auto`] means at a precision.
+    pub fn resolved(self, precision: Precision) -> Instancing {
+        match (self, precision) {
+            (Instancing::Auto, Precision::Fast) => Instancing::Native,
+            (Instancing::Auto, Precision::Robust | Precision::Watertight) => Instancing::Callback,
+            (chosen, _) => chosen,
+        }
+    }
+
+    /// Of the two, the one that is not `self`.
+    pub fn other(self) -> Instancing {
+        match self {
+            Instancing::Native => Instancing::Callback,
+            Instancing::Auto | Instancing::Callback => Instancing::Native,
+        }
+    }
+}
+
+impl fmt::Display for Instancing {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Instancing::Auto => "auto",
+            Instancing::Callback => "callback",
+            Instancing::Native => "native",
+        })
+    }
+}
+
 /// How many rays a backend handles at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kernel {
@@ -122,6 +165,8 @@ pub struct AccelOptions<'a> {
     pub precision: Precision,
     /// Packets or single rays.
     pub kernel: Kernel,
+    /// How Embree is given placed meshes; nothing to the other backends.
+    pub instancing: Instancing,
     /// Threads that build; 0 takes one a processor.
     pub threads: usize,
     /// Instruction set that Embree is held to (`sse2`, `sse4.2`, `avx`, `avx2`, `avx512`); its own choice if absent.

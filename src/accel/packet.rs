@@ -156,6 +156,34 @@ impl RayPacket {
         })
     }
 
+    /// Gives hits that Embree found in instances of its own the instance's number, as all others have it.
+    #[cfg(feature = "embree")]
+    #[inline(always)]
+    pub(super) fn name_instances(&mut self) {
+        for lane in 0..LANES {
+            let level = self.level[lane];
+            if level != NO_HIT {
+                self.instance[lane] = level;
+            }
+            self.level[lane] = NO_HIT;
+        }
+    }
+
+    /// Deactivates every lane whose ray has a coordinate of `limit` or more in origin or direction.
+    #[cfg(feature = "embree")]
+    #[inline(always)]
+    pub(super) fn drop_beyond(&mut self, limit: f32) {
+        for lane in 0..LANES {
+            let sizes = [0, 1, 2].map(|axis| {
+                self.origin[axis][lane]
+                    .abs()
+                    .max(self.direction[axis][lane].abs())
+            });
+            let is_within = sizes[0].max(sizes[1]).max(sizes[2]) < limit;
+            self.active[lane] = if is_within { self.active[lane] } else { 0 };
+        }
+    }
+
     /// Marks a lane as blocked.
     #[inline(always)]
     pub fn set_blocked(&mut self, lane: usize) {

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
-use crate::accel::{Backend, Precision};
+use crate::accel::{Backend, Instancing, Precision};
 use crate::image::ImageFormat;
 use crate::render::{FilterKind, Pattern, PixelFilter};
 use crate::scene::EffectOverrides;
@@ -193,6 +193,10 @@ pub(super) struct TracingArgs {
     #[arg(long, default_value_t = Precision::default())]
     pub(super) precision: Precision,
 
+    /// How Embree is given placed meshes; auto is the faster one that gives the precision asked for
+    #[arg(long, value_enum, default_value_t = Instancing::default())]
+    pub(super) instancing: Instancing,
+
     /// Instruction set that Embree is held to, so that results repeat on other machines [default: Embree's choice]
     #[arg(long, value_parser = ["sse2", "sse4.2", "avx", "avx2", "avx512"])]
     pub(super) isa: Option<String>,
@@ -222,6 +226,7 @@ const BENCH_HELP: &str = "\
 The rays of the frame itself (camera, shadow, reflection) are recorded, uniformly random ones added, and all replayed
 on one thread, every variant in turn within each repetition. Modes: raw is a bare loop over the Embree library's
 packet calls; single and packet are the rays asked one by one or 16 at a time; batch hands 64 packets over at once.
+Where a scene has placed meshes, Embree is measured with both kinds of --instancing, the chosen one first.
 
 Example:
   whit bench scene.glb --size 512x512 --repeat 3 --json bench.json";

@@ -8,7 +8,7 @@ use rayon::ThreadPool;
 use crate::accel::bsp::BspAccel;
 #[cfg(feature = "embree")]
 use crate::accel::embree::EmbreeAccel;
-use crate::accel::{Accel, AccelError, AccelOptions, AccelReport, Backend, Kernel, Precision};
+use crate::accel::{Accel, AccelError, AccelOptions, AccelReport, Backend, Instancing, Kernel, Precision};
 use crate::image::check_writable;
 use crate::render::{self, Ledger, Monitor, RenderSettings};
 use crate::report::bench::{BenchRow, BenchTable, FrameTime, Mode, RayKind, Spread};
@@ -35,7 +35,8 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         check_writable(path)?;
     }
-    if args.tracing.isa.is_some() && !cfg!(feature = "embree") {
+    let asks_embree = args.tracing.isa.is_some() || args.tracing.instancing != Instancing::Auto;
+    if asks_embree && !cfg!(feature = "embree") {
         return Err(AccelError::NoEmbree.into());
     }
     let job = BenchJob {
@@ -92,11 +93,43 @@ fn bench_scene(
 
 /// The acceleration structures of a scene, once for each way of asking that needs its own.
 struct Structures<'s> {
+    /// With the kind of instancing that was chosen, and with the other where the scene has placed meshes.
     #[cfg(feature = "embree")]
-    embree: [(EmbreeAccel<'s>, f64); 2],
+    embree: Vec<EmbreeStructures<'s>>,
     #[cfg(feature = "embree")]
     precision: Precision,
     bsp: [(BspAccel<'s>, f64); 2],
+}
+
+/// Embree's structures for one kind of instancing, which is absent where nothing is placed.
+#[cfg(feature = "embree")]
+struct EmbreeStructures<'s> {
+    instancing: Option<Instancing>,
+    packet: (EmbreeAccel<'s>, f64),
+    single: EmbreeAccel<'s>,
+}
+
+#[cfg(feature = "embree")]
+impl<'s> EmbreeStructures<'s> {
+    fn build(
+        scene: &'s Scene,
+        instancing: Instancing,
+        options: impl Fn(Kernel) -> AccelOptions<'static>,
+    ) -> Result<EmbreeStructures<'s>, Failure> {
+        let build = |kernel| {
+            let options = AccelOptions {
+                instancing,
+                ..options(kernel)
+            };
+            timed(|| EmbreeAccel::build(scene, &options))
+        };
+        let packet = build(Kernel::Packet)?;
+        Ok(EmbreeStructures {
+            instancing: (packet.0.placed_mesh_count() > 0).then_some(instancing),
+            single: build(Kernel::Single)?.0,
+            packet,
+        })
+    }
 }
 
 impl<'s> Structures<'s> {
@@ -104,16 +137,25 @@ impl<'s> Structures<'s> {
         let options = |kernel| AccelOptions {
             precision: job.tracing.precision,
             kernel,
+            instancing: job.tracing.instancing,
             threads: job.tracing.threads,
             isa: job.tracing.isa.clone(),
             progress: None,
         };
         #[cfg(feature = "embree")]
-        let embree = |kernel| timed(|| EmbreeAccel::build(scene, &options(kernel)));
+        let embree = {
+            let chosen = job.tracing.instancing.resolved(job.tracing.precision);
+            let first = EmbreeStructures::build(scene, chosen, options)?;
+            let other = match first.instancing {
+                Some(_) => Some(EmbreeStructures::build(scene, chosen.other(), options)?),
+                None => None,
+            };
+            std::iter::once(first).chain(other).collect()
+        };
         let bsp = |kernel| timed(|| BspAccel::build(scene, &options(kernel)));
         Ok(Structures {
             #[cfg(feature = "embree")]
-            embree: [embree(Kernel::Packet)?, embree(Kernel::Single)?],
+            embree,
             #[cfg(feature = "embree")]
             precision: job.tracing.precision,
             bsp: [bsp(Kernel::Packet)?, bsp(Kernel::Single)?],
@@ -124,10 +166,11 @@ impl<'s> Structures<'s> {
     fn contestants(&self) -> Vec<Contestant<'_>> {
         let mut contestants = Vec::new();
         #[cfg(feature = "embree")]
-        {
-            let [(packet, seconds), (single, _)] = &self.embree;
+        for built in &self.embree {
+            let (packet, seconds) = &built.packet;
             let embree = |mode, engine| Contestant {
                 backend: Backend::Embree,
+                instancing: built.instancing,
                 precision: self.precision,
                 mode,
                 engine,
@@ -136,11 +179,12 @@ impl<'s> Structures<'s> {
             };
             contestants.push(embree(Mode::Packet, Engine::Accel(packet)));
             contestants.push(embree(Mode::Raw, Engine::Raw(packet)));
-            contestants.push(embree(Mode::Single, Engine::Accel(single)));
+            contestants.push(embree(Mode::Single, Engine::Accel(&built.single)));
         }
         let [(packet, seconds), (single, _)] = &self.bsp;
         let bsp = |mode, accel| Contestant {
             backend: Backend::Bsp,
+            instancing: None,
             precision: Precision::Watertight,
             mode,
             engine: Engine::Accel(accel),
@@ -156,7 +200,7 @@ impl<'s> Structures<'s> {
     /// What the frame is rendered with.
     fn first(&self) -> &dyn Accel {
         #[cfg(feature = "embree")]
-        let first = &self.embree[0].0;
+        let first = &self.embree[0].packet.0;
         #[cfg(not(feature = "embree"))]
         let first = &self.bsp[0].0;
         first
@@ -174,11 +218,23 @@ fn timed<T>(work: impl FnOnce() -> Result<T, AccelError>) -> Result<(T, f64), Fa
 /// One way of asking for hits.
 struct Contestant<'a> {
     backend: Backend,
+    instancing: Option<Instancing>,
     precision: Precision,
     mode: Mode,
     engine: Engine<'a>,
     build_seconds: f64,
     report: AccelReport,
+}
+
+impl<'a> Contestant<'a> {
+    /// Whose answers this one's are held against: the first one's. Raw calls, of which only distances are compared, bit by
+    /// bit, are held against the packets that they are the bare form of.
+    fn referee<'c>(&self, contestants: &'c [Contestant<'a>]) -> &'c Contestant<'a> {
+        let is_referee = |other: &&Contestant| {
+            self.mode != Mode::Raw || (other.backend, other.instancing) == (self.backend, self.instancing)
+        };
+        contestants.iter().find(is_referee).unwrap_or(&contestants[0])
+    }
 }
 
 /// The picture whose rays are replayed.
@@ -301,13 +357,19 @@ fn rows(
             // The referee needs no comparison with itself.
             let differ = match rows.len() % contestants.len() {
                 0 => Differences::default(),
-                _ => differences(frame.scene, set, contestants[0].engine, contestant.engine),
+                _ => differences(
+                    frame.scene,
+                    set,
+                    contestant.referee(contestants).engine,
+                    contestant.engine,
+                ),
             };
             let speed = |seconds: f64| set.ray_count as f64 * 1e-6 / seconds;
             let spread = Spread::of(seconds);
             rows.push(BenchRow {
                 scene: path.to_owned(),
                 backend: contestant.backend,
+                instancing: contestant.instancing,
                 precision: contestant.precision,
                 rays: set.kind,
                 mode: contestant.mode,

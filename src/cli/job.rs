@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::thread;
 
-use crate::accel::{Backend, Precision};
+use crate::accel::{Backend, Instancing, Precision};
 use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
@@ -47,6 +47,7 @@ pub(super) struct Target {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tracing {
     pub(super) precision: Precision,
+    pub(super) instancing: Instancing,
     pub(super) isa: Option<String>,
     /// One or more.
     pub(super) threads: usize,
@@ -62,6 +63,11 @@ impl RenderJob {
         if backend != Backend::Embree && args.tracing.isa.is_some() {
             return Err(Failure::Input(format!(
                 "`--isa` is for Embree: leave it out with `--backend {backend}`"
+            )));
+        }
+        if backend != Backend::Embree && args.tracing.instancing != Instancing::Auto {
+            return Err(Failure::Input(format!(
+                "`--instancing` is for Embree: leave it out with `--backend {backend}`"
             )));
         }
         let sampling = Sampling::new(&args.sampling, args.exposure.unwrap_or(0.0))?;
@@ -159,6 +165,7 @@ impl Tracing {
         };
         Tracing {
             precision: args.precision,
+            instancing: args.instancing,
             isa: args.isa.clone(),
             threads,
         }

@@ -128,6 +128,7 @@ fn build<'s>(job: &RenderJob, scene: &'s Scene, progress: &Progress) -> Result<B
     let tracing = &job.tracing;
     let options = AccelOptions {
         precision: tracing.precision,
+        instancing: tracing.instancing,
         threads: tracing.threads,
         isa: tracing.isa.clone(),
         progress: Some(&|fraction| progress.fraction(fraction)),

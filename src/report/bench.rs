@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::accel::{Backend, EmbreeIdentity, Precision};
+use crate::accel::{Backend, EmbreeIdentity, Instancing, Precision};
 
 use super::memory;
 
@@ -98,6 +98,8 @@ pub struct BenchRow {
     pub scene: PathBuf,
     /// What found the hits.
     pub backend: Backend,
+    /// How Embree was given placed meshes, where it is the backend and the scene has some.
+    pub instancing: Option<Instancing>,
     /// How far triangle hits may be trusted.
     pub precision: Precision,
     /// Which rays.
@@ -116,7 +118,7 @@ pub struct BenchRow {
     pub build_seconds: f64,
     /// Bytes of the structure.
     pub bytes: u64,
-    /// Answers that differ from the first backend's packets by more than rounding.
+    /// Answers that differ from the first backend's packets by more than rounding; of raw calls, from their own packets'.
     pub mismatches: u64,
     /// Answers that differ within the documented rounding.
     pub ties: u64,
@@ -141,6 +143,23 @@ pub struct FrameTime {
     pub trace_share: f64,
 }
 
+impl BenchRow {
+    /// The backend, and how it was given placed meshes.
+    fn name(&self) -> String {
+        match self.instancing {
+            Some(instancing) => format!("{} {instancing}", self.backend),
+            None => self.backend.to_string(),
+        }
+    }
+
+    fn precision_and_instancing(&self) -> String {
+        match self.instancing {
+            Some(instancing) => format!("{}, {instancing} instancing", self.precision),
+            None => self.precision.to_string(),
+        }
+    }
+}
+
 /// The rows of one scene, for a person.
 pub struct BenchTable<'r>(pub &'r [BenchRow]);
 
@@ -151,9 +170,11 @@ impl fmt::Display for BenchTable<'_> {
         };
         writeln!(f, "{}", first.scene.display())?;
         self.write_builds(f)?;
+        let names = self.0.iter().map(|row| row.name().len() + 2);
+        let width = names.fold("backend ".len(), usize::max);
         writeln!(
             f,
-            "  {:<11}{:<8}{:<8}{:>9}  {:<17}{:>10}{:>9}{:>7}",
+            "  {:<11}{:<width$}{:<8}{:>9}  {:<17}{:>10}{:>9}{:>7}",
             "rays", "backend", "mode", "Mrays/s", "(min .. max)", "of Embree", "differ", "ties"
         )?;
         for row in self.0 {
@@ -163,9 +184,9 @@ impl fmt::Display for BenchTable<'_> {
                 .map_or(String::new(), |ratio| format!("{ratio:.2}"));
             writeln!(
                 f,
-                "  {:<11}{:<8}{:<8}{:>9.2}  {extremes:<17}{ratio:>10}{:>9}{:>7}",
+                "  {:<11}{:<width$}{:<8}{:>9.2}  {extremes:<17}{ratio:>10}{:>9}{:>7}",
                 row.rays,
-                row.backend.to_string(),
+                row.name(),
                 row.mode,
                 row.mrays_per_s,
                 row.mismatches,
@@ -187,14 +208,15 @@ impl fmt::Display for BenchTable<'_> {
 }
 
 impl BenchTable<'_> {
-    /// One line a backend.
+    /// One line a backend and kind of instancing.
     fn write_builds(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let mut told: Vec<Backend> = Vec::new();
+        let mut told = Vec::new();
         for row in self.0 {
-            if told.contains(&row.backend) {
+            let built = (row.backend, row.instancing);
+            if told.contains(&built) {
                 continue;
             }
-            told.push(row.backend);
+            told.push(built);
             let identity = row
                 .embree
                 .as_ref()
@@ -203,7 +225,7 @@ impl BenchTable<'_> {
                 f,
                 "  {}{identity} ({}): built in {:.3} s on {} threads, {}",
                 row.backend,
-                row.precision,
+                row.precision_and_instancing(),
                 row.build_seconds,
                 row.threads,
                 memory::in_words(row.bytes)
@@ -212,7 +234,7 @@ impl BenchTable<'_> {
         Ok(())
     }
 
-    /// Speed over that of Embree in the same mode; a batch is measured against packets.
+    /// Speed over that of Embree in the same mode, with the kind of instancing that is listed first; a batch is measured against packets.
     fn over_embree(&self, row: &BenchRow) -> Option<f64> {
         let mode = if row.mode == Mode::Batch {
             Mode::Packet
@@ -234,6 +256,7 @@ mod tests {
         BenchRow {
             scene: "a.glb".into(),
             backend,
+            instancing: None,
             precision: Precision::Robust,
             rays: RayKind::Camera,
             mode,

@@ -4,8 +4,11 @@
 //! instance's own number, over the scene's own arrays. Everything else is one user geometry: each shape and each placed
 //! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every further
 //! one. A placed mesh has an Embree scene of its own, built once for all its instances; the callback carries the rays into
-//! it in f64. Embree's own instances would round the inverse to f32, and on 3.13.5 a coherent `rtcOccluded16` over them
-//! never returns.
+//! it in f64.
+//!
+//! By [`Instancing::Native`](super::Instancing::Native) placed meshes are Embree's own instances instead, which carry rays
+//! in f32 by an inverse in f32 (see `native`). On 3.13.5 a coherent `rtcOccluded16` over them never returns, so Embree is
+//! never told of coherence where it has instances.
 //!
 //! Infinite planes are outside Embree, which would drop them.
 //!
@@ -17,6 +20,7 @@
 mod coincident;
 mod device;
 mod lanes;
+mod native;
 mod raw;
 mod scene;
 mod sphere;
@@ -31,7 +35,7 @@ use self::trace::Width;
 use self::user::UserGeometry;
 use super::planes::Planes;
 use super::{Accel, AccelError, AccelOptions, AccelReport, RayOrder, RayPacket};
-use crate::scene::Scene;
+use crate::scene::{Instance, Scene};
 
 /// Embree's structure over a scene that it borrows: Embree reads the vertices where they are.
 pub struct EmbreeAccel<'s> {
@@ -42,6 +46,8 @@ pub struct EmbreeAccel<'s> {
     /// For coherent and for incoherent rays.
     widths: [Width; 2],
     planes: Planes,
+    placed_mesh_count: usize,
+    native_instance_count: usize,
     summary: String,
 }
 
@@ -63,6 +69,7 @@ impl<'s> EmbreeAccel<'s> {
             world,
             user,
             held_back_count,
+            native_instance_count,
         } = scene::build(scene, &device, options)?;
         let mut summary = format!(
             "Embree {}, {}, {width}, {} triangles native, {} shapes and placed meshes as user geometry",
@@ -71,16 +78,23 @@ impl<'s> EmbreeAccel<'s> {
             scene::native_triangle_count(scene),
             user.primitive_count(),
         );
+        if native_instance_count > 0 {
+            summary += &format!(", {native_instance_count} placed meshes as Embree's instances");
+        }
         if held_back_count > 0 {
             summary += &format!(", {held_back_count} triangles held back that coincide with earlier ones");
         }
-        let widths = [width, width.for_incoherent(user.primitive_count())];
+        let object_count = user.primitive_count() + native_instance_count;
+        let widths = [width, width.for_incoherent(object_count)];
+        let is_placed = |instance: &&Instance| scene::placed_mesh(scene, instance).is_some();
         Ok(EmbreeAccel {
             world,
             user,
             device,
             widths,
             planes: Planes::of(scene),
+            native_instance_count,
+            placed_mesh_count: scene.instances.iter().filter(is_placed).count(),
             summary,
         })
     }
@@ -91,6 +105,11 @@ impl<'s> EmbreeAccel<'s> {
             RayOrder::Coherent => coherent,
             RayOrder::Incoherent => incoherent,
         }
+    }
+
+    /// How many meshes stand elsewhere than in their own space, which [`super::AccelOptions::instancing`] is about.
+    pub fn placed_mesh_count(&self) -> usize {
+        self.placed_mesh_count
     }
 
     /// How many callbacks have panicked since the build. Their lanes missed; the message is on standard error.
@@ -116,9 +135,10 @@ impl Accel for EmbreeAccel<'_> {
 
     fn report(&self) -> AccelReport {
         let memory = self.device.memory();
+        let untold = self.user.byte_count() + native::RECORD_BYTES * self.native_instance_count as u64;
         AccelReport {
-            bytes: memory.bytes() + self.user.byte_count(),
-            peak_bytes: memory.peak_bytes() + self.user.byte_count(),
+            bytes: memory.bytes() + untold,
+            peak_bytes: memory.peak_bytes() + untold,
             embree: Some(self.device.identity().clone()),
             summary: self.summary.clone(),
         }

@@ -8,10 +8,10 @@ impl EmbreeAccel<'_> {
     /// `rtcIntersect16` on every packet and nothing else.
     ///
     /// Only for packets that went through [`RayPacket::drop_untraceable`]: Embree 3.13 as Debian builds it ends the
-    /// process on an active lane with a NaN or an infinite coordinate.
+    /// process on an active lane with a NaN or an infinite coordinate, and over its own instances on one beyond 2^36.
     pub fn raw_intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
         let scene = self.world.as_ref();
-        let mut query = new_query(order);
+        let mut query = new_query(scene.order(order));
         let query = &raw mut query;
         for packet in packets {
             intersect_packet(scene, query, packet);
@@ -21,7 +21,7 @@ impl EmbreeAccel<'_> {
     /// `rtcOccluded16` on every packet and nothing else; as [`EmbreeAccel::raw_intersect`].
     pub fn raw_occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
         let scene = self.world.as_ref();
-        let mut query = new_query(order);
+        let mut query = new_query(scene.order(order));
         let query = &raw mut query;
         for packet in packets {
             occluded_packet(scene, query, packet);

@@ -1,4 +1,4 @@
-//! From a scene to Embree's scenes: native triangles, scenes for placed meshes, and the user geometry over both.
+//! From a scene to Embree's scenes: native triangles, scenes for placed meshes, their instances, and the user geometry.
 
 #[cfg(test)]
 mod speed;
@@ -14,9 +14,10 @@ use embree_sys as sys;
 
 use super::coincident::later_duplicates;
 use super::device::Device;
+use super::native;
 use super::user::{self, UserGeometry};
 use crate::accel::bsp::in_pool;
-use crate::accel::{AccelError, AccelOptions, Precision};
+use crate::accel::{AccelError, AccelOptions, Instancing, Precision, RayOrder};
 use crate::mesh::{Mesh, Slab};
 use crate::scene::{Geometry, Instance, Scene};
 
@@ -29,6 +30,7 @@ const ALL_RAYS: u32 = u32::MAX;
 /// An Embree scene, which reads arrays that live for `'s`.
 pub(super) struct EmbreeScene<'s> {
     handle: sys::RTCScene,
+    has_instances: bool,
     arrays: PhantomData<&'s Mesh>,
 }
 
@@ -36,6 +38,7 @@ pub(super) struct EmbreeScene<'s> {
 #[derive(Clone, Copy)]
 pub(super) struct SceneRef<'a> {
     handle: sys::RTCScene,
+    has_instances: bool,
     scene: PhantomData<&'a ()>,
 }
 
@@ -48,6 +51,22 @@ impl SceneRef<'_> {
     /// For Embree's functions.
     pub(super) fn handle(self) -> sys::RTCScene {
         self.handle
+    }
+
+    /// Whether Embree's own instances are in it, whose hits carry the instance's number apart.
+    #[inline(always)]
+    pub(super) fn has_instances(self) -> bool {
+        self.has_instances
+    }
+
+    /// What Embree may be told of rays in that order: over its own instances 3.13.5 never comes back from a coherent
+    /// `rtcOccluded16`.
+    pub(super) fn order(self, order: RayOrder) -> RayOrder {
+        if self.has_instances {
+            RayOrder::Incoherent
+        } else {
+            order
+        }
     }
 }
 
@@ -66,6 +85,8 @@ pub(super) struct Built<'s> {
     pub(super) user: Arc<UserGeometry<'s>>,
     /// Triangles that were held back because they coincide with an earlier one.
     pub(super) held_back_count: usize,
+    /// Placed meshes that are Embree's own instances.
+    pub(super) native_instance_count: usize,
 }
 
 /// Builds the world and the user geometry in it.
@@ -77,13 +98,14 @@ pub(super) fn build<'s>(
     if options.precision == Precision::Watertight {
         return Err(AccelError::NotWatertight);
     }
+    let instancing = options.instancing.resolved(options.precision);
     let mut progress = Progress::new(scene, options);
     let plan = in_pool(options.threads, || Plan::new(scene));
     let held_back_count = plan.held_back_count(scene);
     let parts = plan.build_placed(device, options, &mut progress)?;
-    let user = Arc::new(UserGeometry::new(scene, parts));
+    let user = Arc::new(UserGeometry::new(scene, parts, instancing));
 
-    let world = EmbreeScene::new(device, options.precision)?;
+    let mut world = EmbreeScene::new(device, options.precision)?;
     for (instance, part) in &plan.native {
         world.attach_mesh(device, part, *instance)?;
     }
@@ -91,15 +113,40 @@ pub(super) fn build<'s>(
         // Instances have the numbers below it, and their hits carry the number that the callback writes.
         world.attach_user(device, &user, scene.instances.len() as u32)?;
     }
+    let native_instance_count = attach_instances(scene, device, &mut world, &user, instancing)?;
+    let object_count = user.primitive_count() + native_instance_count;
     world.commit(
         device,
-        &progress.stage(native_triangle_count(scene) + user.primitive_count()),
+        &progress.stage(native_triangle_count(scene) + object_count),
     )?;
     Ok(Built {
         world,
         user,
         held_back_count,
+        native_instance_count,
     })
+}
+
+/// Makes every placed mesh that Embree may place itself an instance of Embree's own, under the scene's number, and counts
+/// them.
+fn attach_instances(
+    scene: &Scene,
+    device: &Device,
+    world: &mut EmbreeScene,
+    user: &UserGeometry,
+    instancing: Instancing,
+) -> Result<usize, AccelError> {
+    let mut count = 0;
+    for (number, instance) in (0u32..).zip(&scene.instances) {
+        if placed_mesh(scene, instance).is_none() || !native::takes(instance, instancing) {
+            continue;
+        }
+        if let Some(part) = user.part(instance.geometry) {
+            world.attach_instance(device, part, instance, number)?;
+            count += 1;
+        }
+    }
+    Ok(count)
 }
 
 /// Triangles that Embree tests itself at the top level.
@@ -121,7 +168,7 @@ fn native_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
 }
 
 /// The mesh of an instance that stands elsewhere.
-fn placed_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
+pub(super) fn placed_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(mesh) if !instance.is_identity() && !mesh.triangles.is_empty() => Some(mesh),
         _ => None,
@@ -224,6 +271,7 @@ impl<'s> EmbreeScene<'s> {
         }
         let scene = EmbreeScene {
             handle,
+            has_instances: false,
             arrays: PhantomData,
         };
         let flags = match precision {
@@ -242,6 +290,7 @@ impl<'s> EmbreeScene<'s> {
     pub(super) fn as_ref(&self) -> SceneRef<'_> {
         SceneRef {
             handle: self.handle,
+            has_instances: self.has_instances,
             scene: PhantomData,
         }
     }
@@ -279,6 +328,26 @@ impl<'s> EmbreeScene<'s> {
         unsafe { sys::rtcSetGeometryOccludedFunction(geometry.0, Some(user::on_occluded)) };
         geometry.attach(self, id);
         device.check("take the shapes")
+    }
+
+    /// The part's scene must be committed; Embree keeps it alive.
+    fn attach_instance(
+        &mut self,
+        device: &Device,
+        part: SceneRef,
+        instance: &Instance,
+        id: u32,
+    ) -> Result<(), AccelError> {
+        let geometry = NewGeometry::of_kind(device, sys::RTC_GEOMETRY_TYPE_INSTANCE)?;
+        let columns = native::columns(&instance.world_from_object());
+        // SAFETY: both are live; the geometry takes a reference of its own.
+        unsafe { sys::rtcSetGeometryInstancedScene(geometry.0, part.handle()) };
+        let format = sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR;
+        // SAFETY: twelve floats, as the format says, which Embree copies.
+        unsafe { sys::rtcSetGeometryTransform(geometry.0, 0, format, columns.as_ptr().cast()) };
+        geometry.attach(self, id);
+        self.has_instances = true;
+        device.check("take an instance")
     }
 
     fn commit(&self, device: &Device, stage: &Stage) -> Result<(), AccelError> {
@@ -395,11 +464,12 @@ impl<'a> Progress<'a> {
             .zip(&is_placed)
             .map(|(geometry, &placed)| if placed { geometry.primitive_count() } else { 0 })
             .sum();
-        let user = scene.instances.iter().filter(|i| user::is_user(scene, i)).count();
+        let is_object = |i: &&Instance| user::is_user(scene, i, Instancing::Callback);
+        let objects = scene.instances.iter().filter(is_object).count();
         Progress {
             report: options.progress,
             done: 0,
-            total: placed + native_triangle_count(scene) + user,
+            total: placed + native_triangle_count(scene) + objects,
         }
     }
 

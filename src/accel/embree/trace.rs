@@ -8,6 +8,7 @@ use multiversion::multiversion;
 
 use super::device::Device;
 use super::lanes::{Lanes, row, vanishes};
+use super::native;
 use super::scene::{EmbreeScene, SceneRef};
 use crate::accel::{Hit, Kernel, LANES, NO_HIT, RayOrder, RayPacket};
 
@@ -41,15 +42,16 @@ impl Width {
     }
 }
 
-/// From so many primitives of the user geometry on, incoherent rays go one by one. Embree walks a packet through it as a
-/// whole, every ray into every cell that any of them meets, and not ray by ray as it does over triangles: measured
-/// against single rays (`embree::scene::speed`) that is slower from some hundred spheres on, nine times with 10^5.
-const MANY_USER_PRIMITIVES: usize = 256;
+/// From so many primitives of the user geometry on, or instances of Embree's own, incoherent rays go one by one. Embree
+/// walks a packet through either as a whole, every ray into every cell that any of them meets, and not ray by ray as it
+/// does over triangles: measured against single rays (`embree::scene::speed`) that is slower from some hundred spheres on,
+/// nine times with 10^5.
+const MANY_OBJECTS: usize = 256;
 
 impl Width {
-    /// What to take for incoherent rays through a scene with that many primitives in callbacks.
-    pub(super) fn for_incoherent(self, user_count: usize) -> Width {
-        if user_count >= MANY_USER_PRIMITIVES {
+    /// What to take for incoherent rays through a scene with that many shapes and placed meshes.
+    pub(super) fn for_incoherent(self, object_count: usize) -> Width {
+        if object_count >= MANY_OBJECTS {
             Width::One
         } else {
             self
@@ -71,9 +73,12 @@ impl fmt::Display for Width {
 /// Nearest hits of every packet.
 pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
     let scene = scene.as_ref();
-    let (mut coherent, mut incoherent) = (new_query(order), new_query(RayOrder::Incoherent));
+    let (mut coherent, mut incoherent) = (new_query(scene.order(order)), new_query(RayOrder::Incoherent));
     let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
     for packet in packets {
+        if scene.has_instances() {
+            packet.drop_beyond(native::RAY_LIMIT);
+        }
         let query = match keep_traceable(packet) {
             Remaining::Nothing => continue,
             Remaining::Tame => coherent,
@@ -91,9 +96,12 @@ pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPac
 /// Blocked lanes of every packet.
 pub(super) fn occluded(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
     let scene = scene.as_ref();
-    let (mut coherent, mut incoherent) = (new_query(order), new_query(RayOrder::Incoherent));
+    let (mut coherent, mut incoherent) = (new_query(scene.order(order)), new_query(RayOrder::Incoherent));
     let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
     for packet in packets {
+        if scene.has_instances() {
+            packet.drop_beyond(native::RAY_LIMIT);
+        }
         let query = match keep_traceable(packet) {
             Remaining::Nothing => continue,
             Remaining::Tame => coherent,
@@ -127,6 +135,9 @@ pub(super) fn intersect_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, pa
     // SAFETY: a `RayPacket` begins as an `RTCRayHit16` and holds its aligned mask (asserted in `lanes`); both are this
     // thread's own, as is the query.
     unsafe { sys::embree_intersect16(valid, scene.handle(), query, rays.cast()) };
+    if scene.has_instances() {
+        packet.name_instances();
+    }
 }
 
 /// `rtcOccluded16` on the packet itself, as [`intersect_packet`].
@@ -182,12 +193,19 @@ fn part_of<const W: usize>(packet: &RayPacket, first: usize) -> Lanes<W> {
 #[inline(always)]
 pub(super) fn hit_of<const W: usize>(lanes: &Lanes<W>, lane: usize) -> Hit {
     Hit {
-        instance: lanes.get(row::INSTANCE, lane),
+        instance: number_of_instance([row::INSTANCE, row::LEVEL].map(|row| lanes.get(row, lane))),
         primitive: lanes.get(row::PRIMITIVE, lane),
         t: f32::from_bits(lanes.get(row::T_FAR, lane)),
         u: f32::from_bits(lanes.get(row::U, lane)),
         v: f32::from_bits(lanes.get(row::V, lane)),
     }
+}
+
+/// The scene's number of the instance hit, out of Embree's numbers of the geometry and of the instance around it. In an
+/// instance of Embree's own the geometry's number means nothing; everything else is within none.
+#[inline(always)]
+pub(super) fn number_of_instance([geometry, level]: [u32; 2]) -> u32 {
+    if level == NO_HIT { geometry } else { level }
 }
 
 /// What is left of a packet to trace.

@@ -10,11 +10,12 @@ use embree_sys as sys;
 use glam::{DAffine3, DVec3};
 
 use super::lanes::{Foreign, Lanes, ray_of, row};
-use super::scene::{EmbreeScene, SceneRef};
+use super::native;
+use super::scene::{EmbreeScene, SceneRef, placed_mesh};
 use super::sphere::SphereLanes;
-use super::trace::{hit_of, new_query};
+use super::trace::{hit_of, new_query, number_of_instance};
 use crate::accel::shapes::{shape_hit, world_sphere};
-use crate::accel::{ACTIVE, Hit, NO_HIT, RayOrder};
+use crate::accel::{ACTIVE, Hit, Instancing, NO_HIT, RayOrder};
 use crate::mesh::lanes::{dispatch, lanes};
 use crate::numeric::{Bounds, object_ray};
 use crate::scene::{Geometry, Instance, Scene};
@@ -37,19 +38,23 @@ struct Part<'s> {
 }
 
 /// Whether an instance is a primitive of the user geometry.
-pub(super) fn is_user(scene: &Scene, instance: &Instance) -> bool {
+pub(super) fn is_user(scene: &Scene, instance: &Instance, instancing: Instancing) -> bool {
     match &scene.geometries[instance.geometry as usize] {
-        Geometry::Mesh(mesh) => !instance.is_identity() && !mesh.triangles.is_empty(),
+        Geometry::Mesh(_) => placed_mesh(scene, instance).is_some() && !native::takes(instance, instancing),
         shape => !shape.is_unbounded(),
     }
 }
 
 impl<'s> UserGeometry<'s> {
     /// `parts` holds a committed scene for every mesh with a placed instance.
-    pub(super) fn new(scene: &'s Scene, parts: Vec<Option<EmbreeScene<'s>>>) -> UserGeometry<'s> {
+    pub(super) fn new(
+        scene: &'s Scene,
+        parts: Vec<Option<EmbreeScene<'s>>>,
+        instancing: Instancing,
+    ) -> UserGeometry<'s> {
         let instances = (0u32..)
             .zip(&scene.instances)
-            .filter(|(_, instance)| is_user(scene, instance))
+            .filter(|(_, instance)| is_user(scene, instance, instancing))
             .map(|(index, _)| index);
         let parts = parts.into_iter().zip(&scene.geometries).map(|(part, geometry)| {
             let with_bounds = |scene| {
@@ -115,7 +120,8 @@ impl<'s> UserGeometry<'s> {
         done.is_ok()
     }
 
-    fn part(&self, geometry: u32) -> Option<SceneRef<'_>> {
+    /// The scene of a placed mesh.
+    pub(super) fn part(&self, geometry: u32) -> Option<SceneRef<'_>> {
         let part = self.parts[geometry as usize].as_ref()?;
         Some(part.scene.as_ref())
     }
@@ -389,7 +395,9 @@ fn answer(packet: Foreign, lane: usize, t_far: f32, found: &Hit, question: Quest
         return ACTIVE;
     }
     // A lane without a hit has the highest number, so a hit at its very end is taken.
-    let held = [row::INSTANCE, row::PRIMITIVE].map(|row| packet.load_one(row, lane));
+    let [geometry, level, primitive] =
+        [row::INSTANCE, row::LEVEL, row::PRIMITIVE].map(|row| packet.load_one(row, lane));
+    let held = [number_of_instance([geometry, level]), primitive];
     if found.t == t_far && held <= [found.instance, found.primitive] {
         return 0;
     }
@@ -452,7 +460,7 @@ mod tests {
             instances: vec![Instance::new("sphere", 0, 0, DAffine3::IDENTITY).unwrap()],
             ..Scene::default()
         };
-        let user = UserGeometry::new(&scene, vec![None]);
+        let user = UserGeometry::new(&scene, vec![None], Instancing::Callback);
         for count in 1..=37 {
             const ROWS: usize = 21;
             let mut rows = vec![0u32; ROWS * count];
@@ -462,6 +470,7 @@ mod tests {
                 rows[6 * count + lane] = if lane % 2 == 0 { -1f32 } else { 1f32 }.to_bits();
                 rows[8 * count + lane] = f32::INFINITY.to_bits();
                 rows[17 * count + lane] = NO_HIT;
+                rows[19 * count + lane] = NO_HIT;
                 rows[18 * count + lane] = NO_HIT;
             }
             let mut valid = vec![ACTIVE; count];

@@ -1,0 +1,85 @@
+//! Which placed meshes Embree may place itself, and what that costs in accuracy.
+//!
+//! Embree rounds the map to f32, inverts it in f32 and carries every ray by that inverse in f32. Relative to the ray's
+//! and the mesh's distances from the origin of the world the ray is then off by some 2^-24 times the condition number of
+//! the map, where the callback is off by 2^-24 of object space (the bound is in `accel::agreement`). One ray is carried
+//! once for all triangles of a mesh, so edges within it stay closed; its place is what is rounded.
+//!
+//! Maps that would lose more than the condition numbers allowed here stay with the callback, and so do those by which a
+//! ray could leave the range of coordinates in which Embree 3.13, as Debian builds it, does not end the process.
+
+use glam::{DAffine3, DMat3};
+
+use crate::accel::Instancing;
+use crate::scene::Instance;
+
+/// Largest row sum of a map or of its inverse. With [`RAY_LIMIT`] it keeps rays in object space under 2^60 plus 2^24,
+/// while [`crate::numeric::Ray::LIMIT`] is over 2^60.6.
+const NORM_LIMIT: f64 = (1 << 24) as f64;
+/// Rays from here on are not asked about where Embree has instances; a normalised scene is of size 1.
+pub(super) const RAY_LIMIT: f32 = (1u64 << 36) as f32;
+/// What Embree 3.13.5 takes for an instance beside its trees, by how much the process grows; its memory monitor is not told.
+pub(super) const RECORD_BYTES: u64 = 240;
+/// Largest condition number, and largest product of the columns' lengths over the determinant: of the 24 bits of an f32
+/// they leave 18, less what the rounding itself takes.
+const CONDITION_LIMIT: f64 = (1 << 6) as f64;
+
+/// Whether a placed mesh becomes an instance of Embree's own.
+pub(super) fn takes(instance: &Instance, instancing: Instancing) -> bool {
+    if instancing != Instancing::Native {
+        return false;
+    }
+    let (map, inverse) = (instance.world_from_object(), instance.object_from_world());
+    let norms = [norm(&map.matrix3), norm(&inverse.matrix3)];
+    let moves = [&map, &inverse].map(|map| map.translation.abs().max_element());
+    let m = &map.matrix3;
+    let lengths = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
+    norms.iter().chain(&moves).all(|&size| size <= NORM_LIMIT)
+        && norms[0] * norms[1] <= CONDITION_LIMIT
+        && lengths <= CONDITION_LIMIT * m.determinant().abs()
+}
+
+/// The largest row sum of magnitudes.
+fn norm(m: &DMat3) -> f64 {
+    (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element()
+}
+
+/// A map as Embree takes it: three columns and the translation, each rounded to f32.
+pub(super) fn columns(map: &DAffine3) -> [f32; 12] {
+    map.to_cols_array().map(|x| x as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn only_maps_that_f32_can_invert_are_left_to_embree() {
+        let takes = |map| {
+            let instance = Instance::new("", 0, 0, map).unwrap();
+            takes(&instance, Instancing::Native)
+        };
+        let scale = |x, y, z| DAffine3::from_scale(DVec3::new(x, y, z));
+        assert!(takes(scale(-1.0, 1.0, 1.0)));
+        assert!(takes(scale(60.0, 1.0, 1.0)));
+        assert!(takes(scale(1e-6, 1e-6, 1e-6)));
+        assert!(!takes(scale(70.0, 1.0, 1.0)), "condition");
+        assert!(!takes(scale(1e-8, 1e-8, 1e-8)), "the inverse's norm");
+        assert!(!takes(DAffine3::from_translation(DVec3::new(0.0, 1e8, 0.0))));
+    }
+
+    #[test]
+    fn without_a_wish_for_embrees_own_instances_there_are_none() {
+        let instance = Instance::new("", 0, 0, DAffine3::from_translation(DVec3::X)).unwrap();
+        assert!(takes(&instance, Instancing::Native));
+        assert!(!takes(&instance, Instancing::Callback));
+    }
+
+    #[test]
+    fn columns_come_before_the_translation() {
+        let map = DAffine3::from_cols_array(&std::array::from_fn(|i| i as f64));
+        assert_eq!(columns(&map), std::array::from_fn(|i| i as f32));
+    }
+}

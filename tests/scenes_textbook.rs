@@ -74,6 +74,23 @@ fn survey() {
         println!(" {:.1} s", start.elapsed().as_secs_f64());
         for backend in backends() {
             let image = filed.picture(backend, &settings);
+            if backend == whit::accel::Backend::Bsp {
+                for (i, (g, p)) in image.pixels.iter().zip(&referee).enumerate() {
+                    let e = p.radiance.value();
+                    let g = glam::DVec3::from(g.map(f64::from));
+                    if (g - e).abs().max_element() > 1e-4 * e.max_element() {
+                        println!(
+                            "   {} {}: {:.5} vs {:.5} err {:.1e} {:?}",
+                            i as u32 % settings.width,
+                            i as u32 / settings.width,
+                            g,
+                            e,
+                            p.radiance.error().max_element(),
+                            p.doubt
+                        );
+                    }
+                }
+            }
             let r = std::panic::catch_unwind(|| {
                 assert_agree(&format!("{} {backend}", filed.name), &image, &referee)
             });

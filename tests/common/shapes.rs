@@ -242,9 +242,17 @@ impl Face {
                 error += (moved - p).abs() + (turned - p).abs();
             }
         }
-        let unknown = !(p.is_finite() && error.is_finite());
-        let p = self.projected(Approx3::exact(if unknown { DVec3::ZERO } else { p }));
-        let error = if unknown { DVec3::splat(1e30) } else { error };
+        let p = if p.is_finite() {
+            p
+        } else {
+            object_from_world.transform_point3(o.value() + t * d.value())
+        };
+        let error = if error.is_finite() {
+            error
+        } else {
+            DVec3::splat(UNKNOWN)
+        };
+        let p = self.projected(Approx3::exact(p));
         let exactly = |axis: usize| self.is_across(axis);
         let error = [0, 1, 2].map(|axis| if exactly(axis) { 0.0 } else { error[axis] });
         p.widened(DVec3::from_array(error))
@@ -267,6 +275,9 @@ impl Face {
         Approx3::from(p)
     }
 }
+
+/// Beyond all bounds, and yet finite.
+const UNKNOWN: f64 = 1e30;
 
 /// Roundings of 2^-53 of the ray's length in a root in f64, with the map to object space; rounded up.
 const F64_ROUNDINGS: f64 = 1e-13;

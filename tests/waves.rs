@@ -20,7 +20,7 @@ use common::wave_scenes::{self, WaveScene};
 const USEFUL_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.95, 2e-3), (1.0 - EXPLAINED_SHARE, 0.1)];
 
 /// The same of textures, small hits in a mirror among them, whose slopes part rays.
-const USEFUL_TEXTURE_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.95, 5e-2), (0.98, 0.2)];
+const USEFUL_TEXTURE_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.9, 1e-2), (0.95, 5e-2)];
 
 /// The same of bodies of glass, behind whose curved boundaries rays part.
 const USEFUL_CLEAR_BOUNDS: [(f64, f64); 3] = [(0.4, 2e-5), (0.5, 1e-4), (0.65, 1e-3)];

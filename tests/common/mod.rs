@@ -14,10 +14,13 @@ pub mod patterns;
 mod referee;
 #[cfg(test)]
 mod referee_clear;
+#[cfg(test)]
+mod referee_textures;
 pub mod shapes;
 pub mod surface;
 pub mod texels;
 pub mod textbook;
 pub mod texture_scenes;
+pub mod torus;
 pub mod verdict;
 pub mod wave_scenes;

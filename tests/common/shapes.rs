@@ -1,7 +1,7 @@
 //! Analytic shapes as the textbook has them: faces, each with its equation and what bounds it, and surface coordinates.
 //!
-//! A face is a part of a plane n · x = h or of a quadric xᵀ Q x = 0 within half-spaces, or within the unit disk. The torus
-//! is unknown here.
+//! A face is a part of a plane n · x = h or of a quadric xᵀ Q x = 0 within half-spaces, or within the unit disk; or a whole
+//! torus.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,6 +10,7 @@ use whit::shape::{Implicit, Shape};
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Left, Ray};
+use super::torus;
 
 /// A surface by its equation.
 pub enum Equation {
@@ -19,6 +20,8 @@ pub enum Equation {
     Quadric([f64; 10]),
     /// |x - c| = r, of which [`super::hits`] finds the roots.
     Sphere(DVec3, f64),
+    /// The torus around z whose tube has this radius.
+    Torus(f64),
 }
 
 /// What a face lies within.
@@ -74,6 +77,13 @@ fn curved(q: [f64; 10], limits: impl IntoIterator<Item = Limit>) -> Face {
     }
 }
 
+fn whole(equation: Equation) -> Face {
+    Face {
+        equation,
+        limits: Vec::new(),
+    }
+}
+
 /// The faces of a solid that is bounded by these half-spaces.
 fn facets(half_spaces: &[(DVec3, f64)]) -> Vec<Face> {
     let face = |i: usize| {
@@ -87,14 +97,12 @@ fn facets(half_spaces: &[(DVec3, f64)]) -> Vec<Face> {
     (0..half_spaces.len()).map(face).collect()
 }
 
-/// The faces of a shape, by their part numbers; `None` for shapes that are not known here.
-pub fn faces(shape: &Shape) -> Option<Vec<Face>> {
+/// The faces of a shape, by their part numbers.
+pub fn faces(shape: &Shape) -> Vec<Face> {
     let z = DVec3::Z;
-    Some(match shape {
-        Shape::Sphere(sphere) => vec![Face {
-            equation: Equation::Sphere(sphere.center, sphere.radius),
-            limits: Vec::new(),
-        }],
+    match shape {
+        Shape::Sphere(sphere) => vec![whole(Equation::Sphere(sphere.center, sphere.radius))],
+        Shape::Torus(torus) => vec![whole(Equation::Torus(torus.minor_radius))],
         Shape::Plane => vec![flat(z, 0.0, [])],
         Shape::Disk => vec![flat(z, 0.0, [Limit::Round])],
         Shape::Quad => vec![flat(
@@ -132,14 +140,14 @@ pub fn faces(shape: &Shape) -> Option<Vec<Face>> {
             let limits = (0..3).flat_map(|axis| slab(axis, clip.min[axis], clip.max[axis]));
             vec![curved(quadric.coefficients(), limits)]
         }
-        Shape::Torus(_) => return None,
-    })
+    }
 }
 
 /// A ball around all of a shape, in object space.
 pub fn ball(shape: &Shape) -> (DVec3, f64) {
     match shape {
         Shape::Sphere(sphere) => (sphere.center, sphere.radius),
+        Shape::Torus(torus) => (DVec3::ZERO, 1.0 + torus.minor_radius),
         Shape::Disk | Shape::Quad | Shape::Cube | Shape::Cylinder(_) | Shape::Cone(_) => {
             (DVec3::ZERO, 3f64.sqrt())
         }
@@ -150,13 +158,13 @@ pub fn ball(shape: &Shape) -> (DVec3, f64) {
 /// Whether a shape's inside contains `p`; nothing is inside a sheet.
 pub fn contains(shape: &Shape, p: DVec3) -> bool {
     let is_solid = match shape {
-        Shape::Sphere(_) | Shape::Cube | Shape::Polyhedron(_) => true,
+        Shape::Sphere(_) | Shape::Cube | Shape::Polyhedron(_) | Shape::Torus(_) => true,
         Shape::Cylinder(cylinder) => cylinder.capped,
         Shape::Cone(cone) => cone.capped,
         _ => false,
     };
     let behind = |face: &Face| face.equation.at(p) < 0.0;
-    is_solid && faces(shape).is_some_and(|faces| faces.iter().all(behind))
+    is_solid && faces(shape).iter().all(behind)
 }
 
 /// aᵀ Q b of two homogeneous vectors.
@@ -189,6 +197,7 @@ impl Face {
         match self.equation {
             Equation::Plane(..) | Equation::Sphere(..) => 1,
             Equation::Quadric(_) => 2,
+            Equation::Torus(_) => 4,
         }
     }
 
@@ -203,6 +212,7 @@ impl Face {
             }
             Equation::Quadric(q) => quadric_root(q, ray, root, leaves)?,
             Equation::Sphere(..) => return None,
+            Equation::Torus(r) => torus::crossing(*r, ray, root, leaves)?,
         };
         let p = ray.origin + ray.direction * t;
         let within = self.limits.iter().map(|limit| match limit {
@@ -217,6 +227,11 @@ impl Face {
         match &self.equation {
             Equation::Plane(n, _) => Approx3::exact(*n),
             Equation::Sphere(center, _) => p - Approx3::exact(*center),
+            // From the nearest point of the circle.
+            Equation::Torus(_) => {
+                let rho = (p.x.squared() + p.y.squared()).sqrt();
+                Approx3::from([p.x - p.x / rho, p.y - p.y / rho, p.z])
+            }
             Equation::Quadric(q) => {
                 let along = |axis: DVec3| form(q, (Approx3::exact(axis), 0.0), (p, 1.0));
                 Approx3::from(DVec3::AXES.map(along))
@@ -289,6 +304,7 @@ impl Equation {
             Equation::Plane(n, h) => n.dot(p) - h,
             Equation::Quadric(q) => form(q, (Approx3::exact(p), 1.0), (Approx3::exact(p), 1.0)).value,
             Equation::Sphere(center, radius) => (p - center).length_squared() - radius * radius,
+            Equation::Torus(r) => torus::distance(p, *r),
         }
     }
 
@@ -298,7 +314,7 @@ impl Equation {
         const STEPS: usize = 4;
         for _ in 0..STEPS {
             let (p, h) = (o + t * d, 1e-4 / d.length());
-            // Exact for planes and quadrics.
+            // Exact for planes and quadrics, and nearly so for tori.
             let slope = (self.at(p + h * d) - self.at(p - h * d)) / (2.0 * h);
             t -= self.at(p) / slope;
         }
@@ -391,6 +407,14 @@ pub fn chart(shape: &Shape, part: u32, p: Approx3) -> Chart {
             Chart {
                 uv: [turn(f.y, f.x), rho.atan2(-f.z) / Approx::rounded(PI)],
                 derivatives: [around(f), up * Approx::rounded(PI)],
+            }
+        }
+        (Shape::Torus(_), _) => {
+            let out = rho - Approx::ONE;
+            let up = Approx3::from([-(p.z * (p.x / rho)), -(p.z * (p.y / rho)), out]);
+            Chart {
+                uv: [turn(p.y, p.x), turn(p.z, out)],
+                derivatives: [around(p), up * Approx::rounded(TAU)],
             }
         }
         (Shape::Polyhedron(solid), _) => {

@@ -27,6 +27,11 @@ pub fn backends() -> Vec<Backend> {
 
 /// Holds every pixel of `image` within its bound of the referee's, but for a few whose decisions are in doubt.
 pub fn assert_agree(what: &str, image: &LinearImage, referee: &[Pixel]) {
+    assert_agree_but_for(EXPLAINED_SHARE, what, image, referee);
+}
+
+/// The same where another share of the pixels may differ visibly, each within its bound or in doubt.
+pub fn assert_agree_but_for(share: f64, what: &str, image: &LinearImage, referee: &[Pixel]) {
     assert_eq!(image.pixels.len(), referee.len());
     let mut explained = BTreeMap::<Decision, usize>::new();
     let mut wrong = Vec::new();
@@ -72,7 +77,7 @@ pub fn assert_agree(what: &str, image: &LinearImage, referee: &[Pixel]) {
     );
     let differing: usize = explained.values().sum::<usize>().max(visible);
     assert!(
-        differing as f64 <= EXPLAINED_SHARE * referee.len() as f64,
+        differing as f64 <= share * referee.len() as f64,
         "{what}: {explained:?}, {visible} visibly different"
     );
 }

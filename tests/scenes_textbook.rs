@@ -109,10 +109,10 @@ const ENTRIES: [Entry; 20] = [
 /// The scene with its images mixed bilinearly at a point: of mipmaps the textbook says nothing.
 fn without_mipmaps(mut filed: FiledScene) -> FiledScene {
     for texture in &mut filed.scene.textures {
-        if let Texture::Image { sampler, .. } = texture {
-            if sampler.filter == Filter::Mipmap {
-                sampler.filter = Filter::Linear;
-            }
+        if let Texture::Image { sampler, .. } = texture
+            && sampler.filter == Filter::Mipmap
+        {
+            sampler.filter = Filter::Linear;
         }
     }
     filed

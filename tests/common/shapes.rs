@@ -136,6 +136,7 @@ pub fn faces(shape: &Shape) -> Vec<Face> {
             faces
         }
         Shape::Quadric(quadric) => {
+            // Its box is what clips it.
             let clip = quadric.bounds();
             let limits = (0..3).flat_map(|axis| slab(axis, clip.min[axis], clip.max[axis]));
             vec![curved(quadric.coefficients(), limits)]
@@ -385,7 +386,7 @@ pub fn chart(shape: &Shape, part: u32, p: Approx3) -> Chart {
         (Shape::Cylinder(_), 2) | (Shape::Cone(_), 1) => square_chart(p, -DVec3::X, DVec3::Y),
         (Shape::Cube, _) => {
             let axis = part as usize / 2;
-            let side = if part % 2 == 0 { -1.0 } else { 1.0 };
+            let side = if part.is_multiple_of(2) { -1.0 } else { 1.0 };
             square_chart(p, side * DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3])
         }
         (Shape::Cylinder(_), _) => Chart {

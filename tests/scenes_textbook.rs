@@ -93,8 +93,11 @@ const ENTRIES: [Entry; 20] = [
         share: 0.02,
         ..small("prism")
     },
-    // 7382 spheres.
-    large("sphereflake"),
+    // 7382 spheres. Between them rays go from one small mirror to the next, and few of the last are promised anything.
+    Entry {
+        share: 0.01,
+        ..large("sphereflake")
+    },
     // A pattern's point lies a few roundings under the surface. The table is flat, so that in its space they are many, and
     // its grain is fine.
     Entry {

@@ -28,7 +28,7 @@ roughness = 0.8
 
 [[object]]
 shape = "cube"
-transform = [{ rotate = [0, 1, 0], degrees = 30 }]
+transform = [{ rotate = [0, 1, 0, 30] }]
 material = "chalk"
 
 [[object]]

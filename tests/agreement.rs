@@ -1,7 +1,11 @@
 //! All backends and all kernels answer alike: nothing wrong, ties counted.
+//!
+//! The large versions, with their counts: `cargo test --release --test agreement -- --ignored --nocapture`.
 
 #[path = "common/scenes.rs"]
 mod scenes;
+
+use std::time::Instant;
 
 use glam::{DAffine3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -12,6 +16,7 @@ use whit::accel::bsp::BspAccel;
 use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder, RayPacket};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Scene};
+use whit::shape::{Implicit, Shape};
 
 /// Rays a scene: a square of pixels, their shadows, random rays, rays along the axes.
 const FILM: usize = 240;
@@ -282,6 +287,83 @@ fn all_backends_agree_on_every_shape_however_it_is_placed() {
 #[ignore = "a million rays a shape take minutes"]
 fn all_backends_agree_on_a_million_rays_a_shape() {
     compare_shapes(400, 400_000);
+}
+
+/// A random ray that starts inside the placed shape, in the box around it where it has no inside.
+fn ray_from_inside(random: &mut Random, map: &DAffine3, shape: &Shape) -> Ray {
+    loop {
+        let origin = map.transform_point3(random.in_cube()).as_vec3();
+        let p_object = map.inverse().transform_point3(origin.as_dvec3());
+        if !shape.is_solid() || shape.contains(p_object) {
+            return Ray::new(origin, map.transform_vector3(random.on_sphere()).as_vec3());
+        }
+    }
+}
+
+/// A random ray that starts outside the placed shape and goes to or past it.
+fn ray_from_outside(random: &mut Random, map: &DAffine3, shape: &Shape) -> Ray {
+    loop {
+        let reach = 10f64.powf(3.0 * random.next());
+        let origin = map.transform_point3(reach * random.in_cube()).as_vec3();
+        let p_object = map.inverse().transform_point3(origin.as_dvec3());
+        if !shape.contains(p_object) {
+            let target = map.transform_point3(1.2 * random.in_cube());
+            return Ray::new(origin, (target - origin.as_dvec3()).as_vec3());
+        }
+    }
+}
+
+/// Every shape in every placement, alone: `count` rays from inside and as many from outside a placement.
+fn compare_inside_and_outside(count: usize) {
+    let mut wrong = Vec::new();
+    for (name, shape) in scenes::all_shapes() {
+        let start = Instant::now();
+        let mut random = Random(43);
+        let (mut ray_count, mut met, mut bad) = (0, 0, 0);
+        for map in scenes::all_placements() {
+            let scene = scenes::scene(vec![Geometry::Shape(shape.clone())], vec![(0, map)]);
+            let inside = (0..count).map(|_| ray_from_inside(&mut random, &map, &shape));
+            let mut rays: Vec<Ray> = inside.collect();
+            rays.extend((0..count).map(|_| ray_from_outside(&mut random, &map, &shape)));
+            let hits = nearest(&BruteAccel::new(&scene), &rays, RayOrder::Incoherent);
+            let shadows: Vec<bool> = hits.iter().map(Option::is_some).collect();
+            ray_count += rays.len();
+            met += shadows.iter().filter(|&&is_met| is_met).count();
+            for (backend, accel) in backends(&scene) {
+                let tally = judge(
+                    &scene,
+                    (&hits, &shadows),
+                    accel.as_ref(),
+                    &rays,
+                    RayOrder::Incoherent,
+                );
+                bad += tally.wrong.len() + tally.tie;
+                wrong.extend(
+                    tally
+                        .wrong
+                        .into_iter()
+                        .take(3)
+                        .map(|w| format!("{name}, {backend}: {w}")),
+                );
+            }
+        }
+        let seconds = start.elapsed().as_secs_f64();
+        println!(
+            "{name}: {ray_count} rays, half from inside, {met} meet it; {bad} wrong or tied, {seconds:.1} s"
+        );
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn all_backends_agree_on_random_rays_from_inside_and_outside_every_shape() {
+    compare_inside_and_outside(1_000);
+}
+
+#[test]
+#[ignore = "a million rays a shape take minutes"]
+fn all_backends_agree_on_a_million_random_rays_from_inside_and_outside_every_shape() {
+    compare_inside_and_outside(100_000);
 }
 
 #[test]

@@ -1,7 +1,11 @@
 //! Rays that leave an analytic shape where the renderer starts them do not meet it where they left, in any backend.
+//!
+//! The large version, with its counts: `cargo test --release --test leaving -- --ignored --nocapture`.
 
 #[path = "common/scenes.rs"]
 mod scenes;
+
+use std::time::Instant;
 
 use glam::{DAffine3, DVec3};
 use scenes::Random;
@@ -114,11 +118,14 @@ fn backends<'s>(scene: &'s Scene) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
 fn nothing_is_met_where_it_was_left(count: usize) {
     let mut wrong = Vec::new();
     for (name, shape) in scenes::all_shapes() {
+        let start = Instant::now();
+        let (mut ray_count, mut false_count) = (0, 0);
         for (number, map) in scenes::all_placements().into_iter().enumerate() {
             let far = DAffine3::from_translation(DVec3::new(40.0, -30.0, 20.0));
             for map in [map, far * map] {
                 let scene = scenes::scene(vec![Geometry::Shape(shape.clone())], vec![(0, map)]);
                 let starts = starts(&scene, &shape, count);
+                ray_count += starts.len();
                 for (backend, accel) in backends(&scene) {
                     let hits = traced(accel.as_ref(), &starts);
                     let bad = starts
@@ -128,6 +135,7 @@ fn nothing_is_met_where_it_was_left(count: usize) {
                     let bad: Vec<_> = bad
                         .map(|(start, hit)| format!("{:?} {hit:?}", start.ray))
                         .collect();
+                    false_count += bad.len();
                     if let Some(first) = bad.first() {
                         wrong.push(format!(
                             "{name} {number} {backend}: {} such as {first}",
@@ -137,6 +145,10 @@ fn nothing_is_met_where_it_was_left(count: usize) {
                 }
             }
         }
+        let seconds = start.elapsed().as_secs_f64();
+        println!(
+            "{name}: {ray_count} rays leave it, {false_count} false answers of all backends, {seconds:.1} s"
+        );
     }
     assert!(wrong.is_empty(), "seed {SEED}\n{}", wrong.join("\n"));
 }

@@ -2,41 +2,28 @@
 
 mod common;
 
-use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
-use glam::DVec3;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::image::LinearImage;
 use whit::render::{Monitor, RenderSettings, render};
 use whit::scene::Scene;
 
 use common::clear_scenes::{self, Division};
-use common::hits::Decision;
 use common::textbook::{Pixel, Request, picture};
+use common::texture_scenes::{self, Role};
+use common::verdict::{EXPLAINED_SHARE, assert_agree, backends, relative_bound};
 use common::wave_scenes::{self, WaveScene};
-
-/// Largest share of pixels that may differ, by more than their bound or visibly, each of them with a decision in doubt.
-const EXPLAINED_SHARE: f64 = 0.005;
-
-/// A visible difference, relative to the pixel or to the picture's mean, whichever is more. Bounds follow the worst case and
-/// promise nothing behind several boundaries of glass, where nearly all pixels still agree to a few roundings.
-const VISIBLE: f64 = 1e-4;
 
 /// The bounds themselves must be worth something: in units of the picture's mean radiance, those of half, of 95 % and of
 /// 99.5 % of the pixels are at most these. They are wide only in sharp highlights and behind several curved mirrors.
 const USEFUL_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.95, 2e-3), (1.0 - EXPLAINED_SHARE, 0.1)];
 
+/// The same of textures, small hits in a mirror among them, whose slopes part rays.
+const USEFUL_TEXTURE_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.9, 1e-2), (0.95, 5e-2)];
+
 /// The same of bodies of glass, behind whose curved boundaries rays part.
 const USEFUL_CLEAR_BOUNDS: [(f64, f64); 3] = [(0.4, 2e-5), (0.5, 1e-4), (0.65, 1e-3)];
-
-fn backends() -> Vec<Backend> {
-    let mut backends = vec![Backend::Brute, Backend::Bsp];
-    if cfg!(feature = "embree") {
-        backends.push(Backend::Embree);
-    }
-    backends
-}
 
 fn request(wave_scene: &WaveScene, width: u32, height: u32, spp: u32) -> Request {
     Request {
@@ -66,75 +53,6 @@ fn rendered(scene: &Scene, backend: Backend, request: Request) -> LinearImage {
     };
     let rendering = render(scene, &scene.cameras[0], accel.as_ref(), &settings, &monitor);
     rendering.unwrap().image
-}
-
-/// Holds every pixel of `image` within its bound of the referee's, but for a few whose decisions are in doubt.
-fn assert_agree(what: &str, image: &LinearImage, referee: &[Pixel]) {
-    assert_eq!(image.pixels.len(), referee.len());
-    let mut explained = BTreeMap::<Decision, usize>::new();
-    let mut wrong = Vec::new();
-    let mut worst = 0.0f64;
-    let mean = mean_radiance(referee);
-    let (mut unpromised, mut visible) = (0, 0);
-    for (index, (&got, pixel)) in image.pixels.iter().zip(referee).enumerate() {
-        let expected = pixel.radiance;
-        let off = (DVec3::from(got.map(f64::from)) - expected.value()).abs();
-        let is_visible = !off
-            .cmple(VISIBLE * expected.value().abs().max(DVec3::splat(mean)))
-            .all();
-        visible += usize::from(is_visible);
-        // A NaN is never within, nor is anything within an infinite bound.
-        if off.is_finite() && expected.error().is_finite() && off.cmple(expected.error()).all() {
-            let used = (off / expected.error()).to_array();
-            // 0 / 0 where both are exact; `max` passes over it.
-            worst = used.into_iter().fold(worst, f64::max);
-        } else if !is_visible && !expected.error().is_finite() {
-            unpromised += 1;
-        } else if pixel.doubt.may_flip() && off.is_finite() {
-            *explained.entry(pixel.doubt.decision).or_default() += 1;
-        } else {
-            let (x, y) = (index as u32 % image.width, index as u32 / image.width);
-            wrong.push(format!(
-                "pixel ({x}, {y}): {got:?}, the referee has {:?} ± {:?}; least certain: {:?}",
-                expected.value(),
-                expected.error(),
-                pixel.doubt
-            ));
-        }
-    }
-    let doubtful = referee.iter().filter(|p| p.doubt.may_flip()).count();
-    println!(
-        "{what}: worst difference {worst:.3} of its bound; {doubtful} pixels in doubt, of which beyond any bound {explained:?}; {unpromised} equal without any promise; {visible} visibly different"
-    );
-    let shown = wrong.len().min(8);
-    assert!(
-        wrong.is_empty(),
-        "{what}: {} wrong pixels\n{}",
-        wrong.len(),
-        wrong[..shown].join("\n")
-    );
-    let differing: usize = explained.values().sum::<usize>().max(visible);
-    assert!(
-        differing as f64 <= EXPLAINED_SHARE * referee.len() as f64,
-        "{what}: {explained:?}, {visible} visibly different"
-    );
-}
-
-/// Of the brightest channels.
-fn mean_radiance(referee: &[Pixel]) -> f64 {
-    let radiances = referee.iter().map(|p| p.radiance.value().max_element());
-    radiances.sum::<f64>() / referee.len() as f64
-}
-
-/// The bound, in units of the picture's mean radiance, that holds for this share of the pixels.
-fn relative_bound(referee: &[Pixel], share: f64) -> f64 {
-    let mean = mean_radiance(referee);
-    let mut bounds: Vec<f64> = referee
-        .iter()
-        .map(|p| p.radiance.error().max_element() / mean)
-        .collect();
-    bounds.sort_by(f64::total_cmp);
-    bounds[((bounds.len() - 1) as f64 * share) as usize]
 }
 
 fn compare(wave_scene: &WaveScene, width: u32, height: u32, spp: u32) {
@@ -235,6 +153,39 @@ fn placements_are_as_the_textbook_has_them() {
 #[test]
 fn textures_are_as_the_textbook_has_them() {
     compare(&wave_scenes::textures(), 96, 64, 1);
+}
+
+/// Every kind of texture in this role, on meshes and shapes, seen directly and in a mirror.
+fn compare_gallery(role: Role) {
+    println!("{role:?}");
+    compare_within(USEFUL_TEXTURE_BOUNDS, &texture_scenes::gallery(role), (96, 64, 1));
+}
+
+#[test]
+fn textures_of_colour_are_as_the_textbook_has_them() {
+    compare_gallery(Role::BaseColor);
+    compare_gallery(Role::Emission);
+    compare_gallery(Role::Lecture);
+    compare_gallery(Role::Specular);
+}
+
+#[test]
+fn textures_of_roughness_are_as_the_textbook_has_them() {
+    compare_gallery(Role::Roughness);
+    compare_gallery(Role::Packed);
+}
+
+#[test]
+fn textures_of_coverage_are_as_the_textbook_has_them() {
+    compare_gallery(Role::Mask);
+    compare_gallery(Role::Blend);
+}
+
+#[test]
+fn normal_and_bump_maps_are_as_the_textbook_has_them() {
+    compare_gallery(Role::Normal);
+    compare_gallery(Role::Bump);
+    compare_gallery(Role::NormalAndBump);
 }
 
 #[test]

@@ -5,10 +5,10 @@
 
 use glam::DVec3;
 use whit::scene::{Geometry, Material, Scene};
-use whit::shape::Shape;
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, corners};
+use super::shapes;
 
 /// The bodies around a point, as indices of their materials.
 #[derive(Clone, Debug, Default)]
@@ -89,10 +89,7 @@ fn is_body(material: &Material) -> bool {
 /// Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983).
 fn winding(scene: &Scene, material: u32, p: DVec3) -> f64 {
     let of = |geometry: &Geometry, p: DVec3| match geometry {
-        Geometry::Shape(Shape::Sphere(sphere)) => {
-            f64::from(u8::from(p.distance(sphere.center) < sphere.radius))
-        }
-        Geometry::Shape(_) => unreachable!("of shapes, the referee knows spheres"),
+        Geometry::Shape(shape) => f64::from(u8::from(shapes::contains(shape, p))),
         Geometry::Mesh(mesh) => {
             let angles = (0..mesh.triangles.len() as u32).map(|primitive| {
                 let [a, b, c] = corners(mesh, primitive).map(|corner| corner - p);
@@ -163,6 +160,11 @@ impl Incidence {
     pub fn mirrored(&self) -> Approx3 {
         let along = self.d.dot(self.n);
         self.d - self.n * (along + along)
+    }
+
+    /// The cosines of the angles of a direction before a boundary and of one behind it.
+    pub fn cosines(&self, refracted: Approx3) -> [Approx; 2] {
+        [self.cos, refracted.dot(self.n).abs()]
     }
 
     /// cos θt by Snell's law, sin θt = η sin θi with η = η_i / η_t; `None` beyond the critical angle.

@@ -10,6 +10,8 @@ use whit::scene::{Geometry, Scene};
 use whit::shape::Shape;
 
 use super::approx::{Approx, Approx3, ROUNDING};
+use super::cones::Cone;
+use super::shapes::{self, Face};
 
 /// A decision on which a picture may jump.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -78,6 +80,8 @@ pub struct Ray {
     pub t_far: f64,
     /// The surface that the ray begins on, which it cannot meet at its start.
     pub leaves: Option<Left>,
+    /// How wide it is at its origin, for textures.
+    pub cone: Cone,
 }
 
 /// A surface on which a ray begins.
@@ -138,12 +142,16 @@ pub struct World<'s> {
     /// By instance; computed here, so that a wrong inverse in the scene shows.
     pub object_from_world: Vec<DAffine3>,
     balls: Vec<Ball>,
+    /// By geometry: the faces of analytic shapes.
+    faces: Vec<Vec<Face>>,
 }
 
 /// A ball around a primitive, in world space, to pass over most of them quickly.
 struct Ball {
     instance: u32,
     primitive: u32,
+    /// Which of its crossings with a line.
+    root: u32,
     center: DVec3,
     radius: f64,
     /// By how much the instance's map and back again enlarges rounding errors.
@@ -152,14 +160,16 @@ struct Ball {
 
 impl<'s> World<'s> {
     pub fn new(scene: &'s Scene) -> World<'s> {
+        let faces: Vec<Vec<Face>> = scene.geometries.iter().map(faces).collect();
         let mut balls = Vec::new();
         for (index, instance) in scene.instances.iter().enumerate() {
             let map = instance.world_from_object();
             let condition = norm(&map.matrix3) * norm(&map.inverse().matrix3);
-            let mut add = |primitive: u32, center: DVec3, radius: f64| {
+            let mut add = |(primitive, root): (u32, u32), center: DVec3, radius: f64| {
                 balls.push(Ball {
                     instance: index as u32,
                     primitive,
+                    root,
                     center,
                     radius,
                     condition,
@@ -171,14 +181,20 @@ impl<'s> World<'s> {
                         let corners = corners(mesh, primitive).map(|p| map.transform_point3(p));
                         let center = (corners[0] + corners[1] + corners[2]) / 3.0;
                         let radius = corners.iter().fold(0.0, |r: f64, p| r.max(p.distance(center)));
-                        add(primitive, center, radius);
+                        add((primitive, 0), center, radius);
                     }
                 }
                 Geometry::Shape(Shape::Sphere(sphere)) => {
                     let center = map.transform_point3(sphere.center);
-                    add(0, center, sphere.radius * norm(&map.matrix3));
+                    add((0, 0), center, sphere.radius * norm(&map.matrix3));
                 }
-                Geometry::Shape(_) => unreachable!("of shapes, the referee knows spheres"),
+                Geometry::Shape(shape) => {
+                    let (center, radius) = shapes::ball(shape);
+                    let (center, radius) = (map.transform_point3(center), radius * norm(&map.matrix3));
+                    for (part, face) in faces[instance.geometry as usize].iter().enumerate() {
+                        (0..face.root_count()).for_each(|root| add((part as u32, root), center, radius));
+                    }
+                }
             }
         }
         World {
@@ -189,7 +205,13 @@ impl<'s> World<'s> {
                 .map(|i| i.world_from_object().inverse())
                 .collect(),
             balls,
+            faces,
         }
+    }
+
+    /// A face of an analytic shape.
+    pub fn face(&self, geometry: u32, part: u32) -> &Face {
+        &self.faces[geometry as usize][part as usize]
     }
 
     /// The nearest hit; ties go to the first instance and primitive.
@@ -252,10 +274,11 @@ impl<'s> World<'s> {
         };
         let ray = *ray;
         let balls = self.balls.iter().filter(near);
-        balls.filter_map(move |ball| self.candidate(&ray, ball.instance, ball.primitive))
+        balls.filter_map(move |ball| self.candidate(&ray, ball))
     }
 
-    fn candidate(&self, ray: &Ray, instance: u32, primitive: u32) -> Option<Candidate> {
+    fn candidate(&self, ray: &Ray, ball: &Ball) -> Option<Candidate> {
+        let (instance, primitive) = (ball.instance, ball.primitive);
         let leaves = ray
             .leaves
             .filter(|left| (left.instance, left.primitive) == (instance, primitive));
@@ -278,7 +301,11 @@ impl<'s> World<'s> {
                 let f = local.origin - Approx3::exact(sphere.center);
                 sphere_root(&local, f, sphere.radius, leaves)?
             }
-            Geometry::Shape(_) => return None,
+            Geometry::Shape(_) => {
+                let face = self.face(placed.geometry, primitive);
+                let (t, slack) = face.crossing(&local, ball.root, leaves)?;
+                (Weights::of_shape(slack), t)
+            }
         };
         let range = (t - ray.t_near).slack().min(below(t, ray.t_far));
         let found = Found {
@@ -292,6 +319,14 @@ impl<'s> World<'s> {
             found,
             slack: weights.slack.min(range),
         })
+    }
+}
+
+/// The faces of a shape.
+fn faces(geometry: &Geometry) -> Vec<Face> {
+    match geometry {
+        Geometry::Mesh(_) => Vec::new(),
+        Geometry::Shape(shape) => shapes::faces(shape),
     }
 }
 
@@ -309,6 +344,17 @@ struct Weights {
     u: Approx,
     v: Approx,
     slack: f64,
+}
+
+impl Weights {
+    /// Shapes have none.
+    fn of_shape(slack: f64) -> Weights {
+        Weights {
+            u: Approx::ZERO,
+            v: Approx::ZERO,
+            slack,
+        }
+    }
 }
 
 /// The triangle's corners as seen along the ray (Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT
@@ -360,14 +406,7 @@ fn sphere_root(ray: &Ray, f: Approx3, radius: f64, leaves: Option<Left>) -> Opti
     let d = ray.direction;
     let a = d.dot(d);
     let middle = -f.dot(d) / a;
-    let root = |slack: f64, t: Approx| {
-        let weights = Weights {
-            u: Approx::ZERO,
-            v: Approx::ZERO,
-            slack,
-        };
-        (weights, t)
-    };
+    let root = |slack: f64, t: Approx| (Weights::of_shape(slack), t);
     let aside = f + d * middle;
     let inside = Approx::rounded(radius).squared() - aside.dot(aside);
     let half_chord = (inside / a).sqrt();
@@ -395,7 +434,7 @@ pub fn corners(mesh: &Mesh, primitive: u32) -> [DVec3; 3] {
 }
 
 /// The norm by which a map can lengthen a vector, bounded from above (Frobenius).
-fn norm(m: &DMat3) -> f64 {
+pub fn norm(m: &DMat3) -> f64 {
     m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 

@@ -9,6 +9,7 @@ use whit::scene::{
 use whit::shape::{Shape, Sphere};
 
 use super::approx::{Approx, Approx3, ROUNDING};
+use super::cones::Cone;
 use super::hits::{Decision, Doubt, Ray, World};
 use super::meshes::{Shading, ball, rectangle};
 use super::texels::srgb;
@@ -326,6 +327,7 @@ fn brute_force_is_sure_inside_and_outside_and_in_doubt_on_an_edge() {
             t_near: Approx::ZERO,
             t_far: f64::INFINITY,
             leaves: None,
+            cone: Cone::NONE,
         };
         let mut doubt = Doubt::NONE;
         (world.nearest(&ray, &mut doubt), doubt)

@@ -1,6 +1,6 @@
 //! What a ray has met, made ready to be shaded: normals, texture values, glTF's lobe and the lecture's highlight.
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 use whit::mesh::Mesh;
 use whit::optics::LINE_D;
 use whit::scene::{
@@ -9,8 +9,11 @@ use whit::scene::{
 use whit::shape;
 
 use super::approx::{Approx, Approx3, ROUNDING};
-use super::hits::{Decision, Doubt, Found, Ray, World, corners, transform_point, transform_vector};
-use super::texels::{Inputs, interpolate, linear_color, opacity, srgb_color};
+use super::cones::{Cone, curvature_of};
+use super::hits::{Decision, Doubt, Found, Ray, World, corners, norm, transform_point, transform_vector};
+use super::normals::{bumped, frame_of_chart, frame_of_tangent, kept_visible, mapped};
+use super::shapes;
+use super::texels::{Channels, Inputs, Spot, interpolate};
 
 /// Roughness up to which a surface is a mirror.
 const MIRROR_ROUGHNESS: f32 = 0.1;
@@ -30,6 +33,10 @@ pub struct Surface {
     pub wo: Approx3,
     /// Whether it is seen from outside: the front of a triangle, the outer side of a sphere.
     pub is_outside: bool,
+    /// How wide the ray is here.
+    pub cone: Cone,
+    /// Mean curvature 1 / r, positive where the surface bulges to the viewer.
+    pub curvature: Approx,
     /// The part of the surface that is there.
     pub coverage: Approx,
     pub emission: Approx3,
@@ -93,20 +100,39 @@ impl Surface {
             object_from_world: &world.object_from_world[found.instance as usize],
             wo: -ray.direction.normalize(),
         };
-        let (shape, inputs) = match &scene.geometries[instance.geometry as usize] {
-            Geometry::Mesh(mesh) => (
-                place.on_triangle(mesh, found, doubt),
-                Inputs::of_mesh(mesh, found),
-            ),
-            Geometry::Shape(shape::Shape::Sphere(sphere)) => {
-                let p = transform_point(place.object_from_world, ray.origin + ray.direction * found.t);
-                let outward = p - Approx3::exact(sphere.center);
-                (place.on_sphere(p, outward, doubt), Inputs::of_sphere(outward))
+        let cone = ray.cone.after(found.t * ray.direction.length());
+        match &scene.geometries[instance.geometry as usize] {
+            Geometry::Mesh(mesh) => {
+                let shape = place.on_triangle(mesh, found, doubt);
+                let spot = place.spot(&shape, cone);
+                let curvature = mesh_curvature(mesh, found);
+                let inputs = Inputs::of_mesh(mesh, found, spot);
+                shape.shaded_as(scene, instance, &inputs, (cone, curvature), doubt)
             }
-            Geometry::Shape(_) => unreachable!("of shapes, the referee knows spheres"),
-        };
-        shape.shaded_as(scene, instance, &inputs, doubt)
+            Geometry::Shape(kind) => {
+                let face = world.face(instance.geometry, found.primitive);
+                let p = face.point(place.object_from_world, ray, found.t.value);
+                let outward = face.outward(p);
+                let curvature = match kind {
+                    shape::Shape::Sphere(sphere) => 1.0 / sphere.radius,
+                    _ => 0.0,
+                };
+                let shape = place.on_shape(p, outward, doubt);
+                let spot = place.spot(&shape, cone);
+                let inputs = Inputs::of_shape(shapes::chart(kind, found.primitive, p), spot);
+                shape.shaded_as(scene, instance, &inputs, (cone, curvature), doubt)
+            }
+        }
     }
+}
+
+/// What its corner normals imply; a flat mesh has none.
+fn mesh_curvature(mesh: &Mesh, found: &Found) -> f64 {
+    mesh.normals.as_ref().map_or(0.0, |normals| {
+        let wide = |v: u32| Vec3::from(normals[v as usize]).as_dvec3().normalize_or_zero();
+        let n = mesh.triangles[found.primitive as usize].map(wide);
+        curvature_of(corners(mesh, found.primitive), n)
+    })
 }
 
 /// The geometric half of a [`Surface`].
@@ -117,6 +143,8 @@ struct Shape {
     ns: Approx3,
     wo: Approx3,
     is_outside: bool,
+    /// Point and outward normal in object space.
+    local: [Approx3; 2],
 }
 
 /// Where an object stands and from where it is seen.
@@ -149,18 +177,20 @@ impl Place<'_> {
             ns = ng;
         }
         let is_outside = outward.dot(self.wo).value >= 0.0;
-        self.shape(p, size, [ng, ns], is_outside)
+        let n = Approx3::exact(v1 - v0).cross(Approx3::exact(v2 - v0));
+        self.shape([p, n], size, [ng, ns], is_outside)
     }
 
-    fn on_sphere(&self, p: Approx3, outward: Approx3, doubt: &mut Doubt) -> Shape {
+    fn on_shape(&self, p: Approx3, outward: Approx3, doubt: &mut Doubt) -> Shape {
         let n = self.transform_normal(outward);
         let ng = facing(n, self.wo, doubt);
         let is_outside = n.dot(self.wo).value >= 0.0;
-        self.shape(p, p.value().abs(), [ng, ng], is_outside)
+        self.shape([p, outward], p.value().abs(), [ng, ng], is_outside)
     }
 
     /// The parts put together; `size` is the largest coordinate that took part in finding `p`, in object space.
-    fn shape(&self, p: Approx3, size: DVec3, [ng, ns]: [Approx3; 2], is_outside: bool) -> Shape {
+    fn shape(&self, local: [Approx3; 2], size: DVec3, [ng, ns]: [Approx3; 2], is_outside: bool) -> Shape {
+        let p = local[0];
         // A step off the surface is a few roundings of the coordinates and of the triangle's extent.
         let step = DVec3::splat(8.0 * ROUNDING * size.max_element());
         let map = &self.instance.world_from_object();
@@ -179,6 +209,29 @@ impl Place<'_> {
             ns,
             wo: self.wo,
             is_outside,
+            local,
+        }
+    }
+
+    /// What the ray sees there for textures. A pattern's point is just under the surface: by how much is left open, up to a
+    /// few roundings of the coordinates in either space.
+    fn spot(&self, shape: &Shape, cone: Cone) -> Spot {
+        let map = self.instance.world_from_object();
+        let [p, n] = shape.local;
+        let n = n.normalize();
+        let inverse = &self.object_from_world.matrix3;
+        let condition = norm(&map.matrix3) * norm(inverse);
+        let most = condition * shapes::step(p) + norm(inverse) * shapes::step(shape.p);
+        // Along the normal by at most that much, and aside by as much as the normal is.
+        let below = p.value() - 0.5 * most * n.value();
+        let aside = n
+            .value()
+            .map(|x| most * (0.499 * x.abs()).max((1.0 - x * x).max(0.0).sqrt()));
+        Spot {
+            carved: Approx3::exact(below).widened(p.error() + aside),
+            axes: cone.footprint(-shape.wo, shape.ng),
+            world_from_object: map.matrix3,
+            object_from_world: *inverse,
         }
     }
 
@@ -223,14 +276,14 @@ struct Looks<'a> {
 }
 
 impl Looks<'_> {
-    fn lookup(&mut self, parameter: Parameter, decode: fn([u8; 4]) -> [f64; 3]) -> Approx3 {
+    fn lookup(&mut self, parameter: Parameter, channels: Channels) -> Approx3 {
         let texture = texture_on(self.material, parameter);
-        self.inputs.lookup(self.scene, texture, decode, self.doubt)
+        self.inputs.lookup(self.scene, texture, channels, self.doubt)
     }
 
     fn base(&mut self) -> Approx3 {
         let [r, g, b, _] = self.material.base_color;
-        Approx3::exact_f32([r, g, b]) * self.lookup(Parameter::BaseColor, srgb_color) * self.inputs.color
+        Approx3::exact_f32([r, g, b]) * self.lookup(Parameter::BaseColor, Channels::Srgb) * self.inputs.color
     }
 
     /// glTF 2.0, 3.9.4.
@@ -239,7 +292,7 @@ impl Looks<'_> {
             return Approx::ONE;
         }
         let factor = Approx::exact(f64::from(self.material.base_color[3]));
-        let alpha = factor * self.lookup(Parameter::BaseColor, opacity).x * self.inputs.alpha;
+        let alpha = factor * self.lookup(Parameter::BaseColor, Channels::Opacity).x * self.inputs.alpha;
         match self.material.alpha {
             AlphaMode::Mask(cutoff) => {
                 let above = alpha - Approx::exact(f64::from(cutoff));
@@ -256,20 +309,26 @@ impl Looks<'_> {
 
     fn gltf(&mut self, model: &MetallicRoughness) -> Shades {
         let base = self.base();
-        let textured = texture_on(self.material, Parameter::MetallicRoughness).is_some();
-        let grey = self.lookup(Parameter::MetallicRoughness, linear_color);
-        let roughness = (grey.y * f64::from(model.roughness)).clamp(0.0, 1.0);
-        let metallic = (grey.z * f64::from(model.metallic)).clamp(0.0, 1.0);
+        let textured = [Parameter::MetallicRoughness, Parameter::Roughness]
+            .into_iter()
+            .any(|parameter| texture_on(self.material, parameter).is_some());
+        let grey = self.lookup(Parameter::MetallicRoughness, Channels::Linear);
+        let rough = self.lookup(Parameter::Roughness, Channels::Linear).x * f64::from(model.roughness);
+        let metal = self.lookup(Parameter::Metallic, Channels::Linear).x * f64::from(model.metallic);
+        let roughness = (grey.y * rough).clamp(0.0, 1.0);
+        let metallic = (grey.z * metal).clamp(0.0, 1.0);
         let above_mirror = roughness.value - f64::from(MIRROR_ROUGHNESS);
         if textured {
             self.doubt.note(Decision::Mirror, above_mirror / roughness.error);
         }
         let is_mirror = above_mirror <= 0.0;
         let dielectric = 1.0 - metallic;
-        let specular = Approx::exact(f64::from(model.specular)) * self.lookup(Parameter::Specular, opacity).x;
+        let specular =
+            Approx::exact(f64::from(model.specular)) * self.lookup(Parameter::Specular, Channels::Opacity).x;
         let specular_color =
-            Approx3::exact_f32(model.specular_color) * self.lookup(Parameter::SpecularColor, srgb_color);
-        let through = self.lookup(Parameter::Transmission, linear_color).x * f64::from(model.transmission);
+            Approx3::exact_f32(model.specular_color) * self.lookup(Parameter::SpecularColor, Channels::Srgb);
+        let through =
+            self.lookup(Parameter::Transmission, Channels::Linear).x * f64::from(model.transmission);
         let normal_incidence = self.material.interior.map_or(0.04, |inside| {
             let n = inside.ior.ior(LINE_D);
             ((n - 1.0) / (n + 1.0)).powi(2)
@@ -302,18 +361,56 @@ impl Looks<'_> {
         }
     }
 
+    /// The shading normal on the viewer's side, bent by normal map and bump map in the order of the layers.
+    fn bent(&mut self, shape: &Shape, instance: &Instance) -> Approx3 {
+        let outward = |n: Approx3| if shape.is_outside { n } else { -n };
+        let mut bent = None;
+        for layer in &self.material.layers {
+            let n = bent.unwrap_or_else(|| outward(shape.ns));
+            let used = layer.texture;
+            let chart = self.inputs.chart(used.tex_coord);
+            match layer.parameter {
+                Parameter::Normal => {
+                    let texel = self.lookup(Parameter::Normal, Channels::Linear);
+                    let n = outward(shape.ns);
+                    let map = instance.world_from_object().matrix3;
+                    let frame = match self.inputs.tangent {
+                        Some((tangent, hand)) => {
+                            // Mirrored, the tangent goes along, and the normal stays outside.
+                            let hand = hand * map.determinant();
+                            frame_of_tangent(n, transform_vector(&map, tangent), hand)
+                        }
+                        None if chart.is_empty() => continue,
+                        None => frame_of_chart(n, &chart, &used.transform),
+                    };
+                    bent = Some(mapped(n, frame, texel, layer));
+                }
+                Parameter::Bump if chart.is_empty() => bent = Some(n),
+                Parameter::Bump => {
+                    let slope = self.inputs.slope(self.scene, used, self.doubt);
+                    let height = Approx::exact(f64::from(layer.strength));
+                    bent = Some(bumped(n, &chart, slope.map(|s| s * height)));
+                }
+                _ => {}
+            }
+        }
+        bent.map_or(shape.ns, |n| {
+            kept_visible(outward(n), shape.ng, shape.wo, self.doubt)
+        })
+    }
+
     fn lecture(&mut self, model: &Lecture) -> Shades {
         let base = self.base();
         let reflection =
-            Approx3::exact_f32(model.reflection) * self.lookup(Parameter::Reflection, linear_color);
+            Approx3::exact_f32(model.reflection) * self.lookup(Parameter::Reflection, Channels::Linear);
         let through =
-            Approx3::exact_f32(model.transmission) * self.lookup(Parameter::Transmission, linear_color);
+            Approx3::exact_f32(model.transmission) * self.lookup(Parameter::Transmission, Channels::Linear);
         Shades {
             ambient: Approx3::exact_f32(model.ambient) * base,
             answer: Answer::Lecture {
                 diffuse: Approx3::exact_f32(model.diffuse) * base,
                 specular: Approx3::exact_f32(model.specular)
-                    * self.lookup(Parameter::SpecularColor, srgb_color),
+                    * self.lookup(Parameter::SpecularColor, Channels::Srgb),
                 exponent: f64::from(model.exponent),
             },
             mirror: if model.reflection == [0.0; 3] {
@@ -348,7 +445,14 @@ const SILENT: Lecture = Lecture {
 };
 
 impl Shape {
-    fn shaded_as(self, scene: &Scene, instance: &Instance, inputs: &Inputs, doubt: &mut Doubt) -> Surface {
+    fn shaded_as(
+        self,
+        scene: &Scene,
+        instance: &Instance,
+        inputs: &Inputs,
+        (cone, curvature): (Cone, f64),
+        doubt: &mut Doubt,
+    ) -> Surface {
         let material = &scene.materials[instance.material as usize];
         let mut looks = Looks {
             scene,
@@ -356,6 +460,9 @@ impl Shape {
             inputs,
             doubt,
         };
+        let ns = looks.bent(&self, instance);
+        let scale = instance.world_from_object().matrix3.determinant().abs().cbrt();
+        let curvature = Approx::rounded(curvature / scale);
         let shades = match &material.model {
             Model::MetallicRoughness(model) => looks.gltf(model),
             Model::Lecture(model) => looks.lecture(model),
@@ -363,19 +470,21 @@ impl Shape {
         };
         let emission = match &material.model {
             Model::Unlit => looks.base(),
-            _ => Approx3::exact_f32(material.emission) * looks.lookup(Parameter::Emission, srgb_color),
+            _ => Approx3::exact_f32(material.emission) * looks.lookup(Parameter::Emission, Channels::Srgb),
         };
         let occlusion = material.layer(Parameter::Occlusion).map_or(Approx::ONE, |layer| {
-            let lit = looks.lookup(Parameter::Occlusion, linear_color).x;
+            let lit = looks.lookup(Parameter::Occlusion, Channels::Linear).x;
             1.0 - (1.0 - lit) * f64::from(layer.strength)
         });
         Surface {
             p: self.p,
             start: self.start,
             ng: self.ng,
-            ns: self.ns,
+            ns,
             wo: self.wo,
             is_outside: self.is_outside,
+            cone,
+            curvature: if self.is_outside { curvature } else { -curvature },
             coverage: looks.coverage(),
             emission,
             ambient: shades.ambient * occlusion,

@@ -13,6 +13,7 @@ use whit::scene::{AlphaMode, Background, Camera, Falloff, Light, LightKind, Scen
 
 use super::approx::{Approx, Approx3, HOPELESS, ROUNDING};
 use super::bodies::{Bodies, Boundary, Division, Incidence, disperses};
+use super::cones::Cone;
 use super::hits::{Decision, Doubt, Found, Ray, World};
 use super::surface::Surface;
 
@@ -86,6 +87,7 @@ impl Textbook<'_> {
             ..
         } = self.request;
         let view = camera.view(width, height);
+        let cone = Cone::of_sample(&view, [width, height], spp);
         let bodies = Bodies::around(self.world.scene, view.ray(0.5, 0.5).origin);
         let mut doubt = Doubt::NONE;
         let (mut sum, mut error) = (DVec3::ZERO, DVec3::ZERO);
@@ -101,6 +103,7 @@ impl Textbook<'_> {
                 t_near: Approx::exact(f64::from(seen.t_near as f32)),
                 t_far: f64::from(seen.t_far as f32),
                 leaves: None,
+                cone,
             };
             let path = Path {
                 depth,
@@ -224,6 +227,7 @@ impl Textbook<'_> {
                 LightKind::Point { .. } | LightKind::Spot { .. } => 1.0,
             },
             leaves: Some(meeting.found.left()),
+            cone: Cone::NONE,
         };
         let answer = surface.answer(wi, cos, doubt);
         if answer.value() + answer.error() == DVec3::ZERO {
@@ -290,7 +294,13 @@ impl Textbook<'_> {
         if !surface.rises(direction, doubt) {
             return Approx3::ZERO;
         }
-        self.followed(meeting, direction, share, path.clone(), doubt)
+        self.followed(
+            meeting,
+            (direction, surface.cone.mirrored(surface.curvature)),
+            share,
+            path.clone(),
+            doubt,
+        )
     }
 
     /// kr · I(reflected) + kt · I(transmitted), of what lets light through.
@@ -318,14 +328,18 @@ impl Textbook<'_> {
                 bodies: boundary.through.clone(),
                 ..path.clone()
             };
-            sum = sum + self.followed(meeting, direction, color * down, path, doubt);
+            let cone = surface
+                .cone
+                .refracted(etas, incidence.cosines(direction), surface.curvature);
+            sum = sum + self.followed(meeting, (direction, cone), color * down, path, doubt);
         }
         if surface.is_smooth {
             let mut direction = incidence.mirrored();
             if !surface.rises(direction, doubt) {
                 direction = Incidence::new(incidence.d, surface.ng).mirrored();
             }
-            sum = sum + self.followed(meeting, direction, reflected, path.clone(), doubt);
+            let cone = surface.cone.mirrored(surface.curvature);
+            sum = sum + self.followed(meeting, (direction, cone), reflected, path.clone(), doubt);
         }
         sum
     }
@@ -351,7 +365,7 @@ impl Textbook<'_> {
     fn followed(
         &self,
         meeting: &Meeting,
-        direction: Approx3,
+        (direction, cone): (Approx3, Cone),
         share: Approx3,
         path: Path,
         doubt: &mut Doubt,
@@ -370,6 +384,7 @@ impl Textbook<'_> {
             t_near: Approx::ZERO,
             t_far: f64::INFINITY,
             leaves: Some(meeting.found.left()),
+            cone,
         };
         share * self.radiance(&ray, path, doubt)
     }

@@ -283,7 +283,7 @@ pub fn textures() -> WaveScene {
             }
         }
     }
-    // A sphere has no coordinates and reads the texel at (0, 0).
+    // A sphere has one set of coordinates, whichever is asked for.
     let sphere = add_geometry(&mut scene, Geometry::Shape(Shape::Sphere(Sphere::UNIT)));
     place(
         &mut scene,

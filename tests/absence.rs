@@ -41,9 +41,12 @@ shape = "plane"
 transform = [{ z-to = [0, 1, 0] }, { translate = [0, -1, 0] }]
 material = "chalk"
 
-[[object]]
-points = [[-2, -1, 0], [-1, -1, 1], [-1.5, 1.5, 0.5], [-2.5, -1, 1]]
+[shape.wedge.mesh]
+vertices = [[-2, -1, 0], [-1, -1, 1], [-1.5, 1.5, 0.5], [-2.5, -1, 1]]
 faces = [[0, 1, 2], [1, 3, 2], [3, 0, 2], [0, 3, 1]]
+
+[[object]]
+shape = "wedge"
 material = "chalk"
 "#;
 

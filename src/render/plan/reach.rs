@@ -115,7 +115,11 @@ impl<'s> Object<'s> {
             && !may_be_seen_from_inside(&bounds, camera);
         Object {
             bounds,
-            name: &material.name,
+            name: if instance.name.is_empty() {
+                &material.name
+            } else {
+                &instance.name
+            },
             hides_itself: !(is_flat || is_convex && from_outside),
         }
     }

@@ -272,7 +272,7 @@ fn textures_that_are_not_there_or_not_fit() {
     refused(
         format!("[texture.t]\nimage = 'bad.toml'\n{BALL}"),
         ":2:",
-        &["cannot be decoded", "PNG or JPEG"],
+        &["cannot be decoded", "PNG, JPEG, HDR or EXR"],
     );
     refused(
         format!("[texture.t]\npattern = 'noise'\noctaves = 99\n{BALL}"),

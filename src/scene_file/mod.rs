@@ -57,6 +57,7 @@
 //! Names are looked up, files read and checks made ([`assembly`]) before anything is flattened ([`flatten`]). Every
 //! message names the file, the line, the item and a remedy.
 
+mod appearance;
 mod assembly;
 mod camera;
 mod document;

@@ -8,6 +8,7 @@ mod film;
 mod filter;
 mod gather;
 mod ledger;
+mod losses;
 mod outcome;
 mod queue;
 mod record;
@@ -29,7 +30,7 @@ use rayon::prelude::*;
 
 pub use adaptive::Adaptive;
 pub use filter::PixelFilter;
-pub use ledger::{Ledger, RayTally};
+pub use ledger::{Ledger, Loss, RayTally};
 pub use record::{RecordedRays, record};
 pub use sampler::{Purpose, sample_2d};
 pub use samples::{SampleAovs, SampleCounts};

@@ -62,7 +62,12 @@ fn instructions(whit: &str, scene: &Path, backend: &str, spp: u32) -> f64 {
     let folder = tempfile::tempdir().unwrap();
     let mut command = Command::new("valgrind");
     command
-        .args(["--tool=callgrind", "--callgrind-out-file=/dev/null", whit, "render"])
+        .args([
+            "--tool=callgrind",
+            "--callgrind-out-file=/dev/null",
+            whit,
+            "render",
+        ])
         .arg(scene)
         .arg("-o")
         .arg(folder.path().join("picture.exr"))
@@ -75,7 +80,11 @@ fn instructions(whit: &str, scene: &Path, backend: &str, spp: u32) -> f64 {
     let said = String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success(), "{said}");
     let counted = said.lines().find_map(|line| line.split("Collected :").nth(1));
-    counted.unwrap_or_else(|| panic!("{said}")).trim().parse().unwrap()
+    counted
+        .unwrap_or_else(|| panic!("{said}"))
+        .trim()
+        .parse()
+        .unwrap()
 }
 
 /// Instructions for rendering alone.
@@ -104,7 +113,12 @@ fn effects_that_a_scene_does_not_call_for_take_no_instructions_by_being_there() 
     };
     let folder = tempfile::tempdir().unwrap();
     let cases = [
-        ("lit.toml", format!("{OBJECTS}{LIGHT}"), shadow_only, vec!["shadow"]),
+        (
+            "lit.toml",
+            format!("{OBJECTS}{LIGHT}"),
+            shadow_only,
+            vec!["shadow"],
+        ),
         ("dark.toml", OBJECTS.into(), bare, vec![]),
     ];
     for (name, text, without, on) in cases {
@@ -118,7 +132,10 @@ fn effects_that_a_scene_does_not_call_for_take_no_instructions_by_being_there() 
                 "{name} through {backend}: {there} instructions, without the code {absent}: {:+.4} %",
                 100.0 * more
             );
-            assert!(more.abs() <= MOST, "{name} through {backend}: {there} against {absent}");
+            assert!(
+                more.abs() <= MOST,
+                "{name} through {backend}: {there} against {absent}"
+            );
         }
     }
 }

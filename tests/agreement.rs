@@ -333,7 +333,7 @@ fn compare_inside_and_outside(count: usize) {
                 let tally = judge(
                     &scene,
                     (&hits, &shadows),
-                    accel.as_ref(),
+                    (backend, accel.as_ref()),
                     &rays,
                     RayOrder::Incoherent,
                 );

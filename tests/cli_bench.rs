@@ -90,6 +90,27 @@ fn both_kinds_of_instancing_are_measured_where_meshes_are_placed_and_only_there(
 }
 
 #[test]
+fn a_scene_file_says_which_frame_is_measured_and_flags_override_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let text = "[output]\nsize = [6, 4]\nspp = 3\ndepth = 0\n[material.m]\nroughness = 0\n\
+                [[object]]\nshape = 'sphere'\nmaterial = 'm'\n";
+    fs::write(at("a.toml"), text).unwrap();
+    let count = |kind: &str, flags: &[&str]| {
+        let (scene, json) = (at("a.toml"), at("a.json"));
+        let run = whit(&[&["bench", &scene, "--repeat", "1", "--json", &json], flags].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let rows: serde_json::Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+        let row = rows.as_array().unwrap().iter().find(|row| row["rays"] == kind);
+        row.map_or(0, |row| row["ray_count"].as_u64().unwrap())
+    };
+    assert_eq!(count("camera", &[]), 6 * 4 * 3);
+    assert_eq!(count("reflection", &[]), 0);
+    assert_eq!(count("camera", &["--size", "5x5", "--spp", "1"]), 25);
+    assert!(count("reflection", &["--depth", "1"]) > 0);
+}
+
+#[test]
 fn bad_input_ends_in_one_sentence_before_anything_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let there = |name: &str| folder.path().join(name).display().to_string();

@@ -160,6 +160,14 @@ fn statistics_have_every_key_that_scripts_rely_on() {
     );
     assert_eq!((&stats["spp"], &stats["threads"]), (&2.into(), &2.into()));
     assert_eq!(stats["rays"]["camera"], 32 * 16 * 2);
+    let cutoff = &stats["cutoff"];
+    for part in [cutoff, &cutoff["depth_limit"], &cutoff["weight_cutoff"]] {
+        assert!(part["rays"].is_u64(), "{cutoff}");
+        assert!(
+            part["mean_weight"].as_f64() <= part["max_weight"].as_f64(),
+            "{cutoff}"
+        );
+    }
     assert_eq!(stats["samples"]["total"], 32 * 16 * 2);
     assert_eq!(
         (&stats["samples"]["mean"], &stats["samples"]["max"]),

@@ -216,6 +216,71 @@ fn the_command_line_overrides_what_the_file_says_of_the_picture() {
     );
 }
 
+/// The bytes of the EXR that `whit render` makes of this text with these flags.
+fn rendered(text: &str, flags: &[&str]) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    fs::write(at("a.toml"), text).unwrap();
+    let run = whit(
+        &[
+            &["render", &at("a.toml"), "-o", &at("a.exr"), "--backend", "bsp"],
+            flags,
+        ]
+        .concat(),
+    );
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    fs::read(at("a.exr")).unwrap()
+}
+
+#[test]
+fn a_file_says_how_samples_lie_and_are_filtered_as_the_flags_do() {
+    let with = |output: &str| {
+        format!(
+            "[output]\nsize = [9, 7]\nspp = 4\n{output}\n[material.m]\nemission = 1\n\
+             [[object]]\nshape = 'sphere'\nmaterial = 'm'\n"
+        )
+    };
+    let plain = with("");
+    let tent = "pattern = 'sobol'\nfilter = 'tent'\nfilter_radius = 1.5";
+    let flags = ["--pattern", "sobol", "--filter", "tent", "--filter-radius", "1.5"];
+    let of_file = rendered(&with(tent), &[]);
+    assert!(of_file == rendered(&plain, &flags));
+    assert!(of_file != rendered(&plain, &flags[..4]), "the radius counts");
+    assert!(of_file != rendered(&plain, &flags[2..]), "the pattern counts");
+    // Flags override; the radius goes with its filter, and a radius alone with the file's filter.
+    assert!(rendered(&with(tent), &["--pattern", "r2", "--filter", "box"]) == rendered(&plain, &[]));
+    let wider = ["--pattern", "sobol", "--filter", "tent", "--filter-radius", "2"];
+    assert!(rendered(&with(tent), &wider[4..]) == rendered(&plain, &wider));
+}
+
+#[test]
+fn a_file_says_into_how_many_wavelengths_glass_splits_a_path() {
+    let text = |output: &str| {
+        format!(
+            "ambient = 1\nbackground = {{ horizon = 1, up = 0 }}\n[output]\nsize = [9, 7]\nspp = 1\n{output}\n\
+             [material.m]\nglass = 'n-sf10'\n[[object]]\nshape = 'sphere'\nmaterial = 'm'\n"
+        )
+    };
+    let three = rendered(&text("wavelengths = 3"), &[]);
+    assert!(three == rendered(&text(""), &["--wavelengths", "3"]));
+    assert!(three != rendered(&text(""), &[]));
+    assert!(rendered(&text("wavelengths = 3"), &["--wavelengths", "16"]) == rendered(&text(""), &[]));
+}
+
+#[test]
+fn a_filter_of_the_file_and_adaptive_sampling_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let text = "[output]\nsize = [9, 7]\nspp = 32\nfilter = 'mitchell'\n[[object]]\nshape = 'sphere'\n";
+    fs::write(at("a.toml"), text).unwrap();
+    let (scene, image) = (at("a.toml"), at("a.png"));
+    let flags = ["render", &scene, "-o", &image, "--adaptive", "0.01"];
+    let run = whit(&flags);
+    assert_eq!(run.code, 2, "{}", run.stderr);
+    assert!(run.stderr.contains("`--filter box`"), "{}", run.stderr);
+    assert_eq!(whit(&[&flags[..], &["--filter", "box"]].concat()).code, 0);
+}
+
 #[test]
 fn info_tells_materials_media_shapes_and_groups() {
     let path = examples()

@@ -263,6 +263,29 @@ fn materials_that_make_no_sense() {
 }
 
 #[test]
+fn pictures_that_cannot_be_taken() {
+    let with = |line: &str| format!("[output]\n{line}\n{BALL}");
+    refused(
+        with("filter_radius = 2"),
+        ":1:",
+        &["output", "is a box", "give another `filter`"],
+    );
+    refused(
+        with("filter = 'tent'\nfilter_radius = 0.5"),
+        ":1:",
+        &["filter_radius is 0.5", "1 to 4"],
+    );
+    refused(
+        with("filter = 'tent'\nfilter_radius = nan"),
+        ":1:",
+        &["filter_radius is NaN"],
+    );
+    refused(with("wavelengths = 0"), ":1:", &["wavelengths is 0", "1 to 400"]);
+    refused(with("pattern = 'sobel'"), ":2:", &["did you mean `sobol`?"]);
+    refused(with("filter = 3"), ":2:", &["output.filter"]);
+}
+
+#[test]
 fn textures_that_are_not_there_or_not_fit() {
     refused(
         format!("[texture.t]\nimage = 'no.png'\n{BALL}"),
@@ -272,7 +295,7 @@ fn textures_that_are_not_there_or_not_fit() {
     refused(
         format!("[texture.t]\nimage = 'bad.toml'\n{BALL}"),
         ":2:",
-        &["cannot be decoded", "PNG or JPEG"],
+        &["cannot be decoded", "PNG, JPEG, HDR or EXR"],
     );
     refused(
         format!("[texture.t]\npattern = 'noise'\noctaves = 99\n{BALL}"),

@@ -11,25 +11,23 @@ use crate::accel::{Backend, Instancing, Precision};
 use crate::image::ImageFormat;
 use crate::render::{FilterKind, Pattern, PixelFilter};
 use crate::scene::EffectOverrides;
-use crate::scene_file::{self, MAX_EXPOSURE};
+use crate::scene::picture::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
 
 /// Most samples a pixel.
-const MAX_SPP: i64 = scene_file::MAX_SPP as i64;
+const MAX_SPP: i64 = picture::MAX_SPP as i64;
 /// Most generations of reflection.
-const MAX_DEPTH: i64 = scene_file::MAX_DEPTH as i64;
-/// Beyond it neighbouring wavelengths are under a nanometre apart, finer than any index of refraction is known.
-const MAX_WAVELENGTHS: i64 = 400;
-/// Samples a pixel where neither the command line nor the scene says it.
-pub(super) const DEFAULT_SPP: u32 = 16;
-/// Generations of reflection where neither says it.
-pub(super) const DEFAULT_DEPTH: u32 = 5;
-/// Image size where neither says it.
-pub(super) const DEFAULT_SIZE: ImageSize = ImageSize {
-    width: 1024,
-    height: 1024,
+const MAX_DEPTH: i64 = picture::MAX_DEPTH as i64;
+/// Most wavelengths.
+const MAX_WAVELENGTHS: i64 = picture::MAX_WAVELENGTHS as i64;
+/// Image size where neither the command line nor the scene says it.
+const DEFAULT_SIZE: ImageSize = ImageSize {
+    width: picture::DEFAULT_SIZE[0],
+    height: picture::DEFAULT_SIZE[1],
 };
 /// More threads than any machine that this is likely to meet.
 const MAX_THREADS: i64 = 1024;
+/// Samples a pixel of a benchmark where neither says it: every ray is kept, in about 100 bytes.
+pub(super) const DEFAULT_BENCH_SPP: u32 = 1;
 /// Most repetitions of a benchmark.
 const MAX_REPEAT: i64 = 1000;
 
@@ -142,14 +140,14 @@ pub(super) struct SamplingArgs {
     pub(super) spp: Option<u32>,
 
     /// How samples lie in a pixel
-    #[arg(long, value_enum, default_value_t = Pattern::default())]
-    pub(super) pattern: Pattern,
+    #[arg(long, value_enum, help = or_scene("How samples lie in a pixel", word(Pattern::default())))]
+    pub(super) pattern: Option<Pattern>,
 
     /// How samples become a pixel
-    #[arg(long, value_enum, default_value_t = FilterKind::default())]
-    pub(super) filter: FilterKind,
+    #[arg(long, value_enum, help = or_scene("How samples become a pixel", word(FilterKind::default())))]
+    pub(super) filter: Option<FilterKind>,
 
-    /// Radius of the filter in pixels, 1 to 4 [default: tent 1, gaussian 1.5, mitchell 2]
+    /// Radius of the filter in pixels, 1 to 4 [default: the scene file's, else tent 1, gaussian 1.5, mitchell 2]
     #[arg(long, value_name = "PIXELS", value_parser = filter_radius)]
     pub(super) filter_radius: Option<f64>,
 
@@ -182,8 +180,8 @@ pub(super) struct FrameArgs {
     pub(super) depth: Option<u32>,
 
     /// Wavelengths that a path splits into where glass disperses it
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=MAX_WAVELENGTHS))]
-    pub(super) wavelengths: u32,
+    #[arg(long, value_name = "N", help = or_scene("Wavelengths that a path splits into where glass disperses it", DEFAULT_WAVELENGTHS), value_parser = clap::value_parser!(u32).range(1..=MAX_WAVELENGTHS))]
+    pub(super) wavelengths: Option<u32>,
 }
 
 /// How hits are found.
@@ -243,8 +241,8 @@ pub(super) struct BenchArgs {
     pub(super) frame: FrameArgs,
 
     /// Samples a pixel
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
-    pub(super) spp: u32,
+    #[arg(long, value_name = "N", help = or_scene("Samples a pixel", DEFAULT_BENCH_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    pub(super) spp: Option<u32>,
 
     #[command(flatten)]
     pub(super) tracing: TracingArgs,
@@ -267,7 +265,7 @@ pub(super) struct ImageSize {
 
 impl ImageSize {
     /// Most pixels of an image; the machine's memory usually sets a lower limit.
-    pub(super) const MAX_PIXELS: u64 = scene_file::MAX_PIXELS;
+    pub(super) const MAX_PIXELS: u64 = picture::MAX_PIXELS;
 }
 
 impl fmt::Display for ImageSize {
@@ -279,6 +277,12 @@ impl fmt::Display for ImageSize {
 /// Help for what a scene file may say too.
 fn or_scene(what: &str, default: impl fmt::Display) -> String {
     format!("{what} [default: the scene file's, else {default}]")
+}
+
+/// What a value is called on the command line.
+fn word(value: impl clap::ValueEnum) -> String {
+    let word = value.to_possible_value();
+    word.map_or_else(String::new, |word| word.get_name().to_owned())
 }
 
 impl FromStr for ImageSize {

@@ -8,16 +8,21 @@ use rayon::ThreadPool;
 use crate::accel::bsp::BspAccel;
 #[cfg(feature = "embree")]
 use crate::accel::embree::EmbreeAccel;
-use crate::accel::{Accel, AccelError, AccelOptions, AccelReport, Backend, Instancing, Kernel, Precision};
+use crate::accel::{
+    Accel, AccelError, AccelOptions, AccelReport, Backend, Instancing, Kernel, Precision, RayPacket,
+};
 use crate::image::check_writable;
+use crate::numeric::LANES;
 use crate::render::{self, Ledger, Monitor, RenderSettings};
 use crate::report::bench::{BenchRow, BenchTable, FrameTime, Mode, RayKind, Spread};
+use crate::report::memory;
 use crate::scene::{Camera, Scene};
+use crate::scene_file::{Output, SceneFile};
 
-use super::args::BenchArgs;
+use super::args::{BenchArgs, DEFAULT_BENCH_SPP};
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{Tracing, choose_camera, settings};
+use super::job::{Tracing, choose_camera, settings, wish};
 use super::output;
 use super::progress::{Progress, Verbosity};
 use super::replay::{Differences, Engine, RaySet, differences, replay_seconds};
@@ -25,9 +30,31 @@ use super::scene;
 
 /// Everything that `whit bench` is to do with each scene.
 struct BenchJob {
-    settings: RenderSettings,
+    /// What the command line says of the frame; the scene may say the rest.
+    wish: Output,
     tracing: Tracing,
     repeat: u32,
+}
+
+impl BenchJob {
+    /// The frame of a scene that says `output` of its picture.
+    fn settings(&self, output: &Output) -> Result<RenderSettings, Failure> {
+        let mut picture = self.wish.or(output);
+        picture.spp = picture.spp.or(Some(DEFAULT_BENCH_SPP));
+        let settings = settings(&picture)?;
+        let (width, height, spp) = (settings.width, settings.height, settings.spp);
+        let packets = u64::from(width) * u64::from(height) * u64::from(spp) / LANES as u64;
+        let needed = packets * size_of::<RayPacket>() as u64;
+        if let Some(free) = memory::available_bytes().filter(|&free| needed > free) {
+            return Err(Failure::Input(format!(
+                "the camera rays alone of {width}x{height} pixels with {spp} samples take {} of memory and {} are free: \
+                 give a smaller `--size` or `--spp`",
+                memory::in_words(needed),
+                memory::in_words(free)
+            )));
+        }
+        Ok(settings)
+    }
 }
 
 /// Measures what the arguments ask for.
@@ -40,7 +67,10 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         return Err(AccelError::NoEmbree.into());
     }
     let job = BenchJob {
-        settings: settings(args.frame, args.spp)?,
+        wish: Output {
+            spp: args.spp,
+            ..wish(&args.frame)
+        },
         tracing: Tracing::new(&args.tracing),
         repeat: args.repeat,
     };
@@ -69,7 +99,8 @@ fn bench_scene(
 ) -> Result<Vec<BenchRow>, Failure> {
     let name = path.display().to_string();
     progress.phase(&name, "load");
-    let scene = pool.install(|| scene::load(path))?.scene;
+    let SceneFile { scene, output, .. } = pool.install(|| scene::load(path))?;
+    let settings = job.settings(&output)?;
     let camera = choose_camera(&scene, path, None)?;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
@@ -81,7 +112,7 @@ fn bench_scene(
     let frame = Frame {
         scene: &scene,
         camera,
-        settings: job.settings,
+        settings,
         accel: structures.first(),
     };
     let sets = frame.ray_sets();

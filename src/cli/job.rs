@@ -9,28 +9,29 @@ use crate::accel::{Backend, Instancing, Precision};
 use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
-use crate::scene::{Camera, Scene};
+use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
+use crate::scene::{Camera, EffectOverrides, Scene};
 use crate::scene_file::Output;
 
-use super::args::{
-    Aov, DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, FrameArgs, ImageSize, RenderArgs, SamplingArgs,
-    TracingArgs,
-};
+use super::args::{Aov, FrameArgs, RenderArgs, TracingArgs};
 use super::failure::Failure;
 use super::progress::Verbosity;
+use super::scene;
 
 /// Everything that `whit render` is to do.
 #[derive(Debug)]
 pub(super) struct RenderJob {
     pub(super) targets: Vec<Target>,
-    /// Where `wish` leaves something open, the scene may say it: see [`RenderJob::shot`].
-    pub(super) settings: RenderSettings,
+    /// What the command line says; where it leaves something open, the scene may say it: see [`RenderJob::shot`].
     wish: Output,
+    /// The standard error that pixels may have.
+    adaptive: Option<f64>,
+    effects: EffectOverrides,
+    aovs: bool,
     pub(super) backend: Backend,
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
     pub(super) ambient: Option<[f32; 3]>,
-    pub(super) tone: ToneMap,
     pub(super) stats: Option<PathBuf>,
     pub(super) verbosity: Verbosity,
 }
@@ -70,9 +71,9 @@ impl RenderJob {
                 "`--instancing` is for Embree: leave it out with `--backend {backend}`"
             )));
         }
-        let sampling = Sampling::new(&args.sampling, args.exposure.unwrap_or(0.0))?;
         let targets = targets(args)?;
-        if sampling.aovs && targets.iter().any(|target| target.format != ImageFormat::Exr) {
+        let aovs = args.sampling.aov.contains(&Aov::Samples);
+        if aovs && targets.iter().any(|target| target.format != ImageFormat::Exr) {
             return Err(Failure::Input(
                 "`--aov` adds channels to EXR images, which a PNG has no room for: write an .exr".into(),
             ));
@@ -84,32 +85,44 @@ impl RenderJob {
         {
             check_writable(path)?;
         }
-        Ok(RenderJob {
+        let job = RenderJob {
             targets,
-            settings: RenderSettings {
-                effects: args.effects.unwrap_or_default(),
-                ..sampling.applied_to(settings(args.frame, args.sampling.spp.unwrap_or(DEFAULT_SPP))?)?
-            },
             wish: Output {
-                size: args.frame.size.map(|size| [size.width, size.height]),
                 spp: args.sampling.spp,
-                depth: args.frame.depth,
+                pattern: args.sampling.pattern,
+                filter: args.sampling.filter,
+                filter_radius: args.sampling.filter_radius,
                 exposure: args.exposure,
+                ..wish(&args.frame)
             },
+            adaptive: args.sampling.adaptive,
+            effects: args.effects.unwrap_or_default(),
+            aovs,
             backend,
             tracing: Tracing::new(&args.tracing),
             camera: args.camera.clone(),
             ambient: args.ambient.map(|a| a.0),
-            tone: ToneMap {
-                exposure_ev: args.exposure.unwrap_or(0.0),
-            },
             stats: args.stats.clone(),
             verbosity: if args.quiet {
                 Verbosity::Quiet
             } else {
                 Verbosity::Normal
             },
-        })
+        };
+        job.check_wish()?;
+        Ok(job)
+    }
+
+    /// Tells what no scene can mend.
+    fn check_wish(&self) -> Result<(), Failure> {
+        let scene_may_filter = self
+            .targets
+            .iter()
+            .any(|target| scene::is_scene_file(&target.scene));
+        if self.wish.filter.is_none() && self.wish.filter_radius.is_some() && scene_may_filter {
+            return Ok(());
+        }
+        self.shot(&Output::default()).map(|_| ())
     }
 }
 
@@ -123,28 +136,25 @@ pub(super) struct Shot {
 impl RenderJob {
     /// The settings for a scene that says `output` of its picture.
     pub(super) fn shot(&self, output: &Output) -> Result<Shot, Failure> {
-        let mut shot = Shot {
-            settings: self.settings,
-            tone: self.tone,
+        let picture = self.wish.or(output);
+        let exposure_ev = picture.exposure.unwrap_or(0.0);
+        let settings = RenderSettings {
+            adaptive: self.adaptive.map(|error| Adaptive {
+                error,
+                gain: f64::from(exposure_ev).exp2(),
+            }),
+            sample_aovs: self.aovs,
+            effects: self.effects,
+            ..settings(&picture)?
         };
-        let settings = &mut shot.settings;
-        if let (None, Some([width, height])) = (self.wish.size, output.size) {
-            (settings.width, settings.height) = (width, height);
+        if settings.adaptive.is_some() {
+            check_adaptive(&settings)?;
         }
-        if let (None, Some(spp)) = (self.wish.spp, output.spp) {
-            settings.spp = spp;
-        }
-        if let (None, Some(depth)) = (self.wish.depth, output.depth) {
-            settings.depth = depth;
-        }
-        if let (None, Some(exposure)) = (self.wish.exposure, output.exposure) {
-            shot.tone.exposure_ev = exposure;
-            if let Some(adaptive) = &mut settings.adaptive {
-                adaptive.gain = f64::from(exposure).exp2();
-            }
-        }
-        check_memory(settings)?;
-        Ok(shot)
+        check_memory(&settings)?;
+        Ok(Shot {
+            settings,
+            tone: ToneMap { exposure_ev },
+        })
     }
 }
 
@@ -185,61 +195,21 @@ impl Tracing {
     }
 }
 
-/// How pixels are sampled, with everything that fits together.
-#[derive(Clone, Debug, PartialEq)]
-struct Sampling {
-    pattern: Pattern,
-    filter: PixelFilter,
-    adaptive: Option<Adaptive>,
-    aovs: bool,
-}
-
-impl Sampling {
-    fn new(args: &SamplingArgs, exposure_ev: f32) -> Result<Sampling, Failure> {
-        let refuse = |words: &str| Err(Failure::Input(words.into()));
-        if args.filter == FilterKind::Box && args.filter_radius.is_some() {
-            return refuse(
-                "a box filter is always the pixel itself: leave out `--filter-radius` or choose another `--filter`",
-            );
-        }
-        if args.adaptive.is_some() && args.filter != FilterKind::Box {
-            return refuse(
-                "`--adaptive` gives neighbouring pixels unequal numbers of samples, which a filter cannot share: \
-                 leave out `--filter`",
-            );
-        }
-        if args.adaptive.is_some() && args.pattern == Pattern::Regular {
-            return refuse(
-                "a regular pattern has the same samples in every round of `--adaptive`: choose another `--pattern`",
-            );
-        }
-        let usual = PixelFilter::of_kind(args.filter);
-        Ok(Sampling {
-            pattern: args.pattern,
-            filter: PixelFilter {
-                radius: args.filter_radius.unwrap_or(usual.radius),
-                ..usual
-            },
-            adaptive: args.adaptive.map(|error| Adaptive {
-                error,
-                gain: f64::from(exposure_ev).exp2(),
-            }),
-            aovs: args.aov.contains(&Aov::Samples),
-        })
+/// Refuses samplings whose samples cannot be of unequal number.
+fn check_adaptive(settings: &RenderSettings) -> Result<(), Failure> {
+    let refuse = |words: &str| Err(Failure::Input(words.into()));
+    if settings.filter.kind != FilterKind::Box {
+        return refuse(
+            "`--adaptive` gives neighbouring pixels unequal numbers of samples, which a filter cannot share: leave out \
+             `--filter`, or give `--filter box` where the scene file has another",
+        );
     }
-
-    /// The settings with this sampling, if the machine can hold what it takes.
-    fn applied_to(&self, settings: RenderSettings) -> Result<RenderSettings, Failure> {
-        let settings = RenderSettings {
-            pattern: self.pattern,
-            filter: self.filter,
-            adaptive: self.adaptive,
-            sample_aovs: self.aovs,
-            ..settings
-        };
-        check_memory(&settings)?;
-        Ok(settings)
+    if settings.pattern == Pattern::Regular {
+        return refuse(
+            "a regular pattern has the same samples in every round of `--adaptive`: choose another `--pattern`",
+        );
     }
+    Ok(())
 }
 
 /// Which scene becomes which file.
@@ -307,19 +277,42 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
     Ok(targets)
 }
 
-/// Render settings of a size that the machine can hold.
-pub(super) fn settings(frame: FrameArgs, spp: u32) -> Result<RenderSettings, Failure> {
-    let ImageSize { width, height } = frame.size.unwrap_or(DEFAULT_SIZE);
+/// What flags say of a picture that go with any way of taking it.
+pub(super) fn wish(frame: &FrameArgs) -> Output {
+    Output {
+        size: frame.size.map(|size| [size.width, size.height]),
+        depth: frame.depth,
+        wavelengths: frame.wavelengths,
+        ..Output::default()
+    }
+}
+
+/// What a picture's settings are, of a size that the machine can hold: what is said of it, and the defaults.
+pub(super) fn settings(picture: &Output) -> Result<RenderSettings, Failure> {
+    let [width, height] = picture.size.unwrap_or(DEFAULT_SIZE);
     let settings = RenderSettings {
         width,
         height,
-        spp,
-        depth: frame.depth.unwrap_or(DEFAULT_DEPTH),
-        wavelengths: frame.wavelengths,
+        spp: picture.spp.unwrap_or(DEFAULT_SPP),
+        pattern: picture.pattern.unwrap_or_default(),
+        filter: filter(picture)?,
+        depth: picture.depth.unwrap_or(DEFAULT_DEPTH),
+        wavelengths: picture.wavelengths.unwrap_or(DEFAULT_WAVELENGTHS),
         ..RenderSettings::default()
     };
     check_memory(&settings)?;
     Ok(settings)
+}
+
+fn filter(picture: &Output) -> Result<PixelFilter, Failure> {
+    let usual = PixelFilter::of_kind(picture.filter.unwrap_or_default());
+    match picture.filter_radius {
+        None => Ok(usual),
+        Some(_) if usual.kind == FilterKind::Box => Err(Failure::Input(
+            "a box filter is always the pixel itself: leave out `--filter-radius` or choose another `--filter`".into(),
+        )),
+        Some(radius) => Ok(PixelFilter { radius, ..usual }),
+    }
 }
 
 /// Refuses pictures that the machine cannot hold.

@@ -93,9 +93,7 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<R
     seconds.total = start.elapsed().as_secs_f64();
     say_finished(job, target, (&rendering, seconds.total), progress)?;
 
-    let mut stats = stats(job, target, &scene, &*accel, &rendering);
-    (stats.spp, stats.depth) = (shot.settings.spp, shot.settings.depth);
-    stats.image.exposure_ev = shot.tone.exposure_ev;
+    let mut stats = stats((job, target, &shot), &scene, &*accel, &rendering);
     stats.image.camera.clone_from(&camera.name);
     stats.seconds = seconds;
     if job.targets.last() == Some(target) {
@@ -218,8 +216,7 @@ fn write_stats(job: &RenderJob, finished: &[RenderStats]) -> Result<(), Failure>
 
 /// The statistics of an image, but for its times and its camera's name.
 fn stats(
-    job: &RenderJob,
-    target: &Target,
+    (job, target, shot): (&RenderJob, &Target, &Shot),
     scene: &Scene,
     accel: &dyn Accel,
     rendering: &Rendering,
@@ -234,12 +231,12 @@ fn stats(
             height: rendering.image.height,
             camera: String::new(),
             ambient: scene.ambient,
-            exposure_ev: job.tone.exposure_ev,
+            exposure_ev: shot.tone.exposure_ev,
             non_finite_pixels: rendering.image.non_finite_count(),
         },
-        spp: job.settings.spp,
+        spp: shot.settings.spp,
         samples: rendering.samples,
-        depth: job.settings.depth,
+        depth: shot.settings.depth,
         cutoff: CutoffStats::of(&rendering.ledger, rendering.samples.total),
         backend: job.backend,
         precision: effective_precision(job.backend, job.tracing.precision),

@@ -7,11 +7,15 @@ use crate::scene_file::{self, Output, SceneFile};
 
 use super::failure::Failure;
 
+/// Whether a name asks for a scene file, which may say something of the picture.
+pub(super) fn is_scene_file(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+}
+
 /// Loads a scene file if the name ends in `.toml`, else a glTF file, which says nothing of the picture.
 pub(super) fn load(path: &Path) -> Result<SceneFile, Failure> {
     let options = LoadOptions::default();
-    let is_scene_file = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-    if is_scene_file {
+    if is_scene_file(path) {
         return Ok(scene_file::load(path, &options)?);
     }
     Ok(SceneFile {

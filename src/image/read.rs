@@ -48,15 +48,18 @@ pub enum TransferCurve {
 
 /// The most a decoder may allocate for itself: an image of 2^29 pixels of 8 bytes, and its rows.
 const MOST_DECODER_BYTES: u64 = 1 << 33;
-/// Bytes of a decoded pixel, four floats: what one of the budget's pixels may take.
-const PIXEL_BYTES: u64 = 16;
+/// Bytes of a decoded pixel of 8 bits a channel: what one of the budget's pixels may take.
+const CODE_BYTES: u64 = 4;
+/// Bytes of a decoded pixel of floats.
+const FLOAT_BYTES: u64 = 16;
 
 /// The first bytes of an EXR file.
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 /// The first bytes of a Radiance file: `#?RADIANCE` or `#?RGBE`.
 const HDR_MAGIC: [u8; 2] = *b"#?";
 
-/// Reads the image at `path`, of at most `max_pixels` pixels.
+/// Reads the image at `path`, of at most `max_pixels` pixels of 8 bits a channel; those that become floats count four
+/// times.
 pub fn read(path: &Path, curve: TransferCurve, max_pixels: u64) -> Result<ReadImage, ImageError> {
     let unreadable = |error: std::io::Error| {
         let remedy = "check the path and whether you may read the file";
@@ -93,8 +96,10 @@ fn decode(
     max_pixels: u64,
 ) -> Result<ReadImage, ImageError> {
     let (width, height) = decoder.dimensions();
-    check_size(path, [width.into(), height.into()], PIXEL_BYTES, max_pixels)?;
     let color = decoder.color_type();
+    let is_wide = color.bytes_per_pixel() > color.channel_count();
+    let pixel_bytes = if is_wide { FLOAT_BYTES } else { CODE_BYTES };
+    check_size(path, [width.into(), height.into()], pixel_bytes, max_pixels)?;
     let decoded = DynamicImage::from_decoder(decoder).map_err(|e| undecodable(path, &e))?;
     let pixels = match color {
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
@@ -145,7 +150,7 @@ fn read_exr(path: &Path, file: &mut (impl BufRead + Seek), max_pixels: u64) -> R
     for header in &meta.headers {
         let size = [header.layer_size.x(), header.layer_size.y()].map(|side| side as u64);
         // Blocks are decoded with all their channels, also those that are not asked for.
-        let pixel_bytes = PIXEL_BYTES.max(header.channels.bytes_per_pixel as u64);
+        let pixel_bytes = FLOAT_BYTES.max(header.channels.bytes_per_pixel as u64);
         check_size(path, size, pixel_bytes, max_pixels)?;
     }
     let is_color = |header: &exr::meta::header::Header| {
@@ -211,10 +216,11 @@ fn check_size(
         return Err(refusal(path, "has no pixels".to_owned(), "save it again"));
     }
     if width.max(height) > u64::from(u32::MAX)
-        || count.saturating_mul(pixel_bytes) > max_pixels.saturating_mul(PIXEL_BYTES)
+        || count.saturating_mul(pixel_bytes) > max_pixels.saturating_mul(CODE_BYTES)
     {
         let fault = format!(
-            "has {width} x {height} pixels of {pixel_bytes} bytes, more than the {max_pixels} of {PIXEL_BYTES} allowed"
+            "has {width} x {height} pixels of {pixel_bytes} bytes, more than the {max_pixels} of {CODE_BYTES} bytes that \
+             are left for images"
         );
         return Err(refusal(path, fault, "make the image smaller"));
     }
@@ -222,7 +228,8 @@ fn check_size(
 }
 
 fn undecodable(path: &Path, error: &dyn std::fmt::Display) -> ImageError {
-    let fault = format!("cannot be decoded ({error})");
+    let words: Vec<String> = error.to_string().split_whitespace().map(str::to_owned).collect();
+    let fault = format!("cannot be decoded ({})", words.join(" "));
     refusal(path, fault, "save it as PNG, JPEG, HDR or EXR")
 }
 

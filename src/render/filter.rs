@@ -11,20 +11,7 @@ use rayon::prelude::*;
 
 use super::film::{TILE, Tile};
 use super::wave::TilePicture;
-
-/// Shapes of filter, each the product of one function across and down.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum FilterKind {
-    /// The mean over the pixel's own square
-    #[default]
-    Box,
-    /// Falls linearly to zero
-    Tent,
-    /// A bell of a third of the radius, lowered to reach zero
-    Gaussian,
-    /// Mitchell and Netravali's cubic: sharper, with negative lobes
-    Mitchell,
-}
+use crate::scene::picture::{FilterKind, MAX_FILTER_RADIUS, MIN_FILTER_RADIUS};
 
 /// How samples become pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,10 +30,10 @@ impl Default for PixelFilter {
 }
 
 impl PixelFilter {
-    /// Least radius: that of a tent between neighbouring middles. A pixel's own samples then never weigh nothing.
-    pub const MIN_RADIUS: f64 = 1.0;
-    /// Greatest radius: beyond it pictures are blurred on purpose.
-    pub const MAX_RADIUS: f64 = 4.0;
+    /// Least radius.
+    pub const MIN_RADIUS: f64 = MIN_FILTER_RADIUS;
+    /// Greatest radius.
+    pub const MAX_RADIUS: f64 = MAX_FILTER_RADIUS;
 
     /// A filter of its usual radius.
     pub fn of_kind(kind: FilterKind) -> PixelFilter {

@@ -2,6 +2,8 @@
 
 use std::ops::AddAssign;
 
+use super::losses::Limit;
+
 /// Rays of one purpose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RayTally {
@@ -28,6 +30,25 @@ pub struct Ledger {
     pub lost_rays: u64,
     /// The sum of their weights: by so many times the largest radiance, at most, is the sum of all samples too dark.
     pub lost_weight: f64,
+    /// The most that any pixel lacks: the sum of its samples' lost weights over their number. By so many times the radiance
+    /// that a lost ray could have brought, at most, is a pixel wrong that is filtered by a box. With adaptive sampling it
+    /// is the most of any round, which is no less.
+    pub max_lost_weight: f64,
+    /// Of the lost rays, those beyond the depth limit.
+    pub depth_limit: Loss,
+    /// Of the lost rays, those that weighed too little.
+    pub weight_cutoff: Loss,
+}
+
+/// Rays that one limit cut off.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Loss {
+    /// How many.
+    pub rays: u64,
+    /// The sum of their weights.
+    pub weight: f64,
+    /// The most that any pixel lacks, as [`Ledger::max_lost_weight`] has it.
+    pub max_weight: f64,
 }
 
 impl Ledger {
@@ -50,9 +71,15 @@ impl Ledger {
     }
 
     /// Books a ray that is not followed.
-    pub(super) fn lose(&mut self, weight: f32) {
+    pub(super) fn lose(&mut self, limit: Limit, weight: f32) {
         self.lost_rays += 1;
         self.lost_weight += f64::from(weight);
+        let loss = match limit {
+            Limit::Depth => &mut self.depth_limit,
+            Limit::Weight => &mut self.weight_cutoff,
+        };
+        loss.rays += 1;
+        loss.weight += f64::from(weight);
     }
 }
 
@@ -60,6 +87,15 @@ impl AddAssign for RayTally {
     fn add_assign(&mut self, other: RayTally) {
         self.rays += other.rays;
         self.seconds += other.seconds;
+    }
+}
+
+impl AddAssign for Loss {
+    /// Adds another task's; pixels are different ones.
+    fn add_assign(&mut self, other: Loss) {
+        self.rays += other.rays;
+        self.weight += other.weight;
+        self.max_weight = self.max_weight.max(other.max_weight);
     }
 }
 
@@ -72,5 +108,8 @@ impl AddAssign for Ledger {
         self.refraction += other.refraction;
         self.lost_rays += other.lost_rays;
         self.lost_weight += other.lost_weight;
+        self.max_lost_weight = self.max_lost_weight.max(other.max_lost_weight);
+        self.depth_limit += other.depth_limit;
+        self.weight_cutoff += other.weight_cutoff;
     }
 }

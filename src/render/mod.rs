@@ -8,6 +8,7 @@ mod film;
 mod filter;
 mod gather;
 mod ledger;
+mod losses;
 mod outcome;
 pub mod plan;
 mod queue;
@@ -30,17 +31,20 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 pub use adaptive::Adaptive;
-pub use filter::{FilterKind, PixelFilter};
-pub use ledger::{Ledger, RayTally};
+pub use filter::PixelFilter;
+pub use ledger::{Ledger, Loss, RayTally};
 pub use plan::Plan;
 pub use record::{RecordedRays, record};
-pub use sampler::{Pattern, Purpose, sample_2d};
+pub use sampler::{Purpose, sample_2d};
 pub use samples::{SampleAovs, SampleCounts};
+
+pub use crate::scene::picture::{FilterKind, Pattern};
 
 use crate::accel::{Accel, RayOrder, RayPacket};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::{Body, MediaStack, SpectralSampler};
+use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
 use crate::scene::{Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, Scene};
 use crate::shading::ray_cone::Cone;
 use adaptive::{Estimate, ROUND};
@@ -90,15 +94,15 @@ pub struct RenderSettings {
 impl Default for RenderSettings {
     fn default() -> RenderSettings {
         RenderSettings {
-            width: 1024,
-            height: 1024,
+            width: DEFAULT_SIZE[0],
+            height: DEFAULT_SIZE[1],
             spp: 1,
             pattern: Pattern::default(),
             filter: PixelFilter::default(),
             adaptive: None,
             sample_aovs: false,
-            depth: 5,
-            wavelengths: 16,
+            depth: DEFAULT_DEPTH,
+            wavelengths: DEFAULT_WAVELENGTHS,
             weight_cutoff: 1.0 / 512.0,
             effects: EffectOverrides::default(),
         }

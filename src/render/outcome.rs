@@ -6,6 +6,7 @@ use glam::Vec3;
 
 use super::film::TileFilm;
 use super::ledger::{Ledger, RayTally};
+use super::losses::{Limit, TileLosses};
 use super::queue::{Feelers, Generation, Paths, Sent};
 use super::surface::Surfaces;
 use super::texturing::Widths;
@@ -24,6 +25,7 @@ pub(super) struct Outcome<'f, 's> {
     /// Rays of `next` that went through a surface.
     pub(super) refracted: u64,
     pub(super) ledger: Ledger,
+    pub(super) losses: TileLosses,
     /// Surfaces that feelers meet, in scenes where light goes through some.
     pub(super) sheets: Option<Box<Surfaces>>,
 }
@@ -55,6 +57,7 @@ impl<'f, 's> Outcome<'f, 's> {
             next: Generation::new(frame.effects()),
             refracted: 0,
             ledger: Ledger::default(),
+            losses: TileLosses::default(),
             sheets: frame
                 .effects()
                 .has(Effect::TransparentShadow)
@@ -67,6 +70,7 @@ impl<'f, 's> Outcome<'f, 's> {
         self.next.clear();
         self.refracted = 0;
         self.ledger = Ledger::default();
+        self.losses.clear();
     }
 
     /// Adds what traced rays have met to the film, and sends out what follows from it.
@@ -219,7 +223,13 @@ impl<'f, 's> Outcome<'f, 's> {
             _ => steps,
         };
         if depth > settings.depth || largest < settings.weight_cutoff {
-            self.ledger.lose(largest);
+            let limit = if depth > settings.depth {
+                Limit::Depth
+            } else {
+                Limit::Weight
+            };
+            self.ledger.lose(limit, largest);
+            self.losses.add(sent.pixel, limit, largest);
             return false;
         }
         self.next.push(sent);

@@ -88,6 +88,9 @@ impl<'f, 's> Wave<'f, 's> {
             }
         }
         self.finish();
+        let outcome = &mut self.outcome;
+        let pixels = (0..TILE * TILE).map(|pixel| (pixel, frame.settings.spp));
+        outcome.losses.settle(pixels, &mut outcome.ledger);
         let picture = self.outcome.film.picture(tile, frame.settings);
         (picture, self.outcome.ledger)
     }
@@ -105,7 +108,13 @@ impl<'f, 's> Wave<'f, 's> {
             }
         }
         self.finish();
-        let estimates = self.outcome.film.estimates(visits);
+        let outcome = &mut self.outcome;
+        let estimates = outcome.film.estimates(visits);
+        let pixels = visits
+            .iter()
+            .zip(&estimates)
+            .map(|(visit, estimate)| (visit.y * TILE + visit.x, estimate.count));
+        outcome.losses.settle(pixels, &mut outcome.ledger);
         (estimates, self.outcome.ledger)
     }
 

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::accel::{Backend, EmbreeIdentity, Precision};
 use crate::render::plan::Decision;
-use crate::render::{Ledger, Plan, RayTally, SampleCounts};
+use crate::render::{Ledger, Loss, Plan, RayTally, SampleCounts};
 use crate::scene::{Effect, Geometry, Scene};
 
 /// Everything worth knowing about one rendered image.
@@ -136,6 +136,34 @@ pub struct CutoffStats {
     /// The sum of their weights over all samples: a pixel is on average darker by at most so many times the largest
     /// radiance in the scene.
     pub mean_weight: f64,
+    /// The most that any pixel lacks: its samples' lost weights over their number. Times the radiance that a lost ray could
+    /// have brought, it is the worst error of a pixel that is filtered by a box.
+    pub max_weight: f64,
+    /// Of these, rays beyond the depth limit.
+    pub depth_limit: LossStats,
+    /// Of these, rays that weighed too little.
+    pub weight_cutoff: LossStats,
+}
+
+/// Rays that one limit cut off.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LossStats {
+    /// How many.
+    pub rays: u64,
+    /// Their weights over all samples.
+    pub mean_weight: f64,
+    /// The most that any pixel lacks because of them.
+    pub max_weight: f64,
+}
+
+impl LossStats {
+    fn of(loss: &Loss, samples: u64) -> LossStats {
+        LossStats {
+            rays: loss.rays,
+            mean_weight: loss.weight / samples.max(1) as f64,
+            max_weight: loss.max_weight,
+        }
+    }
 }
 
 impl CutoffStats {
@@ -144,6 +172,9 @@ impl CutoffStats {
         CutoffStats {
             rays: ledger.lost_rays,
             mean_weight: ledger.lost_weight / samples.max(1) as f64,
+            max_weight: ledger.max_lost_weight,
+            depth_limit: LossStats::of(&ledger.depth_limit, samples),
+            weight_cutoff: LossStats::of(&ledger.weight_cutoff, samples),
         }
     }
 }

@@ -7,6 +7,7 @@ mod instance;
 mod light;
 mod material;
 mod normalise;
+pub mod picture;
 pub(crate) mod survey;
 mod texture;
 mod validate;

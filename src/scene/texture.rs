@@ -235,7 +235,8 @@ pub struct Image {
 }
 
 impl Image {
-    /// Reads the file at `path`: PNG, JPEG, Radiance HDR or EXR, of at most `max_texels` pixels.
+    /// Reads the file at `path`: PNG, JPEG, Radiance HDR or EXR, of at most `max_texels` pixels of 8 bits a channel;
+    /// those that become floats count four times.
     ///
     /// `encoding` says how images of 16 bits a channel are meant, which become floats; those of 8 bits keep their codes.
     pub fn read(path: &Path, encoding: Encoding, max_texels: u64) -> Result<Image, ImageError> {
@@ -257,7 +258,7 @@ impl Image {
 }
 
 /// The pixels of an image.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Texels {
     /// RGBA, 8 bits each, as stored.
     Bytes(Vec<[u8; 4]>),

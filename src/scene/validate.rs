@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::{DMat3, DVec3};
 
 use super::survey::{all_finite, survey};
-use super::validate_material::{check_interior, check_model, check_procedural};
+use super::validate_material::{check_interior, check_model, check_procedural, check_texels};
 use super::{
     AlphaMode, Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Projection,
     Scene, Space, Texture,
@@ -150,6 +150,7 @@ impl Scene {
             if !numbers.chain([&layer.strength]).all(|x| x.is_finite()) {
                 return Err("has a texture whose strength or transform is not finite: correct it".into());
             }
+            check_texels(self, material, layer)?;
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! The checks of materials and procedural textures.
 
 use super::validate::is_radiance;
-use super::{Material, Model, Pattern, Procedural};
+use super::{Layer, Material, Model, Parameter, Pattern, Procedural, Scene, Texels, Texture};
 use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
 
 /// Octaves of noise that mean anything: each halves the height, so sixteen reach the last bits of a display value.
@@ -56,6 +56,48 @@ pub(super) fn check_model(model: &Model) -> Result<(), String> {
         Model::Unlit => {}
     }
     Ok(())
+}
+
+/// Refuses an image of floats whose values a parameter cannot have; codes are always in [0, 1].
+pub(super) fn check_texels(scene: &Scene, material: &Material, layer: &Layer) -> Result<(), String> {
+    let Some(Texture::Image { image, .. }) = scene.textures.get(layer.texture.texture as usize) else {
+        return Ok(());
+    };
+    let Some(image) = scene.images.get(*image as usize) else {
+        return Ok(());
+    };
+    let Texels::Floats(texels) = &image.texels else {
+        return Ok(());
+    };
+    let channels = match layer.parameter {
+        Parameter::Normal | Parameter::Bump => return Ok(()),
+        Parameter::Roughness | Parameter::Metallic | Parameter::Occlusion => 0..1,
+        Parameter::MetallicRoughness => 1..3,
+        Parameter::Specular => 3..4,
+        _ => 0..3,
+    };
+    let is_light = match layer.parameter {
+        Parameter::Emission | Parameter::SpecularColor => true,
+        Parameter::BaseColor => material.model == Model::Unlit,
+        _ => false,
+    };
+    let (most, range) = if is_light {
+        (f32::MAX, "below 0")
+    } else {
+        (1.0, "outside [0, 1]")
+    };
+    let stranger = texels.iter().find_map(|texel| {
+        texel[channels.clone()]
+            .iter()
+            .find(|x| !(0.0..=most).contains(*x))
+    });
+    match stranger {
+        None => Ok(()),
+        Some(x) => Err(format!(
+            "the image {} on its {:?} holds {x}, which is {range}: save it within the range",
+            image.name, layer.parameter
+        )),
+    }
 }
 
 /// Indices of refraction between which anything real lies, over the whole visible range.

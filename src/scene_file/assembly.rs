@@ -10,14 +10,14 @@ use std::sync::Arc;
 use glam::DAffine3;
 
 use super::SceneFileError;
+use super::appearance::budget_of;
 use super::document::{Document, ObjectForm};
 use super::fault::{Fault, Source, file_error, suggestion};
 use super::placement::{Copies, map_of};
 use super::shape::{PlacedShape, ShapeForm, ShapeRef};
-use super::texture::{TextureKind, read_image};
 use super::value::At;
 use crate::gltf::{self, LoadOptions};
-use crate::scene::{Camera, Geometry, Layer, Light, Scene, Texture, TextureUse};
+use crate::scene::{Camera, Geometry, Layer, Light, Scene, Texture};
 
 /// Objects that are placed together: a group's, a file's.
 #[derive(Debug, Default)]
@@ -65,7 +65,7 @@ const MAX_BYTES: u64 = 1 << 26;
 /// Makes assemblies and fills the scene with what they refer to.
 pub(super) struct Assembler {
     pub(super) scene: Scene,
-    texels_left: u64,
+    pub(super) texels_left: u64,
     /// Files and groups that are open.
     nesting: usize,
     /// Files that are being read, the outermost first.
@@ -141,55 +141,6 @@ impl Assembler {
         assembly.lights = lights(&unit)?;
         assembly.cameras = cameras(&unit)?;
         Ok((assembly, unit.document, source))
-    }
-
-    /// Reads textures and materials; returns the indices of the materials.
-    fn materials(
-        &mut self,
-        source: &Source,
-        path: &Path,
-        document: &Document,
-    ) -> Result<HashMap<String, u32>, SceneFileError> {
-        let mut textures = HashMap::new();
-        for (name, form) in &document.texture {
-            let texture = match form.kind().map_err(|s| source.error(form.fault(s)))? {
-                TextureKind::Procedural(procedural) => Texture::Procedural(procedural),
-                TextureKind::Image { file, sampler } => {
-                    let full = path.with_file_name(&**file);
-                    let image = read_image(&full, self.texels_left)
-                        .map_err(|s| source.error(file.fault(format!("the image {} {s}", full.display()))))?;
-                    self.texels_left -= (image.texels.len() as u64).min(self.texels_left);
-                    self.scene.images.push(image);
-                    Texture::Image {
-                        image: self.scene.images.len() as u32 - 1,
-                        sampler,
-                    }
-                }
-            };
-            textures.insert(name.clone(), self.scene.textures.len() as u32);
-            self.scene.textures.push(texture);
-        }
-        let mut materials = HashMap::new();
-        for (name, form) in &document.material {
-            let refuse = |sentence: String| source.error(form.fault(sentence));
-            let mut material = form.material(name).map_err(refuse)?;
-            for layer in form.layers() {
-                let texture = find("texture", layer.texture, &textures).map_err(|f| source.error(f))?;
-                material.layers.push(Layer {
-                    parameter: layer.parameter,
-                    texture: TextureUse {
-                        texture,
-                        tex_coord: layer.tex_coord,
-                        transform: layer.transform,
-                    },
-                    strength: layer.strength,
-                });
-            }
-            self.scene.check_material(&material).map_err(refuse)?;
-            materials.insert(name.clone(), self.scene.materials.len() as u32);
-            self.scene.materials.push(material);
-        }
-        Ok(materials)
     }
 
     fn named_shapes(&mut self, unit: &mut Unit) -> Result<(), SceneFileError> {
@@ -430,7 +381,7 @@ impl Assembler {
         self.texels_left -= part
             .images
             .iter()
-            .map(|image| image.texels.len() as u64)
+            .map(budget_of)
             .sum::<u64>()
             .min(self.texels_left);
         scene.geometries.extend(part.geometries);
@@ -546,7 +497,7 @@ fn copies(form: &ObjectForm) -> Result<Option<Copies>, Fault> {
 }
 
 /// What a name stands for.
-fn find<T: Copy>(kind: &str, name: &At<String>, known: &HashMap<String, T>) -> Result<T, Fault> {
+pub(super) fn find<T: Copy>(kind: &str, name: &At<String>, known: &HashMap<String, T>) -> Result<T, Fault> {
     known.get(&**name).copied().ok_or_else(|| {
         let mut names: Vec<&str> = known.keys().map(String::as_str).collect();
         names.sort_unstable();

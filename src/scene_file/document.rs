@@ -12,6 +12,9 @@ use super::placement::{Repeat, Scatter, Step};
 use super::shape::{ShapeForm, ShapeRef};
 use super::texture::TextureForm;
 use super::value::{At, Color, OneOrMany};
+use crate::scene::picture::{
+    DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS, FilterKind, Pattern,
+};
 
 /// A scene for whit.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -54,12 +57,27 @@ pub(super) struct Document {
 #[serde(deny_unknown_fields)]
 pub(super) struct OutputForm {
     /// Width and height in pixels.
+    #[schemars(extend("default" = DEFAULT_SIZE))]
     pub(super) size: Option<[u32; 2]>,
     /// Samples a pixel.
+    #[schemars(extend("default" = DEFAULT_SPP))]
     pub(super) spp: Option<u32>,
+    /// How samples lie in a pixel.
+    #[schemars(extend("default" = Pattern::default()))]
+    pub(super) pattern: Option<Pattern>,
+    /// How samples become a pixel.
+    #[schemars(extend("default" = FilterKind::default()))]
+    pub(super) filter: Option<FilterKind>,
+    /// Radius of the filter in pixels, 1 to 4; tent 1, gaussian 1.5, mitchell 2 if absent.
+    pub(super) filter_radius: Option<f64>,
     /// Generations of secondary rays.
+    #[schemars(extend("default" = DEFAULT_DEPTH))]
     pub(super) depth: Option<u32>,
+    /// Wavelengths that a path splits into where glass disperses it, 1 to 400.
+    #[schemars(extend("default" = DEFAULT_WAVELENGTHS))]
+    pub(super) wavelengths: Option<u32>,
     /// Stops of exposure of PNG images.
+    #[schemars(extend("default" = 0))]
     pub(super) exposure: Option<f32>,
 }
 

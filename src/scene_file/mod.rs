@@ -57,6 +57,7 @@
 //! Names are looked up, files read and checks made ([`assembly`]) before anything is flattened ([`flatten`]). Every
 //! message names the file, the line, the item and a remedy.
 
+mod appearance;
 mod assembly;
 mod camera;
 mod document;
@@ -75,6 +76,10 @@ mod value;
 use std::path::Path;
 
 use crate::gltf::LoadOptions;
+use crate::scene::picture::{
+    FilterKind, MAX_DEPTH, MAX_EXPOSURE, MAX_FILTER_RADIUS, MAX_PIXELS, MAX_SPP, MAX_WAVELENGTHS,
+    MIN_FILTER_RADIUS, Pattern,
+};
 use crate::scene::{Background, Scene};
 use assembly::Assembler;
 use document::{Document, OutputForm};
@@ -106,20 +111,38 @@ pub struct Output {
     pub size: Option<[u32; 2]>,
     /// Samples a pixel, 1 to [`MAX_SPP`].
     pub spp: Option<u32>,
+    /// How they lie in a pixel.
+    pub pattern: Option<Pattern>,
+    /// How they become a pixel.
+    pub filter: Option<FilterKind>,
+    /// Radius of that filter in pixels, which is no box.
+    pub filter_radius: Option<f64>,
     /// Generations of secondary rays, up to [`MAX_DEPTH`].
     pub depth: Option<u32>,
+    /// Wavelengths that a path splits into where glass disperses it, 1 to [`MAX_WAVELENGTHS`].
+    pub wavelengths: Option<u32>,
     /// Stops of exposure of PNG images, up to [`MAX_EXPOSURE`] either way.
     pub exposure: Option<f32>,
 }
 
-/// Most samples a pixel: 2^16, where noise is 1/256 of that of one sample.
-pub const MAX_SPP: u32 = 1 << 16;
-/// Most generations of secondary rays.
-pub const MAX_DEPTH: u32 = 255;
-/// Beyond this many stops every f32 would be black or white.
-pub const MAX_EXPOSURE: f32 = 100.0;
-/// Most pixels of an image; the machine's memory usually sets a lower limit.
-pub const MAX_PIXELS: u64 = 1 << 31;
+impl Output {
+    /// What this says, and `other` where it says nothing. A radius goes with its filter.
+    pub fn or(self, other: &Output) -> Output {
+        Output {
+            size: self.size.or(other.size),
+            spp: self.spp.or(other.spp),
+            pattern: self.pattern.or(other.pattern),
+            filter: self.filter.or(other.filter),
+            filter_radius: match self.filter {
+                Some(_) => self.filter_radius,
+                None => self.filter_radius.or(other.filter_radius),
+            },
+            depth: self.depth.or(other.depth),
+            wavelengths: self.wavelengths.or(other.wavelengths),
+            exposure: self.exposure.or(other.exposure),
+        }
+    }
+}
 
 /// Loads a scene file and everything it includes as a normalised scene that [`Scene::validate`] accepts.
 ///
@@ -186,10 +209,32 @@ fn output(form: Option<&At<OutputForm>>, source: &Source) -> Result<Output, Scen
             "its exposure is {exposure}: give stops from -{MAX_EXPOSURE} to {MAX_EXPOSURE}"
         ));
     }
+    if let Some(count) = form.wavelengths.filter(|n| !(1..=MAX_WAVELENGTHS).contains(n)) {
+        return refuse(format!(
+            "its number of wavelengths is {count}: give 1 to {MAX_WAVELENGTHS}"
+        ));
+    }
+    if let Some(radius) = form.filter_radius {
+        if !(MIN_FILTER_RADIUS..=MAX_FILTER_RADIUS).contains(&radius) {
+            return refuse(format!(
+                "its filter_radius is {radius}: give {MIN_FILTER_RADIUS} to {MAX_FILTER_RADIUS} pixels"
+            ));
+        }
+        if matches!(form.filter, None | Some(FilterKind::Box)) {
+            return refuse(
+                "its filter is a box, which has no filter_radius: give another `filter` or take it away"
+                    .into(),
+            );
+        }
+    }
     Ok(Output {
         size: form.size,
         spp: form.spp,
+        pattern: form.pattern,
+        filter: form.filter,
+        filter_radius: form.filter_radius,
         depth: form.depth,
+        wavelengths: form.wavelengths,
         exposure: form.exposure,
     })
 }

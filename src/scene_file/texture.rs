@@ -1,18 +1,17 @@
 //! Textures: images and patterns.
 
-use std::path::Path;
-
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::value::{At, Each, Rgba};
-use crate::scene::{Filter, Image, Pattern, Procedural, Sampler, Space, Texels, Wrap};
+use crate::scene::{Filter, Pattern, Procedural, Sampler, Space, Wrap};
 
 /// A texture: an `image`, or a `pattern`.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TextureForm {
-    /// A PNG or JPEG file, beside the scene file.
+    /// A PNG, JPEG, Radiance HDR or EXR file, beside the scene file. Codes of PNG and JPEG are sRGB for colours and linear
+    /// for all else; HDR and EXR are linear, and may exceed 1 for emission.
     pub(super) image: Option<At<String>>,
     /// What lies outside the image: one word, or one for u and one for v.
     #[schemars(extend("default" = "repeat"))]
@@ -219,41 +218,3 @@ fn refuse(strangers: &[(bool, &str)], whose: &str) -> Result<(), String> {
         None => Ok(()),
     }
 }
-
-/// Decodes an image of at most `max_texels`.
-pub(super) fn read_image(path: &Path, max_texels: u64) -> Result<Image, String> {
-    use image::ImageDecoder;
-
-    let unreadable = |e: std::io::Error| format!("cannot be read ({e}): check the path");
-    let mut reader = image::ImageReader::open(path)
-        .map_err(unreadable)?
-        .with_guessed_format()
-        .map_err(unreadable)?;
-    let mut limits = image::Limits::no_limits();
-    limits.max_alloc = Some(max_texels.saturating_mul(MOST_BYTES_PER_TEXEL));
-    reader.limits(limits);
-    let undecodable = |e: image::ImageError| {
-        let words: Vec<String> = e.to_string().split_whitespace().map(str::to_owned).collect();
-        format!("cannot be decoded ({}): save it as PNG or JPEG", words.join(" "))
-    };
-    let decoder = reader.into_decoder().map_err(undecodable)?;
-    let (width, height) = decoder.dimensions();
-    let texel_count = u64::from(width) * u64::from(height);
-    if texel_count == 0 || texel_count > max_texels {
-        return Err(format!(
-            "is {width} x {height}, which with the images before it is more than {max_texels} pixels: make it smaller"
-        ));
-    }
-    let texels = image::DynamicImage::from_decoder(decoder)
-        .map_err(undecodable)?
-        .into_rgba8();
-    Ok(Image {
-        name: path.display().to_string(),
-        width,
-        height,
-        texels: Texels::Bytes(texels.pixels().map(|p| p.0).collect()),
-    })
-}
-
-/// The most that a decoder may allocate for one texel: four channels of 16 bits.
-const MOST_BYTES_PER_TEXEL: u64 = 8;

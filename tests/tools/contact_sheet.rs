@@ -1,7 +1,9 @@
-//! Renders every scene of `scenes` small and lays the pictures out as one sheet, four in a row, by the names of the files.
+//! Renders scenes small and lays the pictures out as one sheet: every scene of `scenes`, four in a row, by the names of the
+//! files; or the files that are named, three in a row, in the order given.
 //!
 //! ```text
 //! cargo run --release --example contact-sheet
+//! cargo run --release --example contact-sheet -- --out sheet.png a.glb b.gltf c.toml
 //! ```
 
 use std::io::BufWriter;
@@ -16,20 +18,34 @@ use whit::gltf::{self, LoadOptions};
 use whit::image::ToneMap;
 use whit::render::{self, Monitor, RenderSettings};
 use whit::scene::Scene;
+use whit::scene::picture::{DEFAULT_DEPTH, DEFAULT_WAVELENGTHS};
 use whit::scene_file::{self, Output};
 
-/// Pixels of a picture.
-const PICTURE: [u32; 2] = [320, 240];
-/// Pictures in a row.
-const COLUMNS: u32 = 4;
+/// How pictures are laid out.
+struct Layout {
+    /// Pixels of a picture.
+    picture: [u32; 2],
+    /// Pictures in a row.
+    columns: u32,
+}
+
+/// Many pictures.
+const OVERVIEW: Layout = Layout {
+    picture: [320, 240],
+    columns: 4,
+};
+/// Few pictures, large enough to be looked at.
+const CLOSE: Layout = Layout {
+    picture: [400, 300],
+    columns: 3,
+};
 /// Pixels between pictures.
 const GAP: u32 = 4;
 /// Samples a pixel: small pictures show their edges.
 const SPP: u32 = 16;
 
 fn main() -> ExitCode {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    match sheet(&folder) {
+    match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(sentence) => {
             eprintln!("{sentence}");
@@ -38,29 +54,46 @@ fn main() -> ExitCode {
     }
 }
 
-/// Renders the scenes of `folder`, prints their names in order, and writes the sheet beside them.
-fn sheet(folder: &Path) -> Result<(), String> {
-    let files = scene_files(folder)?;
-    let [width, height] = PICTURE;
-    let rows = (files.len() as u32).div_ceil(COLUMNS);
+fn run() -> Result<(), String> {
+    let arguments: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
+    match &arguments[..] {
+        [] => {
+            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+            sheet(
+                &scene_files(&folder)?,
+                &OVERVIEW,
+                &folder.join("contact_sheet.png"),
+            )
+        }
+        [flag, target, files @ ..] if flag == Path::new("--out") && !files.is_empty() => {
+            sheet(files, &CLOSE, target)
+        }
+        _ => Err("give nothing, or `--out FILE` and the scenes that are to be on it".into()),
+    }
+}
+
+/// Renders the scenes, prints their names in order, and writes the sheet.
+fn sheet(files: &[PathBuf], layout: &Layout, target: &Path) -> Result<(), String> {
+    let ([width, height], columns) = (layout.picture, layout.columns);
+    let rows = (files.len() as u32).div_ceil(columns);
     let mut sheet = RgbImage::from_pixel(
-        COLUMNS * (width + GAP) - GAP,
+        columns * (width + GAP) - GAP,
         rows * (height + GAP) - GAP,
         image::Rgb([255; 3]),
     );
-    for (number, file) in (0..).zip(&files) {
-        let picture = picture(file).map_err(|sentence| format!("{}: {sentence}", file.display()))?;
+    for (number, file) in (0..).zip(files) {
+        let picture =
+            picture(file, layout.picture).map_err(|sentence| format!("{}: {sentence}", file.display()))?;
         let corner = [
-            (number % COLUMNS) * (width + GAP),
-            (number / COLUMNS) * (height + GAP),
+            (number % columns) * (width + GAP),
+            (number / columns) * (height + GAP),
         ];
         image::imageops::replace(&mut sheet, &picture, corner[0].into(), corner[1].into());
         println!("{}", name(file));
     }
-    let target = folder.join("contact_sheet.png");
     let unwritable =
         |error: &dyn std::error::Error| format!("{} cannot be written ({error})", target.display());
-    let out = std::fs::File::create(&target).map_err(|error| unwritable(&error))?;
+    let out = std::fs::File::create(target).map_err(|error| unwritable(&error))?;
     let encoder =
         PngEncoder::new_with_quality(BufWriter::new(out), CompressionType::Best, FilterType::Adaptive);
     sheet
@@ -89,16 +122,17 @@ fn name(file: &Path) -> String {
 }
 
 /// The picture that `whit render` makes of a file at this size.
-fn picture(file: &Path) -> Result<RgbImage, String> {
+fn picture(file: &Path, [width, height]: [u32; 2]) -> Result<RgbImage, String> {
     let (scene, output) = load(file)?;
     let camera = scene.cameras.first().ok_or("it has no camera")?;
     let accel =
         accel::build(&scene, Backend::default(), &AccelOptions::default()).map_err(|e| e.to_string())?;
     let settings = RenderSettings {
-        width: PICTURE[0],
-        height: PICTURE[1],
+        width,
+        height,
         spp: SPP,
-        depth: output.depth.unwrap_or(RenderSettings::default().depth),
+        depth: output.depth.unwrap_or(DEFAULT_DEPTH),
+        wavelengths: output.wavelengths.unwrap_or(DEFAULT_WAVELENGTHS),
         ..RenderSettings::default()
     };
     let monitor = Monitor {
@@ -109,8 +143,7 @@ fn picture(file: &Path) -> Result<RgbImage, String> {
     let tone = ToneMap {
         exposure_ev: output.exposure.unwrap_or(0.0),
     };
-    RgbImage::from_raw(PICTURE[0], PICTURE[1], tone.srgb_bytes(&rendering.image))
-        .ok_or("its size is wrong".into())
+    RgbImage::from_raw(width, height, tone.srgb_bytes(&rendering.image)).ok_or("its size is wrong".into())
 }
 
 fn load(file: &Path) -> Result<(Scene, Output), String> {

@@ -91,7 +91,7 @@ fn of_light(light: &Light, objects: &[Object]) -> LightReach {
 }
 
 impl<'s> Object<'s> {
-    fn of(scene: &'s Scene, instance: &Instance, camera: &Camera) -> Object<'s> {
+    fn of(scene: &'s Scene, instance: &'s Instance, camera: &Camera) -> Object<'s> {
         let geometry = &scene.geometries[instance.geometry as usize];
         let material = &scene.materials[instance.material as usize];
         let bounds = if geometry.is_unbounded() {

@@ -7,25 +7,9 @@ mod packet;
 mod sobol;
 
 use crate::numeric::{LANES, Lanes};
+use crate::scene::picture::Pattern;
 
 pub(super) use packet::{PacketShape, SampleGroup};
-
-/// How the samples of a pixel are spread over it.
-///
-/// Sobol points have the least error a sample (figures in the README, measured by `tests/sampling.rs`); R2 is the default for
-/// the sake of pictures that were made with it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Pattern {
-    /// The middles of a grid's cells, the same in every pixel
-    Regular,
-    /// A random place in each cell of a grid
-    Jittered,
-    /// Owen-scrambled Sobol points, scrambled anew in every pixel
-    Sobol,
-    /// Roberts' R2 sequence, the same in every pixel
-    #[default]
-    R2,
-}
 
 /// What a sample's pair of random numbers is for. Pairs of different purposes are independent of each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -1,0 +1,157 @@
+//! What surfaces look like: the textures and materials of a file, put into the scene.
+//!
+//! No image file says what its codes are for; the parameter that uses it does. So materials are asked first, and images
+//! are read for colours, for data, or for both.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use super::SceneFileError;
+use super::assembly::{Assembler, find};
+use super::document::Document;
+use super::fault::{Fault, Source};
+use super::texture::{TextureForm, TextureKind};
+use super::value::At;
+use crate::image::ImageError;
+use crate::scene::{Encoding, Image, Layer, Texels, Texture, TextureUse};
+
+impl Assembler {
+    /// Reads textures and materials; returns the indices of the materials.
+    pub(super) fn materials(
+        &mut self,
+        source: &Source,
+        path: &Path,
+        document: &Document,
+    ) -> Result<HashMap<String, u32>, SceneFileError> {
+        let mut uses: HashMap<&str, Uses> = HashMap::new();
+        for layer in document.material.values().flat_map(|form| form.layers()) {
+            uses.entry(layer.texture)
+                .or_default()
+                .add(layer.parameter.encoding());
+        }
+        let mut textures = HashMap::new();
+        for (name, form) in &document.texture {
+            let uses = uses.get(name.as_str()).copied().unwrap_or_default();
+            let made = self.texture(path, form, uses).map_err(|f| source.error(f))?;
+            textures.insert(name.clone(), made);
+        }
+        let mut materials = HashMap::new();
+        for (name, form) in &document.material {
+            let refuse = |sentence: String| source.error(form.fault(sentence));
+            let mut material = form.material(name).map_err(refuse)?;
+            for layer in form.layers() {
+                let made = find("texture", layer.texture, &textures).map_err(|f| source.error(f))?;
+                let texture = made.of(layer.parameter.encoding());
+                material.layers.push(Layer {
+                    parameter: layer.parameter,
+                    texture: TextureUse {
+                        texture,
+                        tex_coord: layer.tex_coord,
+                        transform: layer.transform,
+                    },
+                    strength: layer.strength,
+                });
+            }
+            self.scene.check_material(&material).map_err(refuse)?;
+            materials.insert(name.clone(), self.scene.materials.len() as u32);
+            self.scene.materials.push(material);
+        }
+        Ok(materials)
+    }
+
+    /// Puts a texture of the file at `path` into the scene.
+    fn texture(&mut self, path: &Path, form: &At<TextureForm>, uses: Uses) -> Result<MadeTexture, Fault> {
+        let (file, sampler) = match form.kind().map_err(|s| form.fault(s))? {
+            TextureKind::Procedural(procedural) => {
+                return Ok(MadeTexture::one(
+                    self.add_texture(Texture::Procedural(procedural)),
+                ));
+            }
+            TextureKind::Image { file, sampler } => (file, sampler),
+        };
+        let full = path.with_file_name(&**file);
+        let (first, data) = read_images(&full, uses, self.texels_left)
+            .map_err(|error| file.fault(format!("the image {error}")))?;
+        let mut add = |image: Image| {
+            self.texels_left -= budget_of(&image).min(self.texels_left);
+            self.scene.images.push(image);
+            let image = self.scene.images.len() as u32 - 1;
+            self.add_texture(Texture::Image { image, sampler })
+        };
+        let made = MadeTexture::one(add(first));
+        Ok(match data {
+            Some(data) => MadeTexture {
+                data: add(data),
+                ..made
+            },
+            None => made,
+        })
+    }
+
+    fn add_texture(&mut self, texture: Texture) -> u32 {
+        self.scene.textures.push(texture);
+        self.scene.textures.len() as u32 - 1
+    }
+}
+
+/// A texture's indices, for parameters that are colours and for those that are data.
+#[derive(Clone, Copy)]
+struct MadeTexture {
+    color: u32,
+    data: u32,
+}
+
+impl MadeTexture {
+    fn one(index: u32) -> MadeTexture {
+        MadeTexture {
+            color: index,
+            data: index,
+        }
+    }
+
+    fn of(self, encoding: Encoding) -> u32 {
+        match encoding {
+            Encoding::Srgb => self.color,
+            Encoding::Linear => self.data,
+        }
+    }
+}
+
+/// What the parameters that use an image take its codes for.
+#[derive(Clone, Copy, Debug, Default)]
+struct Uses {
+    color: bool,
+    data: bool,
+}
+
+impl Uses {
+    /// Adds a use by a parameter of this encoding.
+    fn add(&mut self, encoding: Encoding) {
+        match encoding {
+            Encoding::Srgb => self.color = true,
+            Encoding::Linear => self.data = true,
+        }
+    }
+}
+
+/// Reads the image at `path` within a budget, for colours and for data: one image where both see the same texels.
+///
+/// Only codes of 16 bits mean different texels, as those of 8 bits are decoded when they are looked up.
+fn read_images(path: &Path, uses: Uses, max_texels: u64) -> Result<(Image, Option<Image>), ImageError> {
+    if uses.data && !uses.color {
+        return Ok((Image::read(path, Encoding::Linear, max_texels)?, None));
+    }
+    let color = Image::read(path, Encoding::Srgb, max_texels)?;
+    if !(uses.data && matches!(color.texels, Texels::Floats(_))) {
+        return Ok((color, None));
+    }
+    let left = max_texels - budget_of(&color).min(max_texels);
+    let data = Image::read(path, Encoding::Linear, left)?;
+    let differs = data.texels != color.texels;
+    Ok((color, differs.then_some(data)))
+}
+
+/// What an image takes of a budget of texels of 4 bytes.
+pub(super) fn budget_of(image: &Image) -> u64 {
+    image.texels.byte_count() / size_of::<[u8; 4]>() as u64
+}

@@ -4,8 +4,10 @@
 //! any order of tiles: every tile owns its pixels and sums in one order.
 
 mod adaptive;
+mod estimate;
 mod film;
 mod filter;
+mod forecast;
 mod gather;
 mod ledger;
 mod outcome;
@@ -41,7 +43,8 @@ use crate::optics::{Body, MediaStack, SpectralSampler};
 use crate::scene::{Background, Camera, CameraView, Material, Model, Scene};
 use crate::shading::MaterialFeatures;
 use crate::shading::ray_cone::Cone;
-use adaptive::{Estimate, ROUND};
+use adaptive::ROUND;
+use estimate::Estimate;
 use film::Tile;
 use outcome::Traced;
 use sampler::{Layout, PacketShape, SampleGroup};
@@ -264,13 +267,9 @@ impl RenderSettings {
         (estimates + aovs) as u64 + self.filter.bytes_per_pixel()
     }
 
-    /// The cone of one sample: a pixel's, by the root of its samples narrower each way.
-    fn camera_cone(&self, view: &CameraView) -> Cone {
+    /// The cone of one of `samples` samples: a pixel's, by the root of their number narrower each way.
+    fn camera_cone(&self, view: &CameraView, samples: u32) -> Cone {
         let pixel = Cone::of_pixel(view, [0.5, 0.5], [self.width, self.height]);
-        let samples = match self.target() {
-            Some(_) => ROUND,
-            None => self.spp,
-        };
         let part = f64::from(samples).sqrt().recip();
         Cone {
             width: pixel.width * part,
@@ -320,9 +319,10 @@ impl<'s> Frame<'s> {
             mirrors: used().any(Material::may_mirror),
             spectrum: SpectralSampler::new(settings.wavelengths as usize),
             media_at_eye: MediaStack::EMPTY,
-            camera_cone: settings.camera_cone(&view),
+            camera_cone: settings.camera_cone(&view, settings.spp),
             filters: used().any(|material| material.layers.iter().any(|layer| scene.is_filtered(layer))),
         };
+        frame.set_cones();
         frame.set_samples_aside();
         frame.media_at_eye = frame.media_around(frame.view.ray(0.5, 0.5).origin);
         frame
@@ -330,12 +330,28 @@ impl<'s> Frame<'s> {
 
     /// Whether paths keep more than their weights.
     fn travels(&self) -> bool {
-        self.has_sheets() || self.filters && self.mirrors
+        self.has_sheets() || self.filters && (self.mirrors || self.settings.target().is_some())
     }
 
     /// Whether there are surfaces that light goes through.
     fn has_sheets(&self) -> bool {
         self.features.transmits || self.features.covers
+    }
+
+    /// Gives samples the width that they have among all of their pixel's.
+    ///
+    /// With adaptive sampling their number is that after their round, times four: the blur of a texture goes with the square
+    /// of the width, so with c / n for n equal samples; rounds that double from 16 up to n, each with its own width, make
+    /// (1 + log2(n / 16) / 2) c / n of it on the average, which is 4 c / n at 1024.
+    fn set_cones(&mut self) {
+        for group in &mut self.groups {
+            let first = group.sample[0];
+            let samples = match self.settings.target() {
+                Some(_) => 4 * ROUND * (first / ROUND + 1).next_power_of_two(),
+                None => self.settings.spp,
+            };
+            group.cone = self.settings.camera_cone(&self.view, samples);
+        }
     }
 
     /// Works out what samples add to the directions of their pixels' corners, where that is the same for all packets.

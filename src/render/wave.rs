@@ -11,7 +11,7 @@ use glam::DVec3;
 use multiversion::multiversion;
 
 use super::Frame;
-use super::adaptive::Estimate;
+use super::estimate::Estimate;
 use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
 use super::ledger::{Ledger, RayTally};
@@ -154,7 +154,7 @@ impl<'f, 's> Wave<'f, 's> {
                 travels[l] = Travel {
                     direction: directions[l],
                     media: frame.media_at_eye,
-                    cone: frame.camera_cone,
+                    cone: group.cone,
                     ..Travel::NONE
                 };
             }

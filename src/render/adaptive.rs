@@ -15,8 +15,15 @@
 //!    1 / (n + 1) or so is what something unseen in n samples may cover.
 //! 4. *It inherits*: it has had one round only and the mean of a neighbour is uncertain.
 //!
-//! What is smaller than a sixteenth of a pixel and has no larger neighbour may be missed: no later round looks where the
-//! first saw nothing. `tests/sampling.rs` measures what all of this saves.
+//! Then [`Forecast`] tells whether the round does more than its samples would if all pixels shared them. Where most of a
+//! picture is about equally uncertain that is not so, and the pixels with the fewest samples join the round: such pictures
+//! are sampled evenly. The forecast also knows of things too small to be met. By Good and Turing's estimate (I. J. Good, "The
+//! population frequencies of species", Biometrika 40, 1953) what no sample has met covers about as much as what a single
+//! sample has met: for every pixel with one sample that differs from all its others and from its neighbours', as much lies
+//! hidden elsewhere. While that is more than the target, rounds go on.
+//!
+//! A thing smaller than a sixteenth of a pixel that has neither a larger neighbour nor its like elsewhere may be missed: no
+//! later round looks where the first saw nothing. `tests/sampling.rs` measures what all of this saves.
 //!
 //! The display value is a curve close to sRGB's, but made of a square root, which is rounded alike on every machine:
 //! decisions must not depend on anybody's `pow`. It goes on above white, so highlights of linear pictures count too.
@@ -26,7 +33,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
+use super::estimate::Estimate;
 use super::film::{TILE, Tile, tiles};
+use super::forecast::Forecast;
 use super::ledger::Ledger;
 use super::wave::{Visit, Wave};
 use super::{Frame, Monitor, RUN};
@@ -45,81 +54,6 @@ pub struct Adaptive {
     pub gain: f64,
 }
 
-/// Rec. 709 luminance of linear RGB.
-const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
-
-/// What the samples of a pixel tell.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Estimate {
-    /// Of radiance, linear RGB.
-    pub(super) sum: [f64; 3],
-    /// Sum of squared radiance, channels weighted by luminance.
-    squares: f64,
-    /// Least and greatest luminance of a sample.
-    extremes: [f32; 2],
-    /// Samples.
-    pub(super) count: u32,
-}
-
-impl Estimate {
-    pub(super) const NONE: Estimate = Estimate {
-        sum: [0.0; 3],
-        squares: 0.0,
-        extremes: [f32::INFINITY, f32::NEG_INFINITY],
-        count: 0,
-    };
-
-    /// Counts one more sample.
-    #[inline(always)]
-    pub(super) fn add(&mut self, radiance: [f64; 3]) {
-        let mut luminance = 0.0;
-        for channel in 0..3 {
-            let value = radiance[channel];
-            self.sum[channel] += value;
-            luminance += LUMINANCE[channel] * value;
-            self.squares += LUMINANCE[channel] * value * value;
-        }
-        self.extremes[0] = self.extremes[0].min(luminance as f32);
-        self.extremes[1] = self.extremes[1].max(luminance as f32);
-        self.count += 1;
-    }
-
-    /// Counts the samples of `other` too.
-    fn merge(&mut self, other: &Estimate) {
-        for channel in 0..3 {
-            self.sum[channel] += other.sum[channel];
-        }
-        self.squares += other.squares;
-        self.extremes[0] = self.extremes[0].min(other.extremes[0]);
-        self.extremes[1] = self.extremes[1].max(other.extremes[1]);
-        self.count += other.count;
-    }
-
-    /// Mean radiance.
-    pub(super) fn mean(&self) -> [f64; 3] {
-        self.sum.map(|sum| sum / f64::from(self.count))
-    }
-
-    /// Variance of the samples (not of their mean), channels weighted by luminance; 0 for a single one.
-    ///
-    /// It is at least that of the luminance, and sees edges between colours of equal luminance as well. In f64 the
-    /// difference of squares loses 2^-53 of the squared mean, so 2^-26 of the mean in standard deviation.
-    pub(super) fn variance(&self) -> f64 {
-        if self.count < 2 {
-            return 0.0;
-        }
-        let mean = self.mean();
-        let mean_squares: f64 = (0..3).map(|c| LUMINANCE[c] * mean[c] * self.sum[c]).sum();
-        ((self.squares - mean_squares) / f64::from(self.count - 1)).max(0.0)
-    }
-}
-
-impl Default for Estimate {
-    fn default() -> Estimate {
-        Estimate::NONE
-    }
-}
-
 /// A pixel as the display shows it.
 #[derive(Clone, Copy, Debug)]
 struct Look {
@@ -127,21 +61,25 @@ struct Look {
     error: f64,
     /// Display values of the darkest and the brightest sample.
     extremes: [f64; 2],
+    /// If the darkest, or the brightest, differs from all other samples: the step in display value if one sample in n + 1
+    /// does so. Else 0.
+    single_steps: [f64; 2],
     count: u32,
 }
 
 /// What a pixel takes between two rounds besides its estimate.
-pub(super) const LOOK_BYTES: usize = size_of::<Look>();
+pub(super) const LOOK_BYTES: usize = size_of::<Look>() + size_of::<bool>();
 
 impl Look {
     fn of(estimate: &Estimate, gain: f64) -> Look {
         let count = f64::from(estimate.count);
-        let mean: f64 = gain * (0..3).map(|c| LUMINANCE[c] * estimate.sum[c]).sum::<f64>() / count;
+        let mean = gain * estimate.luminance();
         // σ / n^¾.
         let error = gain * (estimate.variance() / (count * count.sqrt())).sqrt();
         Look {
             error: display_value(mean + error) - display_value(mean),
             extremes: estimate.extremes.map(|l| display_value(gain * f64::from(l))),
+            single_steps: [0, 1].map(|end| single_step(estimate, end, gain)),
             count: estimate.count,
         }
     }
@@ -152,6 +90,19 @@ impl Look {
         let darker = self.extremes[0] - neighbour.extremes[0];
         brighter.max(darker)
     }
+}
+
+/// [`Look::single_steps`], at the dark `end` 0 or the bright one 1.
+fn single_step(estimate: &Estimate, end: usize, gain: f64) -> f64 {
+    let count = f64::from(estimate.count);
+    let [own, others] = [end, 1 - end].map(|end| f64::from(estimate.extremes[end]));
+    // A single one moves the mean of n by 1/n of the way, two by 2/n. Of samples that are all alike this is no number.
+    let is_single = (estimate.luminance() - others) / (own - others) < 1.5 / count;
+    if !is_single {
+        return 0.0;
+    }
+    let moved = others + (own - others) / (count + 1.0);
+    (display_value(gain * moved) - display_value(gain * others)).abs()
 }
 
 /// Nearly the sRGB value of a luminance, from 0 for black to 1 for white and on: within 0.07 of it, and as steep at black.
@@ -170,7 +121,8 @@ pub(super) fn render(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
     let mut ledger = Ledger::default();
     let mut first_count = None;
     loop {
-        let round = picture.wanted(&tiles);
+        picture.decide();
+        let round = picture.visits(&tiles);
         let wanted_count: usize = round.iter().map(|(_, visits)| visits.len()).sum();
         if wanted_count == 0 {
             return Some((picture.estimates, ledger));
@@ -231,6 +183,18 @@ struct Picture {
     estimates: Vec<Estimate>,
     /// One for each estimate, after the first round.
     looks: Vec<Look>,
+    /// Which pixels are in the round.
+    wanted: Vec<bool>,
+    /// Squared error of what was missed by all pixels when they had 16 samples, 32 and so on, by [`level`].
+    missed: [f64; LEVELS],
+}
+
+/// How often a pixel's samples can double.
+const LEVELS: usize = u32::BITS as usize;
+
+/// How often a pixel's samples have doubled.
+fn level(count: u32) -> usize {
+    count.div_ceil(ROUND).next_power_of_two().ilog2() as usize
 }
 
 impl Picture {
@@ -243,24 +207,94 @@ impl Picture {
             spp: frame.settings.spp,
             estimates: vec![Estimate::NONE; width * height],
             looks: Vec::new(),
+            wanted: vec![true; width * height],
+            missed: [0.0; LEVELS],
         }
     }
 
-    /// The pixels that want samples, by tile; tiles without any are left out.
-    fn wanted(&self, tiles: &[Tile]) -> Vec<(Tile, Vec<Visit>)> {
+    /// Finds out which pixels are in the next round, after the first.
+    fn decide(&mut self) {
+        if self.looks.is_empty() {
+            return;
+        }
+        let this = &*self;
+        let wants = |row: usize| (0..this.width).map(move |column| this.wants_more(column, row));
+        self.wanted = (0..this.height).into_par_iter().flat_map_iter(wants).collect();
+        let counts = || self.looks.iter().map(|look| look.count);
+        let least = counts().min().unwrap_or(self.spp);
+        let missed = self.missed[level(least)];
+        let goes_on = self.wanted.contains(&true)
+            || missed > self.target.error * self.target.error * self.looks.len() as f64;
+        if goes_on && least < self.spp && !self.forecast(missed, least).is_worth_it() {
+            for (wanted, look) in self.wanted.iter_mut().zip(&self.looks) {
+                *wanted |= look.count == least && look.error.is_finite();
+            }
+        }
+    }
+
+    /// Of the pixels in the next round, with what pixels of `least` samples have missed.
+    fn forecast(&self, missed: f64, least: u32) -> Forecast {
+        let of_row = |row: usize| {
+            let mut forecast = Forecast::default();
+            for index in row * self.width..(row + 1) * self.width {
+                let look = &self.looks[index];
+                let next = if self.wanted[index] {
+                    (2 * look.count).min(self.spp)
+                } else {
+                    look.count
+                };
+                if look.error.is_finite() {
+                    forecast.add(look.error * look.error, look.count, next);
+                }
+            }
+            forecast
+        };
+        let rows: Vec<Forecast> = (0..self.height).into_par_iter().map(of_row).collect();
+        // Summed up in one order, whoever made the parts.
+        let mut forecast = Forecast::default();
+        rows.iter().for_each(|row| forecast.merge(row));
+        forecast.add_missed(missed, least);
+        forecast
+    }
+
+    /// What lies hidden elsewhere for what single samples of this pixel met, as a squared error.
+    fn missed_like(&self, column: usize, row: usize) -> f64 {
+        let look = &self.looks[row * self.width + column];
+        let middle = 0.5 * (look.extremes[0] + look.extremes[1]);
+        // Itself and those around it that see it too.
+        let mut seen_by = [0; 2];
+        for y in row.saturating_sub(1)..(row + 2).min(self.height) {
+            let start = y * self.width;
+            for other in &self.looks[start + column.saturating_sub(1)..start + (column + 2).min(self.width)] {
+                seen_by[0] += u32::from(other.extremes[0] < middle);
+                seen_by[1] += u32::from(other.extremes[1] > middle);
+            }
+        }
+        let hidden = |end: usize| {
+            if seen_by[end] == 1 {
+                look.single_steps[end]
+            } else {
+                0.0
+            }
+        };
+        hidden(0) * hidden(0) + hidden(1) * hidden(1)
+    }
+
+    /// The pixels of the round, by tile; tiles without any are left out.
+    fn visits(&self, tiles: &[Tile]) -> Vec<(Tile, Vec<Visit>)> {
         tiles
             .par_iter()
-            .map(|&tile| (tile, self.wanted_in(tile)))
+            .map(|&tile| (tile, self.visits_in(tile)))
             .filter(|(_, visits)| !visits.is_empty())
             .collect()
     }
 
-    fn wanted_in(&self, tile: Tile) -> Vec<Visit> {
+    fn visits_in(&self, tile: Tile) -> Vec<Visit> {
         let mut visits = Vec::new();
         for y in 0..tile.height {
             for x in 0..tile.width {
                 let (column, row) = ((tile.x + x) as usize, (tile.y + y) as usize);
-                if self.looks.is_empty() || self.wants_more(column, row) {
+                if self.wanted[row * self.width + column] {
                     visits.push(Visit {
                         x,
                         y,
@@ -320,6 +354,20 @@ impl Picture {
             .with_min_len((TILE * TILE) as usize)
             .map(|estimate| Look::of(estimate, gain))
             .collect_into_vec(&mut self.looks);
+        let missed_in = |row: usize| {
+            let mut missed = [0.0; LEVELS];
+            for column in 0..self.width {
+                let index = row * self.width + column;
+                if self.wanted[index] {
+                    missed[level(self.looks[index].count)] += self.missed_like(column, row);
+                }
+            }
+            missed
+        };
+        let rows: Vec<[f64; LEVELS]> = (0..self.height).into_par_iter().map(missed_in).collect();
+        for row in rows {
+            (0..LEVELS).for_each(|level| self.missed[level] += row[level]);
+        }
     }
 }
 
@@ -333,27 +381,6 @@ mod tests {
             estimate.add([gray; 3]);
         }
         estimate
-    }
-
-    #[test]
-    fn mean_and_variance_are_those_of_the_samples() {
-        let four = estimate(&[1.0, 2.0, 3.0, 6.0]);
-        // Mean 3; squared differences 4 + 1 + 0 + 9 over 3.
-        assert_eq!(four.mean(), [3.0; 3]);
-        assert!((four.variance() - 14.0 / 3.0).abs() < 1e-14);
-        assert_eq!(estimate(&[5.0]).variance(), 0.0);
-        let mut merged = estimate(&[1.0, 2.0]);
-        merged.merge(&estimate(&[3.0, 6.0]));
-        assert_eq!(merged, four);
-    }
-
-    #[test]
-    fn an_edge_between_colours_of_equal_luminance_has_a_variance() {
-        let mut edge = Estimate::NONE;
-        edge.add([1.0 / LUMINANCE[0], 0.0, 0.0]);
-        edge.add([0.0, 1.0 / LUMINANCE[1], 0.0]);
-        assert!(edge.extremes[0] > 0.99 && edge.extremes[1] < 1.01);
-        assert!(edge.variance() > 1.0);
     }
 
     #[test]
@@ -387,6 +414,8 @@ mod tests {
             spp: 256,
             estimates,
             looks: Vec::new(),
+            wanted: vec![true; 9],
+            missed: [0.0; LEVELS],
         };
         picture.look();
         picture
@@ -448,6 +477,48 @@ mod tests {
             assert_eq!(picture.wants_more(0, 0), more, "{count}");
             assert_eq!(picture.wants_more(1, 1), more, "{count}");
         }
+    }
+
+    #[test]
+    fn pixels_that_are_all_alike_get_the_round_together() {
+        let mut half = vec![0.0; 16];
+        half[..8].fill(1.0);
+        let mut picture = around(&half, 0.5, 16, 1.0);
+        picture.looks = vec![
+            Look {
+                count: 32,
+                ..picture.looks[4]
+            };
+            9
+        ];
+        picture.target.error = 0.999 * picture.looks[4].error;
+        for look in &mut picture.looks[..4] {
+            look.error *= 0.99;
+        }
+        picture.decide();
+        assert_eq!(picture.wanted, [true; 9]);
+        // None wants more: none gets more.
+        picture.target.error *= 1.1;
+        picture.decide();
+        assert_eq!(picture.wanted, [false; 9]);
+    }
+
+    #[test]
+    fn what_one_sample_met_of_one_pixel_lies_hidden_elsewhere_too() {
+        let mut speck = vec![0.0; 16];
+        speck[3] = 1.0;
+        let picture = around(&speck, 0.0, 16, 0.01);
+        // One of seventeen samples that sees white.
+        let square = display_value(1.0 / 17.0).powi(2);
+        assert!((picture.missed[0] / square - 1.0).abs() < 1e-12);
+        // Two samples of a pixel, or neighbours that see it, tell of a larger thing.
+        speck[4] = 1.0;
+        assert_eq!(around(&speck, 0.0, 16, 0.01).missed[0], 0.0);
+        let mut beside = around(&speck[..4], 0.0, 4, 0.01);
+        beside.estimates[5] = beside.estimates[4];
+        beside.missed = [0.0; LEVELS];
+        beside.look();
+        assert_eq!(beside.missed[0], 0.0);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::RenderSettings;
-use super::adaptive::Estimate;
+use super::estimate::Estimate;
 use super::samples::{SampleFilm, pixel_of};
 use super::wave::{TilePicture, Visit};
 use crate::numeric::{LANES, Lanes, Lanes3};

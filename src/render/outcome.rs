@@ -54,7 +54,7 @@ impl<'f, 's> Outcome<'f, 's> {
             frame,
             film,
             feelers: Feelers::new(frame.effects()),
-            next: Generation::new(frame.effects()),
+            next: Generation::new(frame.effects(), frame.follows_widths()),
             refracted: 0,
             ledger: Ledger::default(),
             losses: TileLosses::default(),

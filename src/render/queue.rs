@@ -47,12 +47,12 @@ pub(super) struct Generation {
 }
 
 impl Generation {
-    /// For rays of these effects.
-    pub(super) fn new(effects: EffectSet) -> Generation {
+    /// For rays of these effects, whose paths may know how wide they are.
+    pub(super) fn new(effects: EffectSet, follows_widths: bool) -> Generation {
         Generation {
             packets: Vec::new(),
             paths: Vec::new(),
-            travels: Travels::new(effects),
+            travels: Travels::new(effects, follows_widths),
             count: 0,
             filled: LANES,
         }

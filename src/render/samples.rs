@@ -5,7 +5,7 @@
 //! reconstruction filter. Samples are weighed in the order of their numbers.
 
 use super::RenderSettings;
-use super::adaptive::Estimate;
+use super::estimate::Estimate;
 use super::film::TILE;
 use super::filter::{PixelFilter, Splat};
 use super::wave::WAVE;

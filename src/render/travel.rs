@@ -49,14 +49,14 @@ pub(super) struct Travels {
 }
 
 impl Travels {
-    /// Columns for these effects.
-    pub(super) fn new(effects: EffectSet) -> Travels {
+    /// Columns for these effects, and for widths if paths follow them.
+    pub(super) fn new(effects: EffectSet, follows_widths: bool) -> Travels {
         Travels {
             depth: Column::new(effects.has_sheets()),
             wavelength: Column::new(effects.has(Effect::Dispersion)),
             direction: Column::new(effects.has(Effect::Refraction)),
             media: MediaColumn::new(effects),
-            cone: Column::new(follows_widths(effects)),
+            cone: Column::new(follows_widths),
         }
     }
 
@@ -96,11 +96,6 @@ impl Travels {
             packet,
         }
     }
-}
-
-/// Whether paths know how wide they are.
-pub(super) fn follows_widths(effects: EffectSet) -> bool {
-    effects.has(Effect::TextureFilter) && (effects.has(Effect::Reflection) || effects.has_sheets())
 }
 
 /// What the paths of one packet have behind them.

@@ -11,7 +11,7 @@ use glam::DVec3;
 use multiversion::multiversion;
 
 use super::Frame;
-use super::adaptive::Estimate;
+use super::estimate::Estimate;
 use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
 use super::ledger::{Ledger, RayTally};
@@ -69,7 +69,7 @@ impl<'f, 's> Wave<'f, 's> {
         Wave {
             packets: 0,
             frame,
-            current: Generation::new(frame.effects()),
+            current: Generation::new(frame.effects(), frame.follows_widths()),
             surfaces: Box::new(Surfaces::new(frame.effects())),
             outcome: Outcome::new(frame, TileFilm::new(samples)),
         }
@@ -163,7 +163,7 @@ impl<'f, 's> Wave<'f, 's> {
                 let travel = Travel {
                     direction: directions[l],
                     media: frame.media_at_eye,
-                    cone: frame.camera_cone,
+                    cone: group.cone,
                     ..Travel::NONE
                 };
                 self.current.set_travel(l, &travel);

@@ -1,0 +1,104 @@
+//! Whether the next round of adaptive sampling is worth it: the picture's error after it, against that of as many samples
+//! shared out evenly.
+//!
+//! Let v be the estimated squared error of a pixel's mean, n its samples now and m after the round. The pixels' errors will
+//! come to Σ v (n/m)^1.5, as evenly spread samples have it. Were all samples Σ m shared out evenly, M to each pixel, they
+//! would come to Σ v (n/M)^1.5. To either comes the error of what no sample has met yet.
+
+/// The sums of a forecast.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Forecast {
+    pixel_count: f64,
+    /// Σ m.
+    samples: f64,
+    /// Σ v (n/m)^1.5.
+    squares: f64,
+    /// Σ v n^1.5.
+    scaled_squares: f64,
+}
+
+/// Part of the squared error that a round must save: errors are estimates themselves.
+const LEAST_SAVING: f64 = 0.1;
+
+impl Forecast {
+    /// Counts a pixel of this squared error, which has `count` samples and will have `next`.
+    pub(super) fn add(&mut self, square: f64, count: u32, next: u32) {
+        self.pixel_count += 1.0;
+        self.samples += f64::from(next);
+        self.squares += square * power(count.into()) / power(next.into());
+        self.scaled_squares += square * power(count.into());
+    }
+
+    /// Counts the squared error of what pixels with `count` samples missed, which get no more of them.
+    pub(super) fn add_missed(&mut self, square: f64, count: u32) {
+        self.squares += square;
+        self.scaled_squares += square * power(count.into());
+    }
+
+    /// Counts the pixels of `other` too.
+    pub(super) fn merge(&mut self, other: &Forecast) {
+        self.pixel_count += other.pixel_count;
+        self.samples += other.samples;
+        self.squares += other.squares;
+        self.scaled_squares += other.scaled_squares;
+    }
+
+    /// Whether the round does more than its samples shared out evenly.
+    pub(super) fn is_worth_it(&self) -> bool {
+        let evenly = self.scaled_squares / power(self.samples / self.pixel_count);
+        self.squares <= (1.0 - LEAST_SAVING) * evenly
+    }
+}
+
+/// n^1.5, by roots that are rounded alike on every machine.
+fn power(count: f64) -> f64 {
+    count * count.sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_are_those_of_the_power_law() {
+        let mut forecast = Forecast::default();
+        forecast.add(2.0, 16, 64);
+        let mut other = Forecast::default();
+        other.add(3.0, 16, 16);
+        other.add_missed(1.0, 16);
+        forecast.merge(&other);
+        // 16^1.5 = 64, (16/64)^1.5 = 1/8: 2/8 + 3 + 1 against 64 (2 + 3 + 1).
+        let expected = Forecast {
+            pixel_count: 2.0,
+            samples: 80.0,
+            squares: 4.25,
+            scaled_squares: 384.0,
+        };
+        assert_eq!(forecast, expected);
+    }
+
+    #[test]
+    fn a_round_for_the_few_uncertain_pixels_is_worth_it_and_one_for_some_of_many_like_them_is_not() {
+        // One pixel of ten is doubled: of the error 1/10 is left by a tenth more samples (1.1^-1.5 = 0.87), or all but a
+        // tenth.
+        let forecast = |certain: f64| {
+            let mut forecast = Forecast::default();
+            forecast.add(1.0, 16, 32);
+            (0..9).for_each(|_| forecast.add(certain, 16, 16));
+            forecast
+        };
+        assert!(forecast(0.0).is_worth_it());
+        assert!(!forecast(1.0).is_worth_it());
+    }
+
+    #[test]
+    fn a_round_that_leaves_out_where_most_was_missed_is_not_worth_it() {
+        let mut forecast = Forecast::default();
+        forecast.add(1.0, 16, 32);
+        forecast.add(0.0, 16, 16);
+        // 0.35 are left, against 1.5^-1.5 = 0.54; with 1 missed, 1.35 against 1.09.
+        assert!(forecast.is_worth_it());
+        forecast.add_missed(1.0, 16);
+        assert!(!forecast.is_worth_it());
+    }
+}

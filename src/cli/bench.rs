@@ -32,6 +32,9 @@ struct BenchJob {
 
 /// Measures what the arguments ask for.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
+    if args.extents {
+        return super::extents::run(args);
+    }
     if let Some(path) = &args.json {
         check_writable(path)?;
     }

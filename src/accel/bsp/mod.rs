@@ -18,9 +18,10 @@ mod packet;
 mod primitives;
 mod reference;
 mod single;
-mod slack;
+pub(super) mod slack;
 mod wide;
 
+use super::extents::tight_spheres;
 use super::planes::Planes;
 use super::{Accel, AccelError, AccelOptions, AccelReport, Kernel, LANES, RayOrder, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch};
@@ -62,6 +63,20 @@ impl<'s> BspAccel<'s> {
             Kernel::Packet => Walker::Packet(levels),
         };
         Ok(BspAccel { walker, report })
+    }
+
+    /// [`BspAccel::build`] with the smallest sphere around every shape and placed mesh, tested before it.
+    ///
+    /// What the tree lets through mostly meets the object, so this gains little or nothing: `whit bench --extents` says
+    /// what, and [`BspAccel::build`] has none.
+    pub fn build_with_spheres(scene: &'s Scene, options: &AccelOptions) -> Result<BspAccel<'s>, AccelError> {
+        let mut bsp = BspAccel::build(scene, options)?;
+        if let Walker::Single(levels) | Walker::Packet(levels) = &mut bsp.walker {
+            let spheres = in_pool(options.threads, || tight_spheres(scene));
+            bsp.report.bytes += size_of_val(&*spheres) as u64;
+            levels.spheres = Some(spheres);
+        }
+        Ok(bsp)
     }
 
     /// Builds trees that are walked by the reference kernel: plain, slow, and what the fast kernels are tested against.

@@ -8,7 +8,8 @@ use scenes::Random;
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
 use whit::accel::extents::{
-    Ball, ExtentKind, FilmBox, ListAccel, ProjectedAccel, ProjectionExtents, SphereExtent,
+    Ball, ExtentKind, FilmBox, ListAccel, ListLimits, ProjectedAccel, ProjectionExtents, SphereExtent,
+    Spheres,
 };
 use whit::accel::{Accel, AccelOptions, Hit, LANES, RayOrder, RayPacket};
 use whit::numeric::Ray;
@@ -126,7 +127,10 @@ fn lists_behind_extents_of_every_kind_give_the_bits_of_brute_force() {
         hit_count += hits.iter().flatten().count();
     }
     println!("{ray_count} rays, {hit_count} hits");
-    assert!(hit_count > 50_000, "only {hit_count} of {ray_count} rays hit anything");
+    assert!(
+        hit_count > 50_000,
+        "only {hit_count} of {ray_count} rays hit anything"
+    );
 }
 
 #[test]
@@ -134,10 +138,14 @@ fn spheres_before_the_objects_of_a_bsp_change_no_bit() {
     for (name, scene) in all_scenes() {
         let rays = rays_of(&scene, 2000);
         let options = AccelOptions::default();
-        let without = BspAccel::build(&scene, &options).unwrap();
-        let with = BspAccel::build_with_spheres(&scene, &options).unwrap();
-        assert_eq!(nearest(&without, &rays), nearest(&with, &rays), "{name}");
-        assert_eq!(blocked(&without, &rays), blocked(&with, &rays), "{name}");
+        let [without, chosen, always] = [Spheres::Never, Spheres::Chosen, Spheres::Always]
+            .map(|spheres| BspAccel::build_with_spheres(&scene, &options, spheres).unwrap());
+        assert_eq!(without.sphere_count(), 0);
+        assert!(chosen.sphere_count() <= always.sphere_count());
+        for with in [&chosen, &always] {
+            assert_eq!(nearest(&without, &rays), nearest(with, &rays), "{name}");
+            assert_eq!(blocked(&without, &rays), blocked(with, &rays), "{name}");
+        }
     }
 }
 
@@ -159,7 +167,11 @@ fn what_is_counted_adds_up() {
             let tally = list.count_intersect(&mut asked);
             assert_eq!(tally.rays, rays.len() as u64, "{name}");
             assert_eq!(tally.objects, tally.rays * bounded, "{name}");
-            assert_eq!(tally.extent_tests, tally.rays * (bounded - counts.none), "{name}, {kind}");
+            assert_eq!(
+                tally.extent_tests,
+                tally.rays * (bounded - counts.none),
+                "{name}, {kind}"
+            );
             let hits = nearest(&list, &rays);
             let on_objects = hits.iter().flatten().filter(|hit| {
                 let instance = &scene.instances[hit.instance as usize];
@@ -167,12 +179,19 @@ fn what_is_counted_adds_up() {
             });
             assert!(tally.object_tests >= on_objects.count() as u64, "{name}, {kind}");
             if kind == ExtentKind::None {
-                assert_eq!((tally.object_tests, counts.none), (tally.objects, bounded), "{name}");
+                assert_eq!(
+                    (tally.object_tests, counts.none),
+                    (tally.objects, bounded),
+                    "{name}"
+                );
             } else {
                 assert!(tally.object_tests <= tally.objects, "{name}, {kind}");
             }
             let any = list.count_occluded(&mut packets(&rays));
-            assert!(any.object_tests <= tally.objects && any.rays == tally.rays, "{name}, {kind}");
+            assert!(
+                any.object_tests <= tally.objects && any.rays == tally.rays,
+                "{name}, {kind}"
+            );
         }
     }
 }
@@ -181,7 +200,11 @@ fn what_is_counted_adds_up() {
 fn extents_save_most_tests_where_objects_are_many() {
     let scene = scenes::instance_grid(5);
     let rays = scenes::random_rays(&scene, 4000, 7);
-    for kind in [ExtentKind::Box, ExtentKind::CentroidSphere, ExtentKind::TightSphere] {
+    for kind in [
+        ExtentKind::Box,
+        ExtentKind::CentroidSphere,
+        ExtentKind::TightSphere,
+    ] {
         let tally = ListAccel::new(&scene, kind).count_intersect(&mut packets(&rays));
         assert!(4 * tally.object_tests < tally.objects, "{kind}: {tally:?}");
     }
@@ -262,12 +285,17 @@ fn camera_rays_by_projection_extents_give_the_bits_of_brute_force() {
             let rays = film_rays(&view, 64);
             let hits = nearest(&brute, &rays);
             hit_count += hits.iter().flatten().count();
-            for (inner, kind, longest) in [
-                (&brute as &dyn Accel, ExtentKind::None, usize::MAX),
-                (&brute, ExtentKind::Chosen, usize::MAX),
-                (&bsp, ExtentKind::None, 2),
+            let few = ListLimits {
+                objects: 2,
+                primitives: 12,
+            };
+            for (inner, kind, limits) in [
+                (&brute as &dyn Accel, ExtentKind::None, ListLimits::NONE),
+                (&brute, ExtentKind::Chosen, ListLimits::NONE),
+                (&bsp, ExtentKind::TightSphere, few),
+                (&bsp, ExtentKind::TightSphere, ListLimits::BESIDE_A_TREE),
             ] {
-                let projected = ProjectedAccel::new(&scene, &view, inner, kind, longest).unwrap();
+                let projected = ProjectedAccel::new(&scene, &view, inner, kind, limits).unwrap();
                 for ((ray, a), b) in rays.iter().zip(&hits).zip(nearest(&projected, &rays)) {
                     assert_eq!(*a, b, "{name}, camera {number}, {kind}: {ray:?}");
                 }
@@ -298,7 +326,11 @@ fn every_hit_lies_in_the_film_box_of_its_object() {
                     high: [(x + 0.01) / 64.0, (y + 0.01) / 64.0],
                     depth: 0.0,
                 };
-                assert!(boxes.film_box(hit.instance).overlaps(&pixel), "{name}: {:?}", rays[i]);
+                assert!(
+                    boxes.film_box(hit.instance).overlaps(&pixel),
+                    "{name}: {:?}",
+                    rays[i]
+                );
             }
         }
     }
@@ -350,7 +382,10 @@ fn a_parallel_camera_sees_a_ball_in_its_square() {
     let view = camera(parallel, DVec3::ZERO, -DVec3::Z, 0.0).view(100, 100);
     let film = ProjectionExtents::new(&scene, &view).unwrap().film_box(0);
     // From 0 to 2 of -4 to 4.
-    assert!((film.low[0] - 0.5).abs() < 1e-5 && (film.high[0] - 0.75).abs() < 1e-5, "{film:?}");
+    assert!(
+        (film.low[0] - 0.5).abs() < 1e-5 && (film.high[0] - 0.75).abs() < 1e-5,
+        "{film:?}"
+    );
     assert!((film.depth - 4.0).abs() < 1e-4, "{film:?}");
 }
 
@@ -377,10 +412,15 @@ fn a_tight_sphere_is_no_larger_than_the_centroids_and_both_hold_all_points() {
                 DVec3::new(p.x * p.x, p.y, 0.2 * p.z) + DVec3::new(3.0, -7.0, 1.0)
             })
             .collect();
-        let (tight, centroid) = (SphereExtent::smallest(&points), SphereExtent::of_centroid(&points));
+        let (tight, centroid) = (
+            SphereExtent::smallest(&points),
+            SphereExtent::of_centroid(&points),
+        );
         assert!(tight.radius() <= centroid.radius(), "seed {seed}");
         let ball = Ball::smallest(&points);
-        assert!(ball.radius <= tight.radius() && points.iter().all(|p| p.distance(ball.center) <= ball.radius));
+        assert!(
+            ball.radius <= tight.radius() && points.iter().all(|p| p.distance(ball.center) <= ball.radius)
+        );
     }
 }
 
@@ -401,7 +441,7 @@ fn a_scene_of_nothing_and_rays_that_no_backend_takes_are_harmless() {
         0.0,
     )
     .view(8, 8);
-    let projected = ProjectedAccel::new(&empty, &view, &list, ExtentKind::Chosen, usize::MAX).unwrap();
+    let projected = ProjectedAccel::new(&empty, &view, &list, ExtentKind::Chosen, ListLimits::NONE).unwrap();
     assert_eq!(nearest(&projected, &[good, bad]), [None, None]);
     assert_eq!(nearest(&projected, &[bad]), [None]);
 }

@@ -5,8 +5,10 @@ use std::path::Path;
 use rayon::ThreadPool;
 
 use crate::accel::bsp::BspAccel;
-use crate::accel::extents::{ExtentCounts, ExtentKind, ListAccel, ProjectedAccel, Tally};
-use crate::accel::{Accel, AccelOptions, LANES, RayPacket};
+use crate::accel::extents::{
+    ExtentCounts, ExtentKind, ListAccel, ListLimits, ProjectedAccel, Spheres, Tally,
+};
+use crate::accel::{Accel, AccelError, AccelOptions, LANES, RayPacket};
 use crate::image::check_writable;
 use crate::render::{self, RenderSettings};
 use crate::report::bench::{Mode, RayKind, Spread};
@@ -26,8 +28,6 @@ use super::scene;
 const LIST_SECONDS: f64 = 0.06;
 /// Most packets replayed through a tree.
 const TREE_PACKETS: usize = 1 << 13;
-/// Objects in a tile of the film up to which they are asked one by one, in place of the tree.
-const LONGEST_LIST: usize = 4;
 
 /// Everything that is to be done with each scene.
 struct ExtentJob {
@@ -80,29 +80,25 @@ fn bench_scene(
         threads: job.tracing.threads,
         ..AccelOptions::default()
     };
-    let bsp = pool.install(|| BspAccel::build(&scene, &options))?;
-    let with_spheres = pool.install(|| BspAccel::build_with_spheres(&scene, &options))?;
+    let trees = pool.install(|| {
+        let build = |spheres| BspAccel::build_with_spheres(&scene, &options, spheres);
+        Ok::<_, AccelError>([
+            build(Spheres::Never)?,
+            build(Spheres::Always)?,
+            build(Spheres::Chosen)?,
+        ])
+    })?;
+    let [bare, _, chosen] = &trees;
     let lists = pool.install(|| ExtentKind::ALL.map(|kind| ListAccel::new(&scene, kind)));
     let view = camera.view(job.settings.width, job.settings.height);
-    let project = |inner, kind, longest| ProjectedAccel::new(&scene, &view, inner, kind, longest);
+    let project = |inner, kind, limits| ProjectedAccel::new(&scene, &view, inner, kind, limits);
     let projected = [
-        project(&lists[0], ExtentKind::None, usize::MAX),
-        project(&lists[0], ExtentKind::Chosen, usize::MAX),
+        project(&lists[0], ExtentKind::None, ListLimits::NONE),
+        project(&lists[0], ExtentKind::Chosen, ListLimits::NONE),
     ];
-    let over_bsp: Vec<_> = [
-        ("p0", 0),
-        ("p1", 1),
-        ("p2", 2),
-        ("p4", 4),
-        ("p8", 8),
-        ("p16", 16),
-        ("pall", usize::MAX),
-    ]
-    .into_iter()
-    .filter_map(|(n, l)| Some((project(&bsp, ExtentKind::None, l)?, n)))
-    .collect();
+    let over_tree = project(chosen, ExtentKind::TightSphere, ListLimits::BESIDE_A_TREE);
     progress.phase(&name, "record");
-    let sets = ray_sets(job, &scene, camera, &bsp);
+    let sets = ray_sets(job, &scene, camera, bare);
     progress.phase(&name, "replay");
     let mut rows = Vec::new();
     for set in &sets {
@@ -118,20 +114,19 @@ fn bench_scene(
                 structure: "list",
                 extent: extent.into(),
                 asked: Asked::Projected(accel),
+                counts: None,
             },
         ));
         rows.extend(measure(job, path, &contestants, &fitting(&lists[0], set))?);
-        let mut trees = vec![
-            Contestant::of_tree("none", &bsp),
-            Contestant::of_tree("tight sphere", &with_spheres),
-        ];
-        trees.extend(
-            over_bsp
-                .iter()
-                .filter(|_| is_camera)
-                .map(|accel| Contestant::of_tree(accel.1, &accel.0)),
-        );
-        rows.extend(measure(job, path, &trees, &set.some(TREE_PACKETS))?);
+        let names = ["none", "tight sphere", "chosen spheres"];
+        let mut in_trees: Vec<Contestant> = names
+            .into_iter()
+            .zip(&trees)
+            .map(|(extent, tree)| Contestant::of_tree(extent, tree, Some(tree.sphere_count())))
+            .collect();
+        let on_film = over_tree.iter().filter(|_| is_camera);
+        in_trees.extend(on_film.map(|accel| Contestant::of_tree("chosen + projection", accel, None)));
+        rows.extend(measure(job, path, &in_trees, &set.some(TREE_PACKETS))?);
         progress.fraction(rows.len() as f64 / (rows.len() + 5) as f64);
     }
     Ok(rows)
@@ -151,13 +146,18 @@ fn ray_sets(job: &ExtentJob, scene: &Scene, camera: &Camera, accel: &dyn Accel) 
     sets
 }
 
-/// As many rays of the set as a bare list answers in [`LIST_SECONDS`], evenly chosen.
+/// As many rays of the set as a bare list answers in [`LIST_SECONDS`], evenly chosen; at least one.
 fn fitting(list: &ListAccel, set: &RaySet) -> RaySet {
+    let seconds = |some: &RaySet| replay_seconds(Engine::Accel(list), some, Mode::Packet);
     let mut most = 1;
     loop {
         let some = set.some(most);
-        let seconds = replay_seconds(Engine::Accel(list), &some, Mode::Packet);
-        if 2.0 * seconds > LIST_SECONDS || some.packets().len() == set.packets().len() {
+        let taken = seconds(&some);
+        if most == 1 && taken > LIST_SECONDS {
+            let lanes = (LANES as f64 * LIST_SECONDS / taken).ceil();
+            return some.first_lanes(lanes as usize);
+        }
+        if 2.0 * taken > LIST_SECONDS || some.packets().len() == set.packets().len() {
             return some;
         }
         most *= 2;
@@ -177,6 +177,8 @@ struct Contestant<'a> {
     structure: &'static str,
     extent: String,
     asked: Asked<'a>,
+    /// Which objects have which extents, where that is counted.
+    counts: Option<ExtentCounts>,
 }
 
 impl<'a> Contestant<'a> {
@@ -185,14 +187,19 @@ impl<'a> Contestant<'a> {
             structure: "list",
             extent: kind.to_string(),
             asked: Asked::List(list),
+            counts: Some(list.counts()),
         }
     }
 
-    fn of_tree(extent: &str, tree: &'a dyn Accel) -> Contestant<'a> {
+    fn of_tree(extent: &str, tree: &'a dyn Accel, sphere_count: Option<usize>) -> Contestant<'a> {
         Contestant {
             structure: "bsp",
             extent: extent.into(),
             asked: Asked::Tree(tree),
+            counts: sphere_count.map(|count| ExtentCounts {
+                tight_spheres: count as u64,
+                ..ExtentCounts::default()
+            }),
         }
     }
 
@@ -201,14 +208,6 @@ impl<'a> Contestant<'a> {
             Asked::List(list) => list,
             Asked::Projected(projected) => projected,
             Asked::Tree(tree) => tree,
-        }
-    }
-
-    /// Which objects have which extents, where that was asked for.
-    fn counts(&self) -> Option<ExtentCounts> {
-        match self.asked {
-            Asked::List(list) => Some(list.counts()),
-            _ => None,
         }
     }
 
@@ -269,7 +268,7 @@ fn measure(
             ns_per_ray: 1e9 * Spread::of(&seconds[i]).median / set.ray_count as f64,
             ray_count: set.ray_count,
             differ: differing(reference, &answers),
-            counts: contestant.counts(),
+            counts: contestant.counts,
         };
         rows.push(row.with_ratios(&ratios[i]));
     }

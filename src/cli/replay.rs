@@ -71,6 +71,15 @@ impl RaySet {
         RaySet::new(self.kind, packets)
     }
 
+    /// The same without the lanes from `count` on.
+    pub(super) fn first_lanes(&self, count: usize) -> RaySet {
+        let mut packets = self.packets.clone();
+        for packet in &mut packets {
+            packet.active[count.min(LANES)..].fill(0);
+        }
+        RaySet::new(self.kind, packets)
+    }
+
     /// The rays.
     pub(super) fn packets(&self) -> &[RayPacket] {
         &self.packets

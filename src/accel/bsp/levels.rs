@@ -18,8 +18,8 @@ pub(super) struct Levels<'s, T> {
     pub(super) world: Level<'s, T>,
     /// What no tree can hold.
     pub(super) planes: Planes,
-    /// By instance, what is tested before a shape or a placed mesh; absent where nothing is.
-    pub(super) spheres: Option<Vec<Option<SphereExtent>>>,
+    /// By instance, what is tested before a shape, where anything is.
+    pub(super) spheres: Vec<Option<SphereExtent>>,
     /// By geometry; absent where no instance but a baked one uses it.
     pub(super) objects: Vec<Option<Level<'s, T>>>,
     /// Most bytes in use at any time of the build.
@@ -74,7 +74,7 @@ impl<'s, T: Layout> Levels<'s, T> {
             scene,
             world,
             planes: Planes::of(scene),
-            spheres: None,
+            spheres: Vec::new(),
             objects,
             peak_bytes: meter.peak_bytes,
         })
@@ -83,9 +83,9 @@ impl<'s, T: Layout> Levels<'s, T> {
     /// Whether a sphere lets the ray through to an instance.
     #[inline(always)]
     pub(super) fn lets_through(&self, instance: u32, ray: &Ray) -> bool {
-        match &self.spheres {
-            None => true,
-            Some(spheres) => spheres[instance as usize].is_none_or(|sphere| sphere.may_meet(ray)),
+        match self.spheres.get(instance as usize) {
+            Some(Some(sphere)) => sphere.may_meet(ray),
+            _ => true,
         }
     }
 

@@ -21,7 +21,7 @@ mod single;
 pub(super) mod slack;
 mod wide;
 
-use super::extents::tight_spheres;
+use super::extents::{Spheres, spheres_of_shapes};
 use super::planes::Planes;
 use super::{Accel, AccelError, AccelOptions, AccelReport, Kernel, LANES, RayOrder, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch};
@@ -56,8 +56,22 @@ impl Walker<'_> {
 impl<'s> BspAccel<'s> {
     /// Builds the trees of a validated scene.
     pub fn build(scene: &'s Scene, options: &AccelOptions) -> Result<BspAccel<'s>, AccelError> {
-        let levels = in_pool(options.threads, || Levels::build(scene, options))?;
-        let report = report(&levels);
+        BspAccel::build_with_spheres(scene, options, Spheres::Chosen)
+    }
+
+    /// [`BspAccel::build`], which takes [`Spheres::Chosen`], with other spheres. The answers are the same.
+    pub fn build_with_spheres(
+        scene: &'s Scene,
+        options: &AccelOptions,
+        spheres: Spheres,
+    ) -> Result<BspAccel<'s>, AccelError> {
+        let levels = in_pool(options.threads, || -> Result<_, AccelError> {
+            let mut levels: Levels<WideTree> = Levels::build(scene, options)?;
+            levels.spheres = spheres_of_shapes(scene, spheres);
+            Ok(levels)
+        })?;
+        let mut report = report(&levels);
+        report.bytes += size_of_val(&*levels.spheres) as u64;
         let walker = match options.kernel {
             Kernel::Single => Walker::Single(levels),
             Kernel::Packet => Walker::Packet(levels),
@@ -65,18 +79,12 @@ impl<'s> BspAccel<'s> {
         Ok(BspAccel { walker, report })
     }
 
-    /// [`BspAccel::build`] with the smallest sphere around every shape and placed mesh, tested before it.
-    ///
-    /// What the tree lets through mostly meets the object, so this gains little or nothing: `whit bench --extents` says
-    /// what, and [`BspAccel::build`] has none.
-    pub fn build_with_spheres(scene: &'s Scene, options: &AccelOptions) -> Result<BspAccel<'s>, AccelError> {
-        let mut bsp = BspAccel::build(scene, options)?;
-        if let Walker::Single(levels) | Walker::Packet(levels) = &mut bsp.walker {
-            let spheres = in_pool(options.threads, || tight_spheres(scene));
-            bsp.report.bytes += size_of_val(&*spheres) as u64;
-            levels.spheres = Some(spheres);
+    /// How many instances have a sphere.
+    pub fn sphere_count(&self) -> usize {
+        match &self.walker {
+            Walker::Reference(_) => 0,
+            Walker::Single(levels) | Walker::Packet(levels) => levels.spheres.iter().flatten().count(),
         }
-        Ok(bsp)
     }
 
     /// Builds trees that are walked by the reference kernel: plain, slow, and what the fast kernels are tested against.

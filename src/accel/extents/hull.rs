@@ -49,11 +49,28 @@ impl Hull {
         if geometry.is_unbounded() || bounds.is_empty() {
             return None;
         }
-        let form = match geometry {
-            Geometry::Mesh(mesh) => Form::Points(used_points(mesh)),
-            Geometry::Shape(Shape::Sphere(sphere)) => Form::Sphere(*sphere),
-            Geometry::Shape(shape) => Form::Points(shape_points(shape, &bounds)),
-        };
+        Some(Hull::with_form(
+            match geometry {
+                Geometry::Mesh(mesh) => Form::Points(used_points(mesh)),
+                Geometry::Shape(Shape::Sphere(sphere)) => Form::Sphere(*sphere),
+                Geometry::Shape(shape) => Form::Points(shape_points(shape, &bounds)),
+            },
+            bounds,
+        ))
+    }
+
+    /// The same, but for meshes only the corners of their boxes: quickly found, however large they are.
+    pub(super) fn rough(geometry: &Geometry) -> Option<Hull> {
+        match geometry {
+            Geometry::Shape(_) => Hull::of(geometry),
+            Geometry::Mesh(mesh) => {
+                let bounds = mesh.bounds();
+                (!bounds.is_empty()).then(|| Hull::with_form(Form::Points(corners(&bounds).to_vec()), bounds))
+            }
+        }
+    }
+
+    fn with_form(form: Form, bounds: Bounds) -> Hull {
         let balls = match &form {
             Form::Points(points) => Balls::of(points),
             Form::Sphere(sphere) => {
@@ -67,7 +84,7 @@ impl Hull {
                 }
             }
         };
-        Some(Hull { form, bounds, balls })
+        Hull { form, bounds, balls }
     }
 
     /// The box in object space.

@@ -86,9 +86,14 @@ impl std::ops::AddAssign for Tally {
 impl<'s> ListAccel<'s> {
     /// A list of a validated scene's objects with extents of that kind.
     pub fn new(scene: &'s Scene, kind: ExtentKind) -> ListAccel<'s> {
+        ListAccel::of_extents(scene, Extents::new(scene, kind))
+    }
+
+    /// The same by extents that are known.
+    pub(super) fn of_extents(scene: &'s Scene, extents: Extents) -> ListAccel<'s> {
         ListAccel {
             scene,
-            extents: Extents::new(scene, kind),
+            extents,
             planes: Planes::of(scene),
         }
     }

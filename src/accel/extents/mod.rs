@@ -26,7 +26,7 @@ pub use ball::Ball;
 pub use list::{ListAccel, Tally};
 pub use projection::{FilmBox, ProjectionExtents};
 pub use shape::{BoxExtent, SphereExtent};
-pub use tiles::ProjectedAccel;
+pub use tiles::{ListLimits, ProjectedAccel};
 
 use self::choice::Costs;
 use self::guard::Guard;
@@ -35,7 +35,7 @@ use self::rays::{Lanes, RayLanes};
 use self::shape::Extent;
 use crate::mesh::lanes::Isa;
 use crate::numeric::Bounds;
-use crate::scene::{Instance, Scene};
+use crate::scene::{Geometry, Instance, Scene};
 
 /// Which extents objects get.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
@@ -74,6 +74,17 @@ impl std::fmt::Display for ExtentKind {
             ExtentKind::Chosen => "chosen",
         })
     }
+}
+
+/// Which shapes in a tree get the smallest sphere around them, tested before them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Spheres {
+    /// None.
+    Never,
+    /// Those for which it was measured to save time.
+    Chosen,
+    /// All.
+    Always,
 }
 
 /// How many objects have which extent.
@@ -139,8 +150,12 @@ impl Offers {
 impl Extents {
     /// Extents of one kind for all objects that may have one. [`ExtentKind::Chosen`] takes some milliseconds to measure.
     pub(crate) fn new(scene: &Scene, kind: ExtentKind) -> Extents {
-        let hulls: Vec<Option<Hull>> = scene.geometries.par_iter().map(Hull::of).collect();
-        let costs = (kind == ExtentKind::Chosen).then(|| Costs::measure(scene, &hulls));
+        Extents::of_hulls(scene, &hulls_of(scene), kind)
+    }
+
+    /// The same by hulls that are known, one a geometry.
+    fn of_hulls(scene: &Scene, hulls: &[Option<Hull>], kind: ExtentKind) -> Extents {
+        let costs = (kind == ExtentKind::Chosen).then(|| Costs::measure(scene, hulls));
         let objects: Vec<Option<(Object, ExtentKind, f64)>> = (0u32..)
             .zip(&scene.instances)
             .collect::<Vec<_>>()
@@ -195,17 +210,29 @@ impl Extents {
     }
 }
 
-/// The smallest sphere around every instance, where one is safe.
-pub(crate) fn tight_spheres(scene: &Scene) -> Vec<Option<SphereExtent>> {
-    let hulls: Vec<Option<Hull>> = scene.geometries.par_iter().map(Hull::of).collect();
-    scene
-        .instances
+/// The hulls of all geometries.
+fn hulls_of(scene: &Scene) -> Vec<Option<Hull>> {
+    scene.geometries.par_iter().map(Hull::of).collect()
+}
+
+/// The smallest spheres around shapes, by instance, for a tree that asks them; absent where `spheres` wants none, where
+/// none is safe, and for meshes.
+pub(crate) fn spheres_of_shapes(scene: &Scene, spheres: Spheres) -> Vec<Option<SphereExtent>> {
+    let hulls: Vec<Option<Hull>> = scene
+        .geometries
         .par_iter()
-        .map(|instance| {
-            let hull = hulls[instance.geometry as usize].as_ref()?;
-            Some(Offers::of(scene, instance, hull)?.0.tight)
+        .map(|geometry| match geometry {
+            Geometry::Shape(_) => Hull::of(geometry),
+            Geometry::Mesh(_) => None,
         })
-        .collect()
+        .collect();
+    let pays = choice::where_spheres_pay(scene, &hulls, spheres);
+    let sphere_of = |instance: &Instance| {
+        let geometry = instance.geometry as usize;
+        let hull = hulls[geometry].as_ref().filter(|_| pays[geometry])?;
+        Some(Offers::of(scene, instance, hull)?.0.tight)
+    };
+    scene.instances.par_iter().map(sphere_of).collect()
 }
 
 impl Object {

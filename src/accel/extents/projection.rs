@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::guard::{Guard, UNIT};
 use super::hull::Hull;
+use super::hulls_of;
 use crate::accel::RayPacket;
 use crate::numeric::LANES;
 use crate::scene::{CameraView, Instance, Scene};
@@ -99,8 +100,16 @@ enum CameraRays {
 impl ProjectionExtents {
     /// The boxes of all instances of a validated scene; `None` for cameras of extremely narrow angles.
     pub fn new(scene: &Scene, view: &CameraView) -> Option<ProjectionExtents> {
+        ProjectionExtents::of_hulls(scene, &hulls_of(scene), view)
+    }
+
+    /// The same by hulls that are known, one a geometry.
+    pub(super) fn of_hulls(
+        scene: &Scene,
+        hulls: &[Option<Hull>],
+        view: &CameraView,
+    ) -> Option<ProjectionExtents> {
         let film = Film::new(view)?;
-        let hulls: Vec<Option<Hull>> = scene.geometries.par_iter().map(Hull::of).collect();
         let boxes = scene
             .instances
             .par_iter()

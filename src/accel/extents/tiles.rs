@@ -4,13 +4,16 @@
 //! all that is left lies deeper than what was hit, it is done. Packets in whose tiles too much is seen are left to a
 //! tree, as are rays that are not the camera's.
 
-use super::ExtentKind;
+use super::hull::Hull;
 use super::list::{Count, ListAccel, Question, Search, Tally};
 use super::projection::{FilmBox, ProjectionExtents};
+use super::{ExtentKind, Extents};
+use rayon::prelude::*;
+
 use crate::accel::{Accel, AccelReport, RayOrder, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch};
 use crate::numeric::LANES;
-use crate::scene::{CameraView, Scene};
+use crate::scene::{CameraView, Geometry, Scene};
 
 /// Fewest tiles along a side.
 const FEWEST_TILES: usize = 16;
@@ -28,8 +31,36 @@ pub struct ProjectedAccel<'a, 's> {
     list: ListAccel<'s>,
     projection: ProjectionExtents,
     tiles: Tiles,
-    /// Longer lists are left to `inner`.
-    longest_list: usize,
+}
+
+/// What is asked one by one, in place of the other backend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ListLimits {
+    /// Most objects in a tile.
+    pub objects: usize,
+    /// Most primitives of each.
+    pub primitives: usize,
+}
+
+impl ListLimits {
+    /// Everything, for a backend that asks all objects anyway.
+    pub const NONE: ListLimits = ListLimits {
+        objects: usize::MAX,
+        primitives: usize::MAX,
+    };
+
+    /// What was measured to be sooner asked than found in a tree.
+    pub const BESIDE_A_TREE: ListLimits = ListLimits {
+        objects: 16,
+        primitives: 4,
+    };
+}
+
+/// An object as tiles see it.
+struct Seen {
+    film: FilmBox,
+    /// Whether it may be asked one by one.
+    is_listed: bool,
 }
 
 /// For each tile the objects seen in it.
@@ -38,38 +69,47 @@ struct Tiles {
     side: usize,
     /// Where the list of each tile starts, and where the last one ends.
     starts: Vec<u32>,
+    /// Tiles that are left to the other backend.
+    is_left: Vec<bool>,
     /// Positions in the list of objects.
     entries: Vec<u32>,
     /// By position in the list of objects.
-    boxes: Vec<FilmBox>,
+    seen: Vec<Seen>,
 }
 
 impl<'a, 's> ProjectedAccel<'a, 's> {
     /// Lists for one view of a validated scene, with extents of that kind; `None` for cameras of extremely narrow angles.
     ///
-    /// `inner` answers for packets in whose tile more than `longest_list` objects are seen, and for all other rays; it
-    /// must give the bits of brute force.
+    /// `inner` answers for packets in whose tile the limits are exceeded, and for all other rays; it must give the bits
+    /// of brute force.
     pub fn new(
         scene: &'s Scene,
         view: &CameraView,
         inner: &'a dyn Accel,
         kind: ExtentKind,
-        longest_list: usize,
+        limits: ListLimits,
     ) -> Option<ProjectedAccel<'a, 's>> {
-        let projection = ProjectionExtents::new(scene, view)?;
-        let list = ListAccel::new(scene, kind);
-        let boxes: Vec<FilmBox> = list
-            .extents
-            .objects()
-            .iter()
-            .map(|object| projection.boxes()[object.instance as usize])
-            .collect();
+        let is_listed = |geometry: &Geometry| geometry.primitive_count() <= limits.primitives;
+        let hull = |geometry: &Geometry| {
+            if is_listed(geometry) {
+                Hull::of(geometry)
+            } else {
+                Hull::rough(geometry)
+            }
+        };
+        let hulls: Vec<Option<Hull>> = scene.geometries.par_iter().map(hull).collect();
+        let projection = ProjectionExtents::of_hulls(scene, &hulls, view)?;
+        let list = ListAccel::of_extents(scene, Extents::of_hulls(scene, &hulls, kind));
+        let objects = list.extents.objects().iter().map(|object| Seen {
+            film: projection.boxes()[object.instance as usize],
+            is_listed: is_listed(scene.geometry_of(object.instance)),
+        });
+        let tiles = Tiles::new(objects.collect(), limits.objects);
         Some(ProjectedAccel {
             inner,
-            tiles: Tiles::new(boxes),
+            tiles,
             list,
             projection,
-            longest_list,
         })
     }
 
@@ -110,8 +150,7 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
         let (film, depths) = self.projection.film_of(packet)?;
         let range = self.tiles.range(&film);
         let [[x0, x1], [y0, y1]] = range;
-        let fits = (x1 - x0 + 1) * (y1 - y0 + 1) <= MOST_TILES_OF_PACKET
-            && self.tiles.longest(range) <= self.longest_list;
+        let fits = (x1 - x0 + 1) * (y1 - y0 + 1) <= MOST_TILES_OF_PACKET && !self.tiles.any_left(range);
         fits.then_some((film, depths, range))
     }
 }
@@ -158,23 +197,15 @@ impl<C: Count> Work for Batch<'_, '_, '_, C> {
             let Some((film, depths, range)) = accel.lists_of(packet) else {
                 return done;
             };
-            if accel.tiles.longest(range) == 0 {
+            if accel.tiles.are_empty(range) {
                 self.count.rays(active(packet), objects.len());
                 continue;
             }
             let mut search = Search::new(isa, &accel.list, packet, Question::Nearest);
             self.count.rays(search.active, objects.len());
-            let [[x0, x1], [y0, y1]] = range;
-            for y in y0..=y1 {
-                for x in x0..=x1 {
-                    accel.search_tile(
-                        isa,
-                        accel.tiles.list(x, y),
-                        (&film, depths),
-                        &mut search,
-                        self.count,
-                    );
-                }
+            for tile in tiles_of(accel.tiles.side, range) {
+                let entries = accel.tiles.list(tile);
+                accel.search_tile(isa, entries, (&film, depths), &mut search, self.count);
             }
             search.write(packet);
         }
@@ -195,7 +226,7 @@ impl ProjectedAccel<'_, '_> {
     ) {
         let mut deepest = f32::INFINITY;
         for &entry in entries {
-            let on_film = &self.tiles.boxes[entry as usize];
+            let on_film = &self.tiles.seen[entry as usize].film;
             if on_film.depth > deepest {
                 return;
             }
@@ -216,29 +247,23 @@ fn active(packet: &RayPacket) -> u32 {
 }
 
 impl Tiles {
-    fn new(boxes: Vec<FilmBox>) -> Tiles {
-        let wish = (2.0 * (boxes.len() as f64).sqrt()) as usize;
-        let mut side = wish.next_power_of_two().clamp(FEWEST_TILES, MOST_TILES);
-        let count = |side: usize| -> usize {
-            let of = |film: &FilmBox| {
-                let [[x0, x1], [y0, y1]] = range(side, film);
-                (x1 - x0 + 1) * (y1 - y0 + 1)
-            };
-            boxes.iter().filter(|film| !film.is_nowhere()).map(of).sum()
-        };
-        while side > 1 && count(side) > MOST_ENTRIES {
-            side /= 2;
-        }
-        let mut front_to_back: Vec<u32> = (0..boxes.len() as u32)
-            .filter(|&i| !boxes[i as usize].is_nowhere())
+    fn new(seen: Vec<Seen>, most_objects: usize) -> Tiles {
+        let side = side_for(&seen);
+        let mut front_to_back: Vec<u32> = (0..seen.len() as u32)
+            .filter(|&i| !seen[i as usize].film.is_nowhere())
             .collect();
-        front_to_back.sort_by(|&a, &b| boxes[a as usize].depth.total_cmp(&boxes[b as usize].depth));
+        let depth = |i: &u32| seen[*i as usize].film.depth;
+        front_to_back.sort_by(|a, b| depth(a).total_cmp(&depth(b)));
         let mut lists: Vec<Vec<u32>> = vec![Vec::new(); side * side];
+        let mut is_left = vec![false; side * side];
         for i in front_to_back {
-            let [[x0, x1], [y0, y1]] = range(side, &boxes[i as usize]);
-            for y in y0..=y1 {
-                for x in x0..=x1 {
-                    lists[y * side + x].push(i);
+            let Seen { film, is_listed } = &seen[i as usize];
+            for tile in tiles_of(side, range(side, film)) {
+                is_left[tile] |= !is_listed || lists[tile].len() >= most_objects;
+                if is_left[tile] {
+                    lists[tile] = Vec::new();
+                } else {
+                    lists[tile].push(i);
                 }
             }
         }
@@ -252,8 +277,9 @@ impl Tiles {
         Tiles {
             side,
             starts,
+            is_left,
             entries: lists.concat(),
-            boxes,
+            seen,
         }
     }
 
@@ -264,26 +290,48 @@ impl Tiles {
     }
 
     #[inline(always)]
-    fn list(&self, x: usize, y: usize) -> &[u32] {
-        let tile = y * self.side + x;
+    fn list(&self, tile: usize) -> &[u32] {
         &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
 
-    /// The length of the longest list in a range of tiles.
+    /// Whether any tile of a range is left to the other backend.
     #[inline(always)]
-    fn longest(&self, [[x0, x1], [y0, y1]]: [[usize; 2]; 2]) -> usize {
-        let mut longest = 0;
-        for y in y0..=y1 {
-            for x in x0..=x1 {
-                longest = longest.max(self.list(x, y).len());
-            }
-        }
-        longest
+    fn any_left(&self, range: [[usize; 2]; 2]) -> bool {
+        tiles_of(self.side, range).any(|tile| self.is_left[tile])
+    }
+
+    /// Whether nothing is listed in a range of tiles.
+    #[inline(always)]
+    fn are_empty(&self, range: [[usize; 2]; 2]) -> bool {
+        tiles_of(self.side, range).all(|tile| self.starts[tile] == self.starts[tile + 1])
     }
 
     fn byte_count(&self) -> u64 {
-        (size_of_val(&*self.starts) + size_of_val(&*self.entries) + size_of_val(&*self.boxes)) as u64
+        (size_of_val(&*self.starts) + size_of_val(&*self.entries) + size_of_val(&*self.seen)) as u64
     }
+}
+
+/// Tiles along a side: so many that few objects share one, if their lists are not too many.
+fn side_for(seen: &[Seen]) -> usize {
+    let wish = (2.0 * (seen.len() as f64).sqrt()) as usize;
+    let mut side = wish.next_power_of_two().clamp(FEWEST_TILES, MOST_TILES);
+    let entries = |side: usize| -> usize {
+        let of = |seen: &Seen| {
+            let [[x0, x1], [y0, y1]] = range(side, &seen.film);
+            (x1 - x0 + 1) * (y1 - y0 + 1)
+        };
+        seen.iter().filter(|seen| !seen.film.is_nowhere()).map(of).sum()
+    };
+    while side > 1 && entries(side) > MOST_ENTRIES {
+        side /= 2;
+    }
+    side
+}
+
+/// The numbers of the tiles in a range.
+#[inline(always)]
+fn tiles_of(side: usize, [[x0, x1], [y0, y1]]: [[usize; 2]; 2]) -> impl Iterator<Item = usize> {
+    (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| y * side + x))
 }
 
 /// The tiles that a box touches; what is beyond the film belongs to the tiles at its edge. Rounding is monotonic, so

@@ -89,15 +89,15 @@ fn magnitudes(map: &DAffine3) -> DMat3 {
 /// The largest eigenvalue of a positive matrix is at most any norm, and at most the 32nd root of the trace of its
 /// 32nd power, which exceeds it by 3^(1/32) at most.
 pub(super) fn spectral_bound(m: &DMat3) -> f64 {
-    let gram = m.transpose() * *m;
-    let norm = |a: &DMat3| {
-        let rows = a.x_axis.abs() + a.y_axis.abs() + a.z_axis.abs();
-        rows.max_element()
-    };
-    let by_norm = norm(&gram);
-    if !(by_norm > 0.0) {
+    // Scaled by the largest entry, so that the squares of tiny and huge ones stay within range.
+    let largest = m.to_cols_array().iter().fold(0.0f64, |a, &x| a.max(x.abs()));
+    if !(largest > 0.0) {
         return 0.0;
     }
+    let scaled = *m * largest.recip();
+    let gram = scaled.transpose() * scaled;
+    let rows = gram.x_axis.abs() + gram.y_axis.abs() + gram.z_axis.abs();
+    let by_norm = rows.max_element();
     let mut power = gram * by_norm.recip();
     for _ in 0..5 {
         power = power * power;
@@ -105,7 +105,7 @@ pub(super) fn spectral_bound(m: &DMat3) -> f64 {
     let trace = power.x_axis.x + power.y_axis.y + power.z_axis.z;
     let by_trace = by_norm * trace.powf(1.0 / 32.0);
     // Some hundred roundings of 2^-53.
-    by_norm.min(by_trace).sqrt() * (1.0 + 2f64.powi(-44))
+    largest * by_norm.min(by_trace).sqrt() * (1.0 + 2f64.powi(-44))
 }
 
 #[cfg(test)]
@@ -121,6 +121,8 @@ mod tests {
         let bound = spectral_bound(&stretched);
         assert!((5.0..5.0 * 1.02).contains(&bound), "{bound}");
         assert_eq!(spectral_bound(&DMat3::ZERO), 0.0);
+        let tiny = spectral_bound(&(1e-250 * turn));
+        assert!((tiny * 1e250 - 1.0).abs() < 1e-12);
     }
 
     #[test]

@@ -84,6 +84,8 @@ struct Film {
     origin: DVec3,
     rays: CameraRays,
     t_near: f64,
+    /// What f64 makes of the depth where a ray begins.
+    depth_slack: f64,
     /// Largest coordinate of an origin.
     reach: f64,
 }
@@ -168,11 +170,17 @@ impl Film {
         let [across, down, forward] = columns;
         let film_from_world = DMat3::from_cols(across, down, forward).inverse();
         let terms = rows(&film_from_world) * (across.abs() + down.abs() + forward.abs());
-        (terms.max_element() <= MOST_MIXING).then_some(Film {
+        let mixing = match rays {
+            CameraRays::From(_) => terms.max_element(),
+            // Its depth is a length, not a ratio.
+            CameraRays::Along(_) => terms.x.max(terms.y),
+        };
+        (mixing <= MOST_MIXING).then_some(Film {
             film_from_world,
             origin,
             rays,
             t_near: view.t_near(),
+            depth_slack: WIDE_SLACK * terms.z,
             reach,
         })
     }
@@ -221,11 +229,11 @@ impl Film {
         }
         // Parallel rays start on the film but for the rounding of their origins.
         let off_film = (magnitudes * DVec3::splat(2.0 * UNIT * self.reach)).z;
-        let last = farthest + depth_of_meshes + off_film;
+        let last = farthest + depth_of_meshes + off_film + self.depth_slack;
         if last < 0.0 || last * (1.0 + DEPTH_SLACK) < self.t_near {
             return FilmBox::NOWHERE;
         }
-        let depth = ((nearest - depth_of_meshes) as f32).next_down();
+        let depth = ((nearest - depth_of_meshes - self.depth_slack) as f32).next_down();
         if matches!(self.rays, CameraRays::From(_)) && !(nearest > 0.0) {
             return FilmBox {
                 depth,

@@ -133,10 +133,8 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
                 self.list.planes.intersect(&mut rest[..by_list]);
             }
             rest = &mut rest[by_list..];
-            let by_inner = rest
-                .iter()
-                .take_while(|packet| self.lists_of(packet).is_none())
-                .count();
+            let is_left = |packet: &&RayPacket| self.lists_of(packet).is_none();
+            let by_inner = rest.iter().take_while(is_left).count();
             if by_inner > 0 {
                 self.inner.intersect(&mut rest[..by_inner], RayOrder::Coherent);
             }

@@ -21,29 +21,15 @@ impl<'s> BruteAccel<'s> {
     /// The nearest hit of one ray.
     pub fn nearest(&self, ray: &Ray) -> Option<Hit> {
         let mut best = None;
-        for (index, instance) in self.scene.instances.iter().enumerate() {
-            match &self.scene.geometries[instance.geometry as usize] {
-                Geometry::Mesh(mesh) => {
-                    nearest_triangle(mesh, &ray_in(instance, ray), index as u32, &mut best)
-                }
-                Geometry::Shape(shape) => {
-                    if let Some(hit) = shape_hit(index as u32, instance, shape, ray) {
-                        keep_nearest(&mut best, hit);
-                    }
-                }
-            }
+        for index in 0..self.scene.instances.len() as u32 {
+            nearest_of(self.scene, index, ray, &mut best);
         }
         best
     }
 
     /// Whether one ray meets anything.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
-        self.scene.instances.iter().any(
-            |instance| match &self.scene.geometries[instance.geometry as usize] {
-                Geometry::Mesh(mesh) => any_triangle(mesh, &ray_in(instance, ray)),
-                Geometry::Shape(shape) => shape_hit(0, instance, shape, ray).is_some(),
-            },
-        )
+        (0..self.scene.instances.len() as u32).any(|index| blocks(self.scene, index, ray))
     }
 }
 
@@ -77,6 +63,30 @@ impl Accel for BruteAccel<'_> {
             summary: format!("brute force over {} instances", self.scene.instances.len()),
             ..AccelReport::default()
         }
+    }
+}
+
+/// Keeps the nearer of `best` and what the ray meets of one instance.
+#[inline(always)]
+pub(super) fn nearest_of(scene: &Scene, index: u32, ray: &Ray, best: &mut Option<Hit>) {
+    let instance = &scene.instances[index as usize];
+    match &scene.geometries[instance.geometry as usize] {
+        Geometry::Mesh(mesh) => nearest_triangle(mesh, &ray_in(instance, ray), index, best),
+        Geometry::Shape(shape) => {
+            if let Some(hit) = shape_hit(index, instance, shape, ray) {
+                keep_nearest(best, hit);
+            }
+        }
+    }
+}
+
+/// Whether the ray meets anything of one instance.
+#[inline(always)]
+pub(super) fn blocks(scene: &Scene, index: u32, ray: &Ray) -> bool {
+    let instance = &scene.instances[index as usize];
+    match &scene.geometries[instance.geometry as usize] {
+        Geometry::Mesh(mesh) => any_triangle(mesh, &ray_in(instance, ray)),
+        Geometry::Shape(shape) => shape_hit(index, instance, shape, ray).is_some(),
     }
 }
 

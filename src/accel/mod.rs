@@ -4,6 +4,8 @@
 //! * [`bsp`]: an axis-aligned BSP tree of our own.
 //! * [`brute`]: a loop over everything, the referee.
 //!
+//! [`extents`] are what a ray is tested against before an object.
+//!
 //! Ties go to the smallest `t`, then the lowest instance, then the lowest primitive, also between triangles that coincide.
 //! Only between two different triangles of its own that a ray meets at the same `t`, at a shared edge or where they overlap
 //! in part in one plane, Embree decides, and [`agreement`] counts such answers as ties, not as wrong.
@@ -13,6 +15,7 @@ pub mod brute;
 pub mod bsp;
 #[cfg(feature = "embree")]
 pub mod embree;
+pub mod extents;
 mod packet;
 mod planes;
 mod shapes;

@@ -251,6 +251,10 @@ pub(super) struct BenchArgs {
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=MAX_REPEAT))]
     pub(super) repeat: u32,
 
+    /// Measure extents instead: the tests that boxes and spheres around objects save, and the time
+    #[arg(long)]
+    pub(super) extents: bool,
+
     /// Write the measurements as JSON
     #[arg(long, value_name = "FILE")]
     pub(super) json: Option<PathBuf>,

@@ -29,16 +29,28 @@ use super::replay::{Differences, Engine, RaySet, differences, replay_seconds};
 use super::scene;
 
 /// Everything that `whit bench` is to do with each scene.
-struct BenchJob {
+pub(super) struct BenchJob {
     /// What the command line says of the frame; the scene may say the rest.
     wish: Output,
-    tracing: Tracing,
-    repeat: u32,
+    pub(super) tracing: Tracing,
+    pub(super) repeat: u32,
 }
 
 impl BenchJob {
+    /// What the arguments mean.
+    pub(super) fn new(args: &BenchArgs) -> BenchJob {
+        BenchJob {
+            wish: Output {
+                spp: args.spp,
+                ..wish(&args.frame)
+            },
+            tracing: Tracing::new(&args.tracing),
+            repeat: args.repeat,
+        }
+    }
+
     /// The frame of a scene that says `output` of its picture.
-    fn settings(&self, output: &Output) -> Result<RenderSettings, Failure> {
+    pub(super) fn settings(&self, output: &Output) -> Result<RenderSettings, Failure> {
         let mut picture = self.wish.or(output);
         picture.spp = picture.spp.or(Some(DEFAULT_BENCH_SPP));
         let settings = settings(&picture)?;
@@ -59,6 +71,9 @@ impl BenchJob {
 
 /// Measures what the arguments ask for.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
+    if args.extents {
+        return super::extents::run(args);
+    }
     if let Some(path) = &args.json {
         check_writable(path)?;
     }
@@ -66,14 +81,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if asks_embree && !cfg!(feature = "embree") {
         return Err(AccelError::NoEmbree.into());
     }
-    let job = BenchJob {
-        wish: Output {
-            spp: args.spp,
-            ..wish(&args.frame)
-        },
-        tracing: Tracing::new(&args.tracing),
-        repeat: args.repeat,
-    };
+    let job = BenchJob::new(args);
     let pool = job.tracing.pool()?;
     let progress = Progress::new(Verbosity::Normal);
     let mut rows = Vec::new();

@@ -5,6 +5,7 @@
 
 mod args;
 mod bench;
+mod extents;
 mod failure;
 mod info;
 mod interrupt;

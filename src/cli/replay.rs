@@ -61,8 +61,32 @@ impl RaySet {
         RaySet::new(RayKind::Random, packets)
     }
 
+    /// At most `most` of its packets, spread evenly over all.
+    pub(super) fn some(&self, most: usize) -> RaySet {
+        let count = self.packets.len();
+        let kept = most.clamp(1, count.max(1)).min(count);
+        let packets = (0..kept)
+            .map(|i| self.packets[i * count / kept].clone())
+            .collect();
+        RaySet::new(self.kind, packets)
+    }
+
+    /// The same without the lanes from `count` on.
+    pub(super) fn first_lanes(&self, count: usize) -> RaySet {
+        let mut packets = self.packets.clone();
+        for packet in &mut packets {
+            packet.active[count.min(LANES)..].fill(0);
+        }
+        RaySet::new(self.kind, packets)
+    }
+
+    /// The rays.
+    pub(super) fn packets(&self) -> &[RayPacket] {
+        &self.packets
+    }
+
     /// Whether neighbouring lanes run side by side.
-    fn order(&self) -> RayOrder {
+    pub(super) fn order(&self) -> RayOrder {
         match self.kind {
             RayKind::Camera | RayKind::Shadow => RayOrder::Coherent,
             RayKind::Reflection | RayKind::Random => RayOrder::Incoherent,

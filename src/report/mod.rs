@@ -3,6 +3,7 @@
 //! Keys of the JSON forms are stable: they are added to, never renamed.
 
 pub mod bench;
+pub mod extents;
 pub mod info;
 pub mod memory;
 pub mod stats;

@@ -145,6 +145,11 @@ impl Polyhedron {
         &self.half_spaces
     }
 
+    /// Its vertices, found anew, each once for every three faces that meet there.
+    pub(crate) fn vertices(&self) -> Vec<DVec3> {
+        vertices_of(&self.half_spaces)
+    }
+
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
         let mut span = Span::ALL;

@@ -4,8 +4,10 @@ use std::collections::BTreeSet;
 
 use super::builder::{Branch, Built, build};
 use super::primitives::{Primitives, RunKind};
+use crate::accel::extents::SphereExtent;
 use crate::accel::planes::Planes;
 use crate::accel::{AccelError, AccelOptions, Hit};
+use crate::numeric::Ray;
 use crate::scene::{Geometry, Scene};
 
 /// All trees of a scene, in the layout `T`.
@@ -16,6 +18,8 @@ pub(super) struct Levels<'s, T> {
     pub(super) world: Level<'s, T>,
     /// What no tree can hold.
     pub(super) planes: Planes,
+    /// By instance, what is tested before a shape, where anything is.
+    pub(super) spheres: Vec<Option<SphereExtent>>,
     /// By geometry; absent where no instance but a baked one uses it.
     pub(super) objects: Vec<Option<Level<'s, T>>>,
     /// Most bytes in use at any time of the build.
@@ -70,9 +74,19 @@ impl<'s, T: Layout> Levels<'s, T> {
             scene,
             world,
             planes: Planes::of(scene),
+            spheres: Vec::new(),
             objects,
             peak_bytes: meter.peak_bytes,
         })
+    }
+
+    /// Whether a sphere lets the ray through to an instance.
+    #[inline(always)]
+    pub(super) fn lets_through(&self, instance: u32, ray: &Ray) -> bool {
+        match self.spheres.get(instance as usize) {
+            Some(Some(sphere)) => sphere.may_meet(ray),
+            _ => true,
+        }
     }
 
     /// Bytes of all trees.

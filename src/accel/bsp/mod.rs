@@ -18,9 +18,10 @@ mod packet;
 mod primitives;
 mod reference;
 mod single;
-mod slack;
+pub(super) mod slack;
 mod wide;
 
+use super::extents::{Spheres, spheres_of_shapes};
 use super::planes::Planes;
 use super::{Accel, AccelError, AccelOptions, AccelReport, Kernel, LANES, RayOrder, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch};
@@ -55,13 +56,35 @@ impl Walker<'_> {
 impl<'s> BspAccel<'s> {
     /// Builds the trees of a validated scene.
     pub fn build(scene: &'s Scene, options: &AccelOptions) -> Result<BspAccel<'s>, AccelError> {
-        let levels = in_pool(options.threads, || Levels::build(scene, options))?;
-        let report = report(&levels);
+        BspAccel::build_with_spheres(scene, options, Spheres::Chosen)
+    }
+
+    /// [`BspAccel::build`], which takes [`Spheres::Chosen`], with other spheres. The answers are the same.
+    pub fn build_with_spheres(
+        scene: &'s Scene,
+        options: &AccelOptions,
+        spheres: Spheres,
+    ) -> Result<BspAccel<'s>, AccelError> {
+        let levels = in_pool(options.threads, || -> Result<_, AccelError> {
+            let mut levels: Levels<WideTree> = Levels::build(scene, options)?;
+            levels.spheres = spheres_of_shapes(scene, spheres);
+            Ok(levels)
+        })?;
+        let mut report = report(&levels);
+        report.bytes += size_of_val(&*levels.spheres) as u64;
         let walker = match options.kernel {
             Kernel::Single => Walker::Single(levels),
             Kernel::Packet => Walker::Packet(levels),
         };
         Ok(BspAccel { walker, report })
+    }
+
+    /// How many instances have a sphere.
+    pub fn sphere_count(&self) -> usize {
+        match &self.walker {
+            Walker::Reference(_) => 0,
+            Walker::Single(levels) | Walker::Packet(levels) => levels.spheres.iter().flatten().count(),
+        }
     }
 
     /// Builds trees that are walked by the reference kernel: plain, slow, and what the fast kernels are tested against.

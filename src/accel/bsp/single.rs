@@ -164,6 +164,9 @@ pub(super) fn ask_whole(
     (question, stack): (Question, &mut Stack),
 ) -> bool {
     let run = levels.world.primitives.run(number);
+    if !levels.lets_through(run.instance, ray) {
+        return false;
+    }
     let instance = &levels.scene.instances[run.instance as usize];
     match &levels.scene.geometries[instance.geometry as usize] {
         Geometry::Shape(shape) => match shape_hit(run.instance, instance, shape, ray) {

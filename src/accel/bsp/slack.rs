@@ -45,7 +45,7 @@ impl Slack {
 
 /// A line, as slabs see it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Line {
+pub(in crate::accel) struct Line {
     /// A point on it.
     pub(super) origin: [f32; 3],
     /// Reciprocal direction, its magnitude reduced by the slack; infinite, with a sign, where the component is zero.
@@ -69,7 +69,7 @@ impl Line {
 
     /// [`Line::enter`] and [`Line::leave`] of `N` rays, by axis.
     #[inline(always)]
-    pub(super) fn reciprocals<const N: usize>(direction: &[[f32; N]; 3]) -> [[[f32; N]; 3]; 2] {
+    pub(in crate::accel) fn reciprocals<const N: usize>(direction: &[[f32; N]; 3]) -> [[[f32; N]; 3]; 2] {
         let [mut enter, mut leave] = [[[0.0; N]; 3]; 2];
         let mut least = [0.0f32; N];
         for row in direction {

@@ -1,0 +1,279 @@
+//! Which extent an object gets: what testing costs is measured, how often it pays is estimated.
+//!
+//! A ray is expected to take `C(extent) + P(extent) C(object)` before an object. The costs are nanoseconds, measured
+//! here on the objects themselves; P is the part of the lines through the scene that meet the extent, which for convex
+//! bodies is the ratio of their surfaces (Goldsmith and Salmon, "Automatic creation of object hierarchies for ray
+//! tracing", 1987). Timings differ from run to run, and so may choices: they change no answer.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use glam::DVec3;
+
+use super::guard::Guard;
+use super::hull::Hull;
+use super::rays::RayLanes;
+use super::shape::{BoxExtent, SphereExtent};
+use super::{Ball, ExtentKind, Object, Offers, Spheres, surface};
+use crate::accel::brute::nearest_of;
+use crate::accel::{LANES, RayPacket};
+use crate::mesh::lanes::{Isa, Work, dispatch};
+use crate::numeric::{Bounds, Ray};
+use crate::scene::{Geometry, Instance, Scene};
+
+/// Tests of an extent that are timed together.
+const EXTENT_TESTS: usize = 256;
+/// Rays that are asked of an object.
+const OBJECT_RAYS: usize = 64;
+/// Triangles of a mesh that are timed; all cost the same.
+const MOST_TRIANGLES: usize = 256;
+/// Of so many timings the shortest counts: interruptions only ever add.
+const TIMINGS: usize = 3;
+
+/// Nanoseconds for one ray.
+pub(super) struct Costs {
+    of_box: f64,
+    of_sphere: f64,
+    /// By geometry.
+    of_object: Vec<f64>,
+    /// The surface of the box around the scene.
+    scene_area: f64,
+}
+
+impl Costs {
+    /// Times the tests of extents, and every geometry in its first placement.
+    pub(super) fn measure(scene: &Scene, hulls: &[Option<Hull>]) -> Costs {
+        let mut first = vec![None; scene.geometries.len()];
+        for instance in &scene.instances {
+            first[instance.geometry as usize].get_or_insert(instance);
+        }
+        let of_object = first
+            .iter()
+            .zip(hulls)
+            .enumerate()
+            .map(|(index, (instance, hull))| match (instance, hull) {
+                (Some(instance), Some(hull)) => object_cost(&scene.geometries[index], instance, hull),
+                _ => 0.0,
+            })
+            .collect();
+        let [of_box, of_sphere] = extent_costs();
+        Costs {
+            of_box,
+            of_sphere,
+            of_object,
+            scene_area: surface(&scene.bounds()),
+        }
+    }
+
+    /// The extent by which an object of that geometry costs least.
+    pub(super) fn cheapest(&self, geometry: u32, offers: &Offers) -> ExtentKind {
+        let object = self.of_object[geometry as usize];
+        let with = |cost: f64, area: f64| cost + (area / self.scene_area).min(1.0) * object;
+        let mut best = (ExtentKind::None, object);
+        for (kind, cost) in [
+            (ExtentKind::TightSphere, with(self.of_sphere, offers.tight.area())),
+            (
+                ExtentKind::CentroidSphere,
+                with(self.of_sphere, offers.centroid.area()),
+            ),
+            (ExtentKind::Box, with(self.of_box, offers.bounds.area())),
+        ] {
+            if cost < best.1 {
+                best = (kind, cost);
+            }
+        }
+        best.0
+    }
+}
+
+/// By this much a sphere before a shape must shorten the time to be taken, so that noise decides little.
+const LEAST_GAIN: f64 = 0.95;
+
+/// By geometry, whether a tree's rays find hits sooner with a sphere before the shape.
+///
+/// What a tree lets through goes through the box of the shape, evenly: such rays are timed, with the sphere and without.
+pub(super) fn where_spheres_pay(scene: &Scene, hulls: &[Option<Hull>], spheres: Spheres) -> Vec<bool> {
+    let mut pays = vec![spheres == Spheres::Always; scene.geometries.len()];
+    if spheres != Spheres::Chosen {
+        return pays;
+    }
+    let mut is_known = vec![false; scene.geometries.len()];
+    for instance in &scene.instances {
+        let geometry = instance.geometry as usize;
+        let (false, Some(hull)) = (is_known[geometry], &hulls[geometry]) else {
+            continue;
+        };
+        is_known[geometry] = true;
+        let Some((offers, _)) = Offers::of(scene, instance, hull) else {
+            continue;
+        };
+        let object = alone(&scene.geometries[geometry], instance);
+        let bounds = hull.object_bounds().transformed(&instance.world_from_object());
+        let rays = rays_towards(&bounds);
+        let without = nearest_ns(&object, &rays, |_| true);
+        let with = nearest_ns(&object, &rays, |ray| offers.tight.may_meet(ray));
+        pays[geometry] = with < LEAST_GAIN * without;
+    }
+    pays
+}
+
+/// Nanoseconds for one ray and the only object of a scene, if `lets_through` says so.
+fn nearest_ns(scene: &Scene, rays: &[Ray], lets_through: impl Fn(&Ray) -> bool) -> f64 {
+    let ns = shortest(|| {
+        for ray in rays {
+            let mut best = None;
+            if lets_through(ray) {
+                nearest_of(scene, 0, ray, &mut best);
+            }
+            black_box(best);
+        }
+    });
+    ns / rays.len() as f64
+}
+
+/// A scene of one object.
+fn alone(geometry: &Geometry, instance: &Instance) -> Scene {
+    let mut placed = instance.clone();
+    placed.geometry = 0;
+    Scene {
+        geometries: vec![geometry.clone()],
+        instances: vec![placed],
+        ..Scene::default()
+    }
+}
+
+/// The shortest of a few timings of `work`, in nanoseconds.
+fn shortest(mut work: impl FnMut()) -> f64 {
+    let time = |_| {
+        let start = Instant::now();
+        work();
+        start.elapsed().as_secs_f64() * 1e9
+    };
+    (0..TIMINGS).map(time).fold(f64::INFINITY, f64::min)
+}
+
+/// Nanoseconds for one ray and one box, and for one ray and one sphere.
+fn extent_costs() -> [f64; 2] {
+    let mut packet = RayPacket::EMPTY;
+    for lane in 0..LANES {
+        packet.set(lane, &Ray::new(glam::Vec3::splat(lane as f32), glam::Vec3::ONE));
+    }
+    let bounds = Bounds {
+        min: DVec3::ZERO,
+        max: DVec3::ONE,
+    };
+    let ball = Ball {
+        center: DVec3::ZERO,
+        radius: 1.0,
+    };
+    let object = |extent| Object { instance: 0, extent };
+    [
+        super::Extent::Box(BoxExtent::new(&bounds, &Guard::NONE)),
+        super::Extent::Sphere(SphereExtent::new(&ball, &Guard::NONE)),
+    ]
+    .map(|extent| {
+        let objects: Vec<Object> = (0..EXTENT_TESTS).map(|_| object(extent)).collect();
+        let ns = shortest(|| {
+            black_box(dispatch(Calibration {
+                packet: &packet,
+                objects: &objects,
+            }));
+        });
+        ns / (EXTENT_TESTS * LANES) as f64
+    })
+}
+
+/// One packet against many extents.
+struct Calibration<'a> {
+    packet: &'a RayPacket,
+    objects: &'a [Object],
+}
+
+impl Work for Calibration<'_> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) -> u32 {
+        let rays = RayLanes::new(isa, self.packet, 0.0);
+        let t_far = black_box(self.packet.t_far);
+        self.objects
+            .iter()
+            .fold(0, |mask, object| mask ^ object.meets(isa, &rays, &t_far))
+    }
+}
+
+/// Nanoseconds for one ray and the object, rays coming from all around towards points in its box.
+fn object_cost(geometry: &Geometry, instance: &Instance, hull: &Hull) -> f64 {
+    let (sample, scale) = match geometry {
+        Geometry::Mesh(mesh) if mesh.triangles.len() > MOST_TRIANGLES => {
+            let mut part = mesh.clone();
+            part.triangles = mesh.triangles[..MOST_TRIANGLES].to_vec().into();
+            let scale = mesh.triangles.len() as f64 / MOST_TRIANGLES as f64;
+            (Geometry::Mesh(part), scale)
+        }
+        _ => (geometry.clone(), 1.0),
+    };
+    let bounds = hull.object_bounds().transformed(&instance.world_from_object());
+    scale * nearest_ns(&alone(&sample, instance), &rays_towards(&bounds), |_| true)
+}
+
+/// Rays from around a box to places all over it, by the golden ratio's multiples.
+fn rays_towards(bounds: &Bounds) -> Vec<Ray> {
+    // Steps of the R3 sequence (Roberts 2018): the powers of the root of x⁴ = x + 1.
+    const STEPS: DVec3 = DVec3::new(0.819_172_513_4, 0.671_043_606_7, 0.549_700_477_9);
+    (0..OBJECT_RAYS)
+        .map(|i| {
+            let place = |k: usize| (k as f64 * STEPS).fract();
+            let target = bounds.min + place(i) * bounds.extent();
+            let away = 2.0 * place(i + OBJECT_RAYS) - DVec3::ONE;
+            let origin = bounds.center() + 4.0 * bounds.extent().length() * away.normalize_or(DVec3::X);
+            Ray::new(origin.as_vec3(), (target - origin).as_vec3())
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn offers(area_of_box: f64, area_of_sphere: f64) -> Offers {
+        let side = (area_of_box / 6.0).sqrt();
+        let bounds = Bounds {
+            min: DVec3::ZERO,
+            max: DVec3::splat(side),
+        };
+        let ball = |area: f64| Ball {
+            center: DVec3::ZERO,
+            radius: (area / (4.0 * std::f64::consts::PI)).sqrt(),
+        };
+        Offers {
+            bounds: BoxExtent::new(&bounds, &Guard::NONE),
+            centroid: SphereExtent::new(&ball(2.0 * area_of_sphere), &Guard::NONE),
+            tight: SphereExtent::new(&ball(area_of_sphere), &Guard::NONE),
+        }
+    }
+
+    #[test]
+    fn the_cheapest_is_chosen_and_nothing_where_nothing_pays() {
+        let costs = |of_object| Costs {
+            of_box: 2.0,
+            of_sphere: 1.0,
+            of_object: vec![of_object],
+            scene_area: 100.0,
+        };
+        // Box 2 + 0.1 x 100 = 12, sphere 1 + 0.2 x 100 = 21.
+        assert_eq!(costs(100.0).cheapest(0, &offers(10.0, 20.0)), ExtentKind::Box);
+        // Box 2 + 0.1 x 5 = 2.5, sphere 1 + 0.2 x 5 = 2.
+        assert_eq!(
+            costs(5.0).cheapest(0, &offers(10.0, 20.0)),
+            ExtentKind::TightSphere
+        );
+        // Sphere 1 + 0.2 x 1 = 1.2, nothing 1.
+        assert_eq!(costs(1.0).cheapest(0, &offers(10.0, 20.0)), ExtentKind::None);
+    }
+
+    #[test]
+    fn measured_costs_are_positive() {
+        assert!(extent_costs().iter().all(|ns| *ns > 0.0));
+    }
+}

@@ -1,0 +1,140 @@
+//! How far a hit that is reported may lie beside the exact object, and so how much wider an extent must be.
+//!
+//! With u = 2^-24, M the placement, B the largest coordinate of the object in its own space and T' the translation of
+//! M⁻¹, three things move what a ray meets, per axis of object space:
+//!
+//! * the object-space ray is rounded to f32: `u |o'| + u |p' - o'|`;
+//! * the triangle test projects corners: `4u |p' - o'| + 4u e`, e <= 2B the extent (see the BSP's slack);
+//! * shapes are asked in f64, whose roundings are 2^29 times smaller.
+//!
+//! As `|p'| <= B` and `|o'| <= |M⁻¹| |o| + |T'|`, that is at most `u (6 |M⁻¹| |o| + 6 |T'| + 13 B)`, in the world
+//! `u (6 |M| |M⁻¹| |o| + |M| (6 |T'| + 13 B))`. All is doubled, for the effect of one rounding on another.
+//!
+//! Besides, a triangle that is seen edge-on may be met anywhere along it: its parameter is a mean of those of its
+//! corners, with weights that rounding decides.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use crate::numeric::Bounds;
+use crate::scene::{Geometry, Instance};
+
+/// Half a unit in the last place of 1.
+pub(super) const UNIT: f64 = 1.0 / (1u64 << 24) as f64;
+/// Placements that mix axes so much that rounding moves hits by more than 64 times that get no extent; for them also
+/// the inverse in f64 would need a bound.
+const MOST_MIXING: f64 = 64.0;
+/// Coordinates beyond this get no extent: squares of differences would overflow f32.
+const MOST_MAGNITUDE: f64 = 1e18;
+
+/// Bounds on what rounding does to the hits on one object; lengths are in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Guard {
+    /// Displacement per axis relative to the largest coordinate of the ray's origin.
+    pub(super) by_origin: f64,
+    /// Displacement per axis that the object itself brings.
+    pub(super) own: f64,
+    /// Distance along the ray by which a hit may be reported too near or too far; 0 for shapes.
+    pub(super) depth: f64,
+}
+
+impl Guard {
+    /// Nothing is moved.
+    pub(super) const NONE: Guard = Guard {
+        by_origin: 0.0,
+        own: 0.0,
+        depth: 0.0,
+    };
+
+    /// The guard of an object; `None` where no extent is safe: for what has no end, and for extreme placements.
+    pub(super) fn of(instance: &Instance, geometry: &Geometry, object_bounds: &Bounds) -> Option<Guard> {
+        if geometry.is_unbounded() || object_bounds.is_empty() {
+            return None;
+        }
+        let map = instance.world_from_object();
+        let inverse = instance.object_from_world();
+        let size = object_bounds.magnitude();
+        let linear = magnitudes(&map);
+        let back = magnitudes(&inverse);
+        let mixing = (linear * (back * DVec3::ONE)).max_element();
+        let own = linear * (6.0 * inverse.translation.abs() + DVec3::splat(13.0 * size));
+        let depth = match geometry {
+            // Corners of a triangle differ along the longest axis of the direction by the extent at most, and that
+            // axis has at least 1 / √3 of its length.
+            Geometry::Mesh(_) => {
+                3f64.sqrt() * object_bounds.extent().max_element() * spectral_bound(&map.matrix3)
+            }
+            Geometry::Shape(_) => 0.0,
+        };
+        let reach = own.max_element() + depth + object_bounds.transformed(&map).magnitude();
+        // NaN fails the comparison too.
+        (mixing <= MOST_MIXING && reach < MOST_MAGNITUDE).then(|| Guard {
+            // One more for the rounding of the moved origin itself.
+            by_origin: 2.0 * UNIT * (6.0 * mixing + 1.0),
+            // Behind the origin, slab parameters are off by 16u of `depth`.
+            own: 2.0 * UNIT * (own.max_element() + 16.0 * depth),
+            depth,
+        })
+    }
+}
+
+/// The magnitudes of the linear part.
+fn magnitudes(map: &DAffine3) -> DMat3 {
+    let m = map.matrix3;
+    DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs())
+}
+
+/// A bound on the largest factor by which a matrix lengthens a vector, exact for rotations with a scale, else at most
+/// 2 % too large.
+///
+/// The largest eigenvalue of a positive matrix is at most any norm, and at most the 32nd root of the trace of its
+/// 32nd power, which exceeds it by 3^(1/32) at most.
+pub(super) fn spectral_bound(m: &DMat3) -> f64 {
+    // Scaled by the largest entry, so that the squares of tiny and huge ones stay within range.
+    let largest = m.to_cols_array().iter().fold(0.0f64, |a, &x| a.max(x.abs()));
+    if !(largest > 0.0) {
+        return 0.0;
+    }
+    let scaled = *m * largest.recip();
+    let gram = scaled.transpose() * scaled;
+    let rows = gram.x_axis.abs() + gram.y_axis.abs() + gram.z_axis.abs();
+    let by_norm = rows.max_element();
+    let mut power = gram * by_norm.recip();
+    for _ in 0..5 {
+        power = power * power;
+    }
+    let trace = power.x_axis.x + power.y_axis.y + power.z_axis.z;
+    let by_trace = by_norm * trace.powf(1.0 / 32.0);
+    // Some hundred roundings of 2^-53.
+    largest * by_norm.min(by_trace).sqrt() * (1.0 + 2f64.powi(-44))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::{Shape, Sphere};
+
+    #[test]
+    fn the_spectral_bound_is_exact_for_turns_and_close_for_stretches() {
+        let turn = DMat3::from_rotation_x(0.7) * DMat3::from_rotation_z(1.9);
+        assert!((spectral_bound(&(3.0 * turn)) - 3.0).abs() < 1e-12);
+        let stretched = turn * DMat3::from_diagonal(DVec3::new(0.1, -5.0, 4.9)) * turn;
+        let bound = spectral_bound(&stretched);
+        assert!((5.0..5.0 * 1.02).contains(&bound), "{bound}");
+        assert_eq!(spectral_bound(&DMat3::ZERO), 0.0);
+        let tiny = spectral_bound(&(1e-250 * turn));
+        assert!((tiny * 1e250 - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn extreme_placements_and_planes_have_no_guard() {
+        let sphere = Geometry::Shape(Shape::Sphere(Sphere::UNIT));
+        let turn = DAffine3::from_rotation_z(0.5);
+        let placed = |map| Instance::new("", 0, 0, map).unwrap();
+        let guard = |map, geometry: &Geometry| Guard::of(&placed(map), geometry, &geometry.bounds());
+        let flat = DAffine3::from_scale(DVec3::new(1.0, 1.0, 1e-3));
+        assert!(guard(flat, &sphere).is_some());
+        assert!(guard(turn * flat, &sphere).is_none());
+        assert!(guard(DAffine3::from_scale(DVec3::splat(1e19)), &sphere).is_none());
+        assert!(guard(turn, &Geometry::Shape(Shape::Plane)).is_none());
+    }
+}

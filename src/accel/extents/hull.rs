@@ -1,0 +1,249 @@
+//! What an object can be held by: points whose convex hull contains it, in its own space.
+//!
+//! A box or ball around the points contains the hull and so the object, after any affine map too. Round shapes are
+//! within a polygon of [`SIDES`] sides around their circles.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DAffine3, DVec3};
+
+use super::ball::Ball;
+use super::guard::spectral_bound;
+use crate::mesh::Mesh;
+use crate::numeric::Bounds;
+use crate::scene::Geometry;
+use crate::shape::{Shape, Sphere};
+
+/// Sides of the polygons around circles: with 32 they reach 0.5 % beyond them.
+const SIDES: u32 = 32;
+/// Objects of more points are not looked at point by point in every placement, but by their balls.
+const MANY_POINTS: usize = 4096;
+
+/// A geometry as extents see it.
+pub(super) struct Hull {
+    form: Form,
+    bounds: Bounds,
+    /// In object space.
+    balls: Balls,
+}
+
+enum Form {
+    Points(Vec<DVec3>),
+    /// A sphere is its own hull.
+    Sphere(Sphere),
+}
+
+/// The two balls of an object.
+#[derive(Clone, Copy)]
+pub(super) struct Balls {
+    /// The lecture's.
+    pub(super) centroid: Ball,
+    /// The smallest that is known.
+    pub(super) tight: Ball,
+}
+
+impl Hull {
+    /// The hull of a geometry; `None` for what has no end or nothing in it.
+    pub(super) fn of(geometry: &Geometry) -> Option<Hull> {
+        let bounds = geometry.bounds();
+        if geometry.is_unbounded() || bounds.is_empty() {
+            return None;
+        }
+        Some(Hull::with_form(
+            match geometry {
+                Geometry::Mesh(mesh) => Form::Points(used_points(mesh)),
+                Geometry::Shape(Shape::Sphere(sphere)) => Form::Sphere(*sphere),
+                Geometry::Shape(shape) => Form::Points(shape_points(shape, &bounds)),
+            },
+            bounds,
+        ))
+    }
+
+    /// The same, but for meshes only the corners of their boxes: quickly found, however large they are.
+    pub(super) fn rough(geometry: &Geometry) -> Option<Hull> {
+        match geometry {
+            Geometry::Shape(_) => Hull::of(geometry),
+            Geometry::Mesh(mesh) => {
+                let bounds = mesh.bounds();
+                (!bounds.is_empty()).then(|| Hull::with_form(Form::Points(corners(&bounds).to_vec()), bounds))
+            }
+        }
+    }
+
+    fn with_form(form: Form, bounds: Bounds) -> Hull {
+        let balls = match &form {
+            Form::Points(points) => Balls::of(points),
+            Form::Sphere(sphere) => {
+                let ball = Ball {
+                    center: sphere.center,
+                    radius: sphere.radius,
+                };
+                Balls {
+                    centroid: ball,
+                    tight: ball,
+                }
+            }
+        };
+        Hull { form, bounds, balls }
+    }
+
+    /// The box in object space.
+    pub(super) fn object_bounds(&self) -> &Bounds {
+        &self.bounds
+    }
+
+    /// The balls in world space, but for some roundings of 2^-53 of the coordinates.
+    pub(super) fn world_balls(&self, map: &DAffine3) -> Balls {
+        match &self.form {
+            Form::Points(points) if points.len() <= MANY_POINTS && !keeps_balls(map) => {
+                let placed: Vec<DVec3> = points.iter().map(|&p| map.transform_point3(p)).collect();
+                Balls::of(&placed)
+            }
+            _ => {
+                let scale = spectral_bound(&map.matrix3);
+                let placed = |ball: Ball| Ball {
+                    center: map.transform_point3(ball.center),
+                    radius: scale * ball.radius,
+                };
+                Balls {
+                    centroid: placed(self.balls.centroid),
+                    tight: placed(self.balls.tight),
+                }
+            }
+        }
+    }
+
+    /// The box in world space, likewise; `by_box` is the one around the transformed box.
+    pub(super) fn world_bounds(&self, map: &DAffine3, by_box: Bounds) -> Bounds {
+        match &self.form {
+            Form::Points(points) if points.len() <= MANY_POINTS => {
+                Bounds::of_points(points.iter().map(|&p| map.transform_point3(p)))
+            }
+            _ => by_box,
+        }
+    }
+
+    /// Points around the placed object: its own where there are few, else the corners of its box in object space; those
+    /// of its box in the world, `world`, for a sphere.
+    pub(super) fn placed_points(&self, map: &DAffine3, world: &Bounds) -> Vec<DVec3> {
+        let placed = |points: &[DVec3]| points.iter().map(|&p| map.transform_point3(p)).collect();
+        match &self.form {
+            Form::Sphere(_) => corners(world).to_vec(),
+            Form::Points(points) if points.len() <= MANY_POINTS => placed(points),
+            Form::Points(_) => placed(&corners(&self.bounds)),
+        }
+    }
+}
+
+impl Balls {
+    fn of(points: &[DVec3]) -> Balls {
+        Balls {
+            centroid: Ball::of_centroid(points),
+            tight: Ball::smallest(points),
+        }
+    }
+}
+
+/// Whether balls stay balls: the map turns, mirrors and scales, but does not stretch.
+fn keeps_balls(map: &DAffine3) -> bool {
+    let m = map.matrix3;
+    let gram = m.transpose() * m;
+    let scale = gram.x_axis.x;
+    // What f32 input leaves of a rotation; a ball of a slightly stretched object is that little too large.
+    let slack = 1e-5 * scale;
+    (0..3).all(|i| {
+        let column = gram.col(i);
+        (0..3).all(|j| (column[j] - if i == j { scale } else { 0.0 }).abs() <= slack)
+    })
+}
+
+/// The vertices that a triangle uses, each once.
+fn used_points(mesh: &Mesh) -> Vec<DVec3> {
+    let mut is_used = vec![false; mesh.positions.len()];
+    for &vertex in mesh.triangles.iter().flatten() {
+        is_used[vertex as usize] = true;
+    }
+    let used = mesh.positions.iter().zip(is_used).filter(|(_, used)| *used);
+    used.map(|(p, _)| DVec3::from(p.map(f64::from))).collect()
+}
+
+/// Points around a shape that is neither a sphere nor endless.
+fn shape_points(shape: &Shape, bounds: &Bounds) -> Vec<DVec3> {
+    match shape {
+        Shape::Polyhedron(polyhedron) => polyhedron.vertices(),
+        Shape::Disk => circle(1.0, 0.0),
+        Shape::Cylinder(_) => [circle(1.0, -1.0), circle(1.0, 1.0)].concat(),
+        Shape::Cone(_) => [circle(1.0, -1.0), vec![DVec3::Z]].concat(),
+        Shape::Torus(torus) => {
+            let (reach, z) = (1.0 + torus.minor_radius, torus.minor_radius);
+            [circle(reach, -z), circle(reach, z)].concat()
+        }
+        Shape::Quad => [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+            .map(|[x, y]| DVec3::new(x, y, 0.0))
+            .to_vec(),
+        Shape::Cube | Shape::Quadric(_) | Shape::Sphere(_) | Shape::Plane => corners(bounds).to_vec(),
+    }
+}
+
+/// The corners of a regular polygon around the circle of that radius at that height.
+fn circle(radius: f64, z: f64) -> Vec<DVec3> {
+    let outer = radius / (PI / f64::from(SIDES)).cos();
+    let corner = |i: u32| {
+        let (sin, cos) = (TAU * f64::from(i) / f64::from(SIDES)).sin_cos();
+        DVec3::new(outer * cos, outer * sin, z)
+    };
+    (0..SIDES).map(corner).collect()
+}
+
+/// The corners of a box.
+pub(super) fn corners(bounds: &Bounds) -> [DVec3; 8] {
+    std::array::from_fn(|corner| {
+        let pick = |axis: usize| {
+            if corner >> axis & 1 == 0 {
+                bounds.min[axis]
+            } else {
+                bounds.max[axis]
+            }
+        };
+        DVec3::new(pick(0), pick(1), pick(2))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::{Cylinder, Torus};
+
+    #[test]
+    fn round_shapes_have_smaller_balls_than_their_boxes() {
+        let radius = |shape| Hull::of(&Geometry::Shape(shape)).unwrap().balls.tight.radius;
+        // The polygon reaches 1 / cos(π/32) = 1.0048 far.
+        let outer = 1.0 / (PI / 32.0).cos();
+        assert!((radius(Shape::Disk) - outer).abs() < 1e-12);
+        let cylinder = Shape::Cylinder(Cylinder { capped: true });
+        assert!((radius(cylinder) - (outer * outer + 1.0).sqrt()).abs() < 1e-12);
+        let torus = Shape::Torus(Torus { minor_radius: 0.25 });
+        assert!((radius(torus) - (1.25 * outer).hypot(0.25)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn unused_vertices_and_planes_count_for_nothing() {
+        let mesh = Mesh {
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [900.0; 3]].into(),
+            triangles: vec![[0, 1, 2]].into(),
+            ..Mesh::default()
+        };
+        let hull = Hull::of(&Geometry::Mesh(mesh)).unwrap();
+        assert!((hull.balls.tight.radius - 0.5f64.sqrt()).abs() < 1e-15);
+        assert!(Hull::of(&Geometry::Shape(Shape::Plane)).is_none());
+        assert!(Hull::of(&Geometry::Mesh(Mesh::default())).is_none());
+    }
+
+    #[test]
+    fn a_stretched_sphere_is_held_by_a_ball_around_its_longest_axis() {
+        let hull = Hull::of(&Geometry::Shape(Shape::Sphere(Sphere::UNIT))).unwrap();
+        let map = DAffine3::from_rotation_x(0.4) * DAffine3::from_scale(DVec3::new(1.0, 3.0, 0.5));
+        let ball = hull.world_balls(&map).tight;
+        assert!((3.0..3.06).contains(&ball.radius), "{}", ball.radius);
+    }
+}

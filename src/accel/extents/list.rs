@@ -1,0 +1,271 @@
+//! The lecture's list: every object is asked, but behind its extent.
+//!
+//! Sixteen rays are tested against an extent at once; the object is then asked ray by ray, as brute force asks it, to
+//! the same bits. In what order the objects come changes no answer, because ties have an order of their own.
+
+use super::rays::RayLanes;
+use super::{ExtentCounts, ExtentKind, Extents, Object};
+use crate::accel::brute::{blocks, nearest_of};
+use crate::accel::planes::Planes;
+use crate::accel::{Accel, AccelReport, Hit, LANES, RayOrder, RayPacket};
+use crate::mesh::lanes::{Isa, Work, dispatch, lanes};
+use crate::scene::Scene;
+
+/// The objects of a scene in a list, each behind its extent.
+pub struct ListAccel<'s> {
+    pub(super) scene: &'s Scene,
+    pub(super) extents: Extents,
+    pub(super) planes: Planes,
+}
+
+/// Work that rays cause, planes not counted: each has the one test that nothing could save.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Tally {
+    /// Rays asked.
+    pub rays: u64,
+    /// Objects that each ray would be tested against without extents, together.
+    pub objects: u64,
+    /// Tests of a ray against an object.
+    pub object_tests: u64,
+    /// Tests of a ray against an extent.
+    pub extent_tests: u64,
+    /// Tests of a packet's place on the film against the box of an object.
+    pub film_tests: u64,
+}
+
+/// What counts, or does not.
+pub(super) trait Count {
+    /// So many rays were asked.
+    fn rays(&mut self, _mask: u32, _objects: usize) {}
+    /// So many rays were tested against an extent.
+    fn extents(&mut self, _mask: u32) {}
+    /// So many rays were tested against an object.
+    fn objects(&mut self, _mask: u32) {}
+    /// A packet was held against a box on the film.
+    fn film(&mut self) {}
+}
+
+impl Count for () {}
+
+impl Count for Tally {
+    fn rays(&mut self, mask: u32, objects: usize) {
+        self.rays += u64::from(mask.count_ones());
+        self.objects += u64::from(mask.count_ones()) * objects as u64;
+    }
+
+    fn extents(&mut self, mask: u32) {
+        self.extent_tests += u64::from(mask.count_ones());
+    }
+
+    fn objects(&mut self, mask: u32) {
+        self.object_tests += u64::from(mask.count_ones());
+    }
+
+    fn film(&mut self) {
+        self.film_tests += 1;
+    }
+}
+
+/// Which question.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Question {
+    Nearest,
+    Any,
+}
+
+impl std::ops::AddAssign for Tally {
+    fn add_assign(&mut self, other: Tally) {
+        self.rays += other.rays;
+        self.objects += other.objects;
+        self.object_tests += other.object_tests;
+        self.extent_tests += other.extent_tests;
+        self.film_tests += other.film_tests;
+    }
+}
+
+impl<'s> ListAccel<'s> {
+    /// A list of a validated scene's objects with extents of that kind.
+    pub fn new(scene: &'s Scene, kind: ExtentKind) -> ListAccel<'s> {
+        ListAccel::of_extents(scene, Extents::new(scene, kind))
+    }
+
+    /// The same by extents that are known.
+    pub(super) fn of_extents(scene: &'s Scene, extents: Extents) -> ListAccel<'s> {
+        ListAccel {
+            scene,
+            extents,
+            planes: Planes::of(scene),
+        }
+    }
+
+    /// How many objects have which extent.
+    pub fn counts(&self) -> ExtentCounts {
+        self.extents.counts()
+    }
+
+    /// [`Accel::intersect`] with the work counted.
+    pub fn count_intersect(&self, packets: &mut [RayPacket]) -> Tally {
+        let mut tally = Tally::default();
+        self.trace(packets, Question::Nearest, &mut tally);
+        tally
+    }
+
+    /// [`Accel::occluded`] with the work counted.
+    pub fn count_occluded(&self, packets: &mut [RayPacket]) -> Tally {
+        let mut tally = Tally::default();
+        self.trace(packets, Question::Any, &mut tally);
+        tally
+    }
+
+    fn trace(&self, packets: &mut [RayPacket], question: Question, count: &mut impl Count) {
+        dispatch(Batch {
+            list: self,
+            packets,
+            question,
+            count,
+        });
+        if !self.planes.is_empty() {
+            match question {
+                Question::Nearest => self.planes.intersect(packets),
+                Question::Any => self.planes.occluded(packets),
+            }
+        }
+    }
+}
+
+impl Accel for ListAccel<'_> {
+    fn intersect(&self, packets: &mut [RayPacket], _order: RayOrder) {
+        self.trace(packets, Question::Nearest, &mut ());
+    }
+
+    fn occluded(&self, packets: &mut [RayPacket], _order: RayOrder) {
+        self.trace(packets, Question::Any, &mut ());
+    }
+
+    fn report(&self) -> AccelReport {
+        let objects = self.extents.objects();
+        AccelReport {
+            bytes: size_of_val(objects) as u64,
+            peak_bytes: size_of_val(objects) as u64,
+            embree: None,
+            summary: format!(
+                "a list of {} objects, {} planes",
+                objects.len(),
+                self.planes.count()
+            ),
+        }
+    }
+}
+
+struct Batch<'a, 's, C> {
+    list: &'a ListAccel<'s>,
+    packets: &'a mut [RayPacket],
+    question: Question,
+    count: &'a mut C,
+}
+
+impl<C: Count> Work for Batch<'_, '_, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) {
+        let extents = &self.list.extents;
+        for packet in self.packets {
+            packet.drop_untraceable();
+            let mut search = Search::new(isa, self.list, packet, self.question);
+            self.count.rays(search.active, extents.objects().len());
+            for object in extents.objects() {
+                search.ask(isa, object, u32::MAX, self.count);
+                if search.active == 0 {
+                    break;
+                }
+            }
+            search.write(packet);
+        }
+    }
+}
+
+/// The search of one packet through objects, in whatever order they come.
+pub(super) struct Search<'a, 's> {
+    list: &'a ListAccel<'s>,
+    question: Question,
+    rays: RayLanes,
+    asked: RayPacket,
+    best: [Option<Hit>; LANES],
+    /// The parameters beyond which nothing counts any more.
+    pub(super) t_far: [f32; LANES],
+    /// Lanes that are still asked about; blocked ones leave.
+    pub(super) active: u32,
+    blocked: u32,
+}
+
+impl<'a, 's> Search<'a, 's> {
+    #[inline(always)]
+    pub(super) fn new(
+        isa: impl Isa,
+        list: &'a ListAccel<'s>,
+        packet: &RayPacket,
+        question: Question,
+    ) -> Self {
+        let active = (0..LANES).fold(0, |mask, l| mask | u32::from(packet.active[l] != 0) << l);
+        Search {
+            list,
+            question,
+            rays: RayLanes::new(isa, packet, list.extents.by_origin()),
+            asked: packet.clone(),
+            best: [None; LANES],
+            t_far: packet.t_far,
+            active,
+            blocked: 0,
+        }
+    }
+
+    /// Asks the active lanes of `among` about one object.
+    #[inline(always)]
+    pub(super) fn ask(&mut self, isa: impl Isa, object: &Object, among: u32, count: &mut impl Count) {
+        let asked = self.active & among;
+        let mut mask = asked;
+        if object.has_extent() {
+            count.extents(asked);
+            mask &= object.meets(isa, &self.rays, &self.t_far);
+        }
+        count.objects(mask);
+        for lane in lanes(mask) {
+            let lane = lane % LANES;
+            let ray = self.asked.ray(lane);
+            match self.question {
+                Question::Nearest => {
+                    nearest_of(self.list.scene, object.instance, &ray, &mut self.best[lane]);
+                    if let Some(hit) = &self.best[lane] {
+                        self.t_far[lane] = hit.t;
+                    }
+                }
+                Question::Any => {
+                    if blocks(self.list.scene, object.instance, &ray) {
+                        self.blocked |= 1 << lane;
+                        self.active &= !(1 << lane);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The largest parameter that still counts in any active lane.
+    #[inline(always)]
+    pub(super) fn last(&self) -> f32 {
+        lanes(self.active).fold(f32::NEG_INFINITY, |last, lane| last.max(self.t_far[lane % LANES]))
+    }
+
+    /// Puts the answers into the packet.
+    #[inline(always)]
+    pub(super) fn write(self, packet: &mut RayPacket) {
+        for lane in lanes(self.blocked) {
+            packet.set_blocked(lane % LANES);
+        }
+        for lane in 0..LANES {
+            if let Some(hit) = &self.best[lane] {
+                packet.set_hit(lane, hit);
+            }
+        }
+    }
+}

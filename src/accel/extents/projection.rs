@@ -1,0 +1,324 @@
+//! Projection extents: where on the film of a camera an object can be seen at all.
+//!
+//! A point goes to the film by one matrix, the inverse of the columns that span it: for a perspective
+//! `(X, Y, Z) = A (p - E)` is seen at `(X / Z, Y / Z)` in depth Z, for an orthographic camera `A (p - corner)` is place
+//! and depth at once. Rays are taken to the film by the same matrix, from the f32 numbers that are traced: so it need
+//! not be exact, only the same.
+//!
+//! What is behind the eye, or nearer than the near plane, is nowhere; what reaches around the eye is everywhere.
+
+use glam::{DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::guard::{Guard, UNIT};
+use super::hull::Hull;
+use super::hulls_of;
+use crate::accel::RayPacket;
+use crate::numeric::LANES;
+use crate::scene::{CameraView, Instance, Scene};
+
+/// Added to all sides of boxes on the film: far more than f64 makes of a place there.
+const FILM_SLACK: f64 = 1.0 / (1u64 << 30) as f64;
+/// Cameras whose matrix mixes coordinates so much that 16 roundings of 2^-53 of them would come near
+/// [`FILM_SLACK`] have no projection: their angle is under a thousandth of a radian.
+const MOST_MIXING: f64 = (1u32 << 12) as f64;
+/// By this part the depth of a direction that is rounded to f32 may differ from 1: u times [`MOST_MIXING`], with room.
+const DEPTH_SLACK: f64 = 1.0 / (1u32 << 10) as f64;
+/// What f64 computations leave over, relative to their terms: a dozen roundings of 2^-53.
+const WIDE_SLACK: f64 = 1.0 / (1u64 << 48) as f64;
+
+/// A box on the film: x from 0 at the left edge of the image to 1 at the right, y from 0 at the top to 1 at the bottom.
+/// Places beyond the image count too.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilmBox {
+    /// Left and top.
+    pub low: [f32; 2],
+    /// Right and bottom.
+    pub high: [f32; 2],
+    /// No hit is nearer, in the camera's own parameter.
+    pub depth: f32,
+}
+
+impl FilmBox {
+    /// Nowhere on the film.
+    pub const NOWHERE: FilmBox = FilmBox {
+        low: [f32::INFINITY; 2],
+        high: [f32::NEG_INFINITY; 2],
+        depth: f32::INFINITY,
+    };
+
+    /// Everywhere on the film.
+    pub const EVERYWHERE: FilmBox = FilmBox {
+        low: [f32::NEG_INFINITY; 2],
+        high: [f32::INFINITY; 2],
+        depth: f32::NEG_INFINITY,
+    };
+
+    /// Whether two boxes have a place in common.
+    #[inline(always)]
+    pub fn overlaps(&self, other: &FilmBox) -> bool {
+        (self.low[0] <= other.high[0])
+            & (other.low[0] <= self.high[0])
+            & (self.low[1] <= other.high[1])
+            & (other.low[1] <= self.high[1])
+    }
+
+    /// Whether it is nowhere.
+    pub fn is_nowhere(&self) -> bool {
+        !(self.low[0] <= self.high[0] && self.low[1] <= self.high[1])
+    }
+}
+
+/// Where the objects of a scene are seen by one camera.
+pub struct ProjectionExtents {
+    film: Film,
+    boxes: Vec<FilmBox>,
+}
+
+/// The way to the film.
+#[derive(Clone, Copy, Debug)]
+struct Film {
+    /// A.
+    film_from_world: DMat3,
+    /// E, or the corner of the film.
+    origin: DVec3,
+    rays: CameraRays,
+    t_near: f64,
+    /// What f64 makes of the depth where a ray begins.
+    depth_slack: f64,
+    /// Largest coordinate of an origin.
+    reach: f64,
+}
+
+/// What all rays of a camera have in common, as they are traced.
+#[derive(Clone, Copy, Debug)]
+enum CameraRays {
+    /// Their origin.
+    From(Vec3),
+    /// Their direction.
+    Along(Vec3),
+}
+
+impl ProjectionExtents {
+    /// The boxes of all instances of a validated scene; `None` for cameras of extremely narrow angles.
+    pub fn new(scene: &Scene, view: &CameraView) -> Option<ProjectionExtents> {
+        ProjectionExtents::of_hulls(scene, &hulls_of(scene), view)
+    }
+
+    /// The same by hulls that are known, one a geometry.
+    pub(super) fn of_hulls(
+        scene: &Scene,
+        hulls: &[Option<Hull>],
+        view: &CameraView,
+    ) -> Option<ProjectionExtents> {
+        let film = Film::new(view)?;
+        let boxes = scene
+            .instances
+            .par_iter()
+            .map(|instance| film.box_of(scene, instance, hulls[instance.geometry as usize].as_ref()))
+            .collect();
+        Some(ProjectionExtents { film, boxes })
+    }
+
+    /// The box of an instance: planes are everywhere, and so is what is too extreme for a bound.
+    pub fn film_box(&self, instance: u32) -> FilmBox {
+        self.boxes[instance as usize]
+    }
+
+    /// All of them, in the order of the instances.
+    pub(super) fn boxes(&self) -> &[FilmBox] {
+        &self.boxes
+    }
+
+    /// Where the active rays of a packet go through the film, if they are the camera's; its depth is by how much one
+    /// unit of their parameter is deeper at most, and where they begin at the deepest.
+    #[inline(always)]
+    pub(super) fn film_of(&self, packet: &RayPacket) -> Option<(FilmBox, [f32; 2])> {
+        self.film.of_packet(packet)
+    }
+}
+
+impl Film {
+    fn new(view: &CameraView) -> Option<Film> {
+        let [corner, right, below] = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(x, y)| view.ray(x, y));
+        let (columns, origin, rays, reach) = match view.eye() {
+            Some(eye) => {
+                let traced = eye.as_vec3();
+                let [across, down] = [right, below].map(|ray| ray.direction - corner.direction);
+                let columns = [across, down, corner.direction];
+                (
+                    columns,
+                    traced.as_dvec3(),
+                    CameraRays::From(traced),
+                    eye.abs().max_element(),
+                )
+            }
+            None => {
+                let traced = corner.direction.as_vec3();
+                let [across, down] = [right, below].map(|ray| ray.origin - corner.origin);
+                let columns = [across, down, traced.as_dvec3()];
+                // Up to a film's width beyond the film.
+                let reach = corner.origin.abs() + 2.0 * (across.abs() + down.abs());
+                (
+                    columns,
+                    corner.origin,
+                    CameraRays::Along(traced),
+                    reach.max_element(),
+                )
+            }
+        };
+        let [across, down, forward] = columns;
+        let film_from_world = DMat3::from_cols(across, down, forward).inverse();
+        let terms = rows(&film_from_world) * (across.abs() + down.abs() + forward.abs());
+        let mixing = match rays {
+            CameraRays::From(_) => terms.max_element(),
+            // Its depth is a length, not a ratio.
+            CameraRays::Along(_) => terms.x.max(terms.y),
+        };
+        (mixing <= MOST_MIXING).then_some(Film {
+            film_from_world,
+            origin,
+            rays,
+            t_near: view.t_near(),
+            depth_slack: WIDE_SLACK * terms.z,
+            reach,
+        })
+    }
+
+    fn box_of(&self, scene: &Scene, instance: &Instance, hull: Option<&Hull>) -> FilmBox {
+        let geometry = &scene.geometries[instance.geometry as usize];
+        let Some(hull) = hull else {
+            return if geometry.is_unbounded() {
+                FilmBox::EVERYWHERE
+            } else {
+                FilmBox::NOWHERE
+            };
+        };
+        let Some(guard) = Guard::of(instance, geometry, hull.object_bounds()) else {
+            return FilmBox::EVERYWHERE;
+        };
+        let map = instance.world_from_object();
+        let world = instance.world_bounds(geometry, hull.object_bounds());
+        self.box_of_points(&hull.placed_points(&map, &world), &guard)
+    }
+
+    /// The box around points, each of which may be displaced as the guard says.
+    fn box_of_points(&self, points: &[DVec3], guard: &Guard) -> FilmBox {
+        let pad = DVec3::splat(guard.by_origin * self.reach + guard.own);
+        let magnitudes = rows(&self.film_from_world);
+        let depth_of_meshes = guard.depth * self.film_from_world.row(2).length();
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let (mut nearest, mut farthest) = (f64::INFINITY, f64::NEG_INFINITY);
+        for p in points {
+            let from_origin = *p - self.origin;
+            let q = self.film_from_world * from_origin;
+            let error = magnitudes * (pad + WIDE_SLACK * (from_origin.abs() + p.abs()));
+            let (from, to) = (q - error, q + error);
+            nearest = nearest.min(from.z);
+            farthest = farthest.max(to.z);
+            if let CameraRays::From(_) = self.rays {
+                for divisor in [from.z, to.z] {
+                    let (a, b) = (from / divisor, to / divisor);
+                    low = low.min(a.min(b));
+                    high = high.max(a.max(b));
+                }
+            } else {
+                low = low.min(from);
+                high = high.max(to);
+            }
+        }
+        // Parallel rays start on the film but for the rounding of their origins.
+        let off_film = (magnitudes * DVec3::splat(2.0 * UNIT * self.reach)).z;
+        let last = farthest + depth_of_meshes + off_film + self.depth_slack;
+        if last < 0.0 || last * (1.0 + DEPTH_SLACK) < self.t_near {
+            return FilmBox::NOWHERE;
+        }
+        let depth = ((nearest - depth_of_meshes - self.depth_slack) as f32).next_down();
+        if matches!(self.rays, CameraRays::From(_)) && !(nearest > 0.0) {
+            return FilmBox {
+                depth,
+                ..FilmBox::EVERYWHERE
+            };
+        }
+        let down = |x: f64| ((x - FILM_SLACK) as f32).next_down();
+        let up = |x: f64| ((x + FILM_SLACK) as f32).next_up();
+        FilmBox {
+            low: [down(low.x), down(low.y)],
+            high: [up(high.x), up(high.y)],
+            depth,
+        }
+    }
+
+    #[inline(always)]
+    fn of_packet(&self, packet: &RayPacket) -> Option<(FilmBox, [f32; 2])> {
+        let (same, shared, moving, origin) = match self.rays {
+            CameraRays::From(origin) => (&packet.origin, origin, &packet.direction, DVec3::ZERO),
+            CameraRays::Along(direction) => (&packet.direction, direction, &packet.origin, self.origin),
+        };
+        let a = &self.film_from_world;
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        let mut places = [[0.0f64; LANES]; 3];
+        let mut are_the_cameras = true;
+        for l in 0..LANES {
+            let is_shared = (same[0][l] == shared.x) & (same[1][l] == shared.y) & (same[2][l] == shared.z);
+            are_the_cameras &= is_shared | (packet.active[l] == 0);
+            let x = f64::from(moving[0][l]) - origin.x;
+            let y = f64::from(moving[1][l]) - origin.y;
+            let z = f64::from(moving[2][l]) - origin.z;
+            places[0][l] = a.x_axis.x * x + a.y_axis.x * y + a.z_axis.x * z;
+            places[1][l] = a.x_axis.y * x + a.y_axis.y * y + a.z_axis.y * z;
+            places[2][l] = a.x_axis.z * x + a.y_axis.z * y + a.z_axis.z * z;
+        }
+        if !(are_the_cameras && packet.any_active()) {
+            return None;
+        }
+        let is_perspective = matches!(self.rays, CameraRays::From(_));
+        if is_perspective {
+            for l in 0..LANES {
+                let inverse = 1.0 / places[2][l];
+                places[0][l] *= inverse;
+                places[1][l] *= inverse;
+            }
+        }
+        for axis in 0..3 {
+            for l in 0..LANES {
+                let counts = packet.active[l] != 0;
+                let value = places[axis][l];
+                low[axis] = if counts & (value < low[axis]) {
+                    value
+                } else {
+                    low[axis]
+                };
+                high[axis] = if counts & (value > high[axis]) {
+                    value
+                } else {
+                    high[axis]
+                };
+            }
+        }
+        // Within a film's width of the film, where the bounds on rounding hold; NaN is not.
+        let near_film = (0..2).all(|axis| low[axis] >= -1.0 && high[axis] <= 2.0);
+        if !near_film || is_perspective && !(low[2] > 0.5) {
+            return None;
+        }
+        let film = FilmBox {
+            low: [(low[0] as f32).next_down(), (low[1] as f32).next_down()],
+            high: [(high[0] as f32).next_up(), (high[1] as f32).next_up()],
+            depth: 0.0,
+        };
+        let deepest = (high[2] * (1.0 + 4.0 * UNIT)) as f32;
+        Some((
+            film,
+            if is_perspective {
+                [deepest, 0.0]
+            } else {
+                [1.0, deepest.next_up()]
+            },
+        ))
+    }
+}
+
+/// The magnitudes of a matrix.
+fn rows(m: &DMat3) -> DMat3 {
+    DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs())
+}

@@ -1,0 +1,135 @@
+//! Sixteen rays against one extent.
+//!
+//! A test may only say no where that is certain. The ray's origin is moved by the guard's share of its size, against the
+//! direction for entries and along it for exits, so the extents themselves need to know nothing of the ray; what
+//! rounding does to parameters is left to factors next to 1. Directions so short that their squares would be lost are
+//! not tested at all.
+
+use crate::accel::bsp::slack::Line;
+use crate::accel::{LANES, RayPacket};
+use crate::mesh::lanes::Isa;
+
+use super::shape::{BoxExtent, SphereExtent};
+
+/// A value for each ray.
+pub(super) type Lanes = [f32; LANES];
+
+/// All lanes.
+const FULL: u32 = (1 << LANES) - 1;
+/// Squared lengths below this have lost digits to the end of the range of f32, or will: its smallest normal number by
+/// the unit of rounding, 2^-126 / 2^-24.
+pub(super) const LEAST_SQUARE: f32 = 1.972_152_3e-31;
+
+/// What the tests need of sixteen rays.
+pub(crate) struct RayLanes {
+    origin: [Lanes; 3],
+    direction: [Lanes; 3],
+    /// The origin moved towards the entries of boxes.
+    enter_origin: [Lanes; 3],
+    /// The origin moved towards their exits.
+    leave_origin: [Lanes; 3],
+    enter: [Lanes; 3],
+    leave: [Lanes; 3],
+    /// Reciprocal of the squared length of the direction.
+    inverse_square: Lanes,
+    /// Reciprocal of the length of the direction.
+    inverse_length: Lanes,
+    t_near: Lanes,
+    /// Rays that are not tested: everything may meet them.
+    always: u32,
+}
+
+impl RayLanes {
+    /// The rays of a packet. `by_origin` is the largest of the guards'.
+    #[inline(always)]
+    pub(crate) fn new(isa: impl Isa, packet: &RayPacket, by_origin: f32) -> RayLanes {
+        let (origin, direction) = (packet.origin, packet.direction);
+        let [enter, leave] = Line::reciprocals(&direction);
+        let mut pad = [0.0; LANES];
+        for row in &origin {
+            for l in 0..LANES {
+                let part = row[l].abs() * by_origin;
+                pad[l] = if part > pad[l] { part } else { pad[l] };
+            }
+        }
+        let [mut enter_origin, mut leave_origin] = [origin; 2];
+        for axis in 0..3 {
+            for l in 0..LANES {
+                let towards = pad[l].copysign(direction[axis][l]);
+                enter_origin[axis][l] += towards;
+                leave_origin[axis][l] -= towards;
+            }
+        }
+        let [mut inverse_square, mut inverse_length] = [[0.0f32; LANES]; 2];
+        let mut square = [0.0f32; LANES];
+        for l in 0..LANES {
+            let [x, y, z] = [direction[0][l], direction[1][l], direction[2][l]];
+            square[l] = (x * x + y * y) + z * z;
+            inverse_square[l] = 1.0 / square[l];
+            inverse_length[l] = 1.0 / square[l].sqrt();
+        }
+        RayLanes {
+            origin,
+            direction,
+            enter_origin,
+            leave_origin,
+            enter,
+            leave,
+            inverse_square,
+            inverse_length,
+            t_near: packet.t_near,
+            always: FULL & !isa.le(&[LEAST_SQUARE; LANES], &square),
+        }
+    }
+
+    /// The lanes that may meet the box before `t_far`.
+    #[inline(always)]
+    pub(super) fn meet_box(&self, isa: impl Isa, extent: &BoxExtent, t_far: &Lanes) -> u32 {
+        let (mut near, mut far) = (self.t_near, *t_far);
+        for l in 0..LANES {
+            let depth = extent.depth * self.inverse_length[l];
+            near[l] -= depth;
+            far[l] += depth;
+        }
+        for axis in 0..3 {
+            let (low, high) = (extent.low[axis], extent.high[axis]);
+            for l in 0..LANES {
+                let falls = self.direction[axis][l].is_sign_negative();
+                let (first, last) = if falls { (high, low) } else { (low, high) };
+                let t0 = (first - self.enter_origin[axis][l]) * self.enter[axis][l];
+                let t1 = (last - self.leave_origin[axis][l]) * self.leave[axis][l];
+                // NaN, from a ray within a face, leaves the interval as it is.
+                near[l] = if t0 > near[l] { t0 } else { near[l] };
+                far[l] = if t1 < far[l] { t1 } else { far[l] };
+            }
+        }
+        isa.le(&near, &far) | self.always
+    }
+
+    /// The lanes that may meet the sphere before `t_far`.
+    ///
+    /// The squared distance of the line from the centre is `|f|² - (f.d)² / |d|²`, and no hit is farther along the ray
+    /// than the radius from where it is nearest.
+    #[inline(always)]
+    pub(super) fn meet_sphere(&self, isa: impl Isa, extent: &SphereExtent, t_far: &Lanes) -> u32 {
+        let [mut beside, mut from, mut to] = [[0.0f32; LANES]; 3];
+        for l in 0..LANES {
+            let x = self.origin[0][l] - extent.center[0];
+            let y = self.origin[1][l] - extent.center[1];
+            let z = self.origin[2][l] - extent.center[2];
+            let [dx, dy, dz] = [self.direction[0][l], self.direction[1][l], self.direction[2][l]];
+            let square = (x * x + y * y) + z * z;
+            let along = (x * dx + y * dy) + z * dz;
+            let t = -along * self.inverse_square[l];
+            // `along * t` is negative.
+            beside[l] = extent.shrink * square + along * t;
+            let taxicab = (x.abs() + y.abs()) + z.abs();
+            let reach = (extent.reach + extent.slack * taxicab) * self.inverse_length[l];
+            from[l] = t - reach;
+            to[l] = t + reach;
+        }
+        let misses =
+            isa.lt(&[extent.square; LANES], &beside) | isa.lt(t_far, &from) | isa.lt(&to, &self.t_near);
+        (FULL & !misses) | self.always
+    }
+}

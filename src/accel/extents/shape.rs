@@ -1,0 +1,130 @@
+//! The two extents: a box and a sphere, in f32, as much larger than the object as rounding may ever need.
+
+use glam::DVec3;
+
+use super::ball::Ball;
+use super::guard::{Guard, UNIT};
+use super::rays::LEAST_SQUARE;
+use crate::numeric::{Bounds, Ray};
+
+/// Relative error of the squared distance of a line from a point, in units of the squared distance of its origin: 4u
+/// by the differences, 3u by either sum of products, squared where it is the dot product's, 3u by the length, 3u more:
+/// 16u. Doubled, for the effect of one rounding on another.
+const SQUARE_SLACK: f64 = 32.0 * UNIT;
+/// Relative error of a parameter found by a dot product, likewise: 8u, doubled.
+const ALONG_SLACK: f64 = 16.0 * UNIT;
+/// What f64 computations of points, boxes and balls leave over, relative to coordinates: far less than any guard.
+const WIDE_SLACK: f64 = 1.0 / (1u64 << 40) as f64;
+
+/// An axis-aligned box in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoxExtent {
+    pub(super) low: [f32; 3],
+    pub(super) high: [f32; 3],
+    /// See [`Guard::depth`].
+    pub(super) depth: f32,
+}
+
+/// A sphere in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SphereExtent {
+    pub(super) center: [f32; 3],
+    /// The squared distance of the origin counts this much, a little less than 1.
+    pub(super) shrink: f32,
+    /// Lines whose squared distance from the centre is larger pass by.
+    pub(super) square: f32,
+    /// How far from the point nearest to the centre a hit may lie along the ray.
+    pub(super) reach: f32,
+    /// And how much farther, relative to the distance of the origin.
+    pub(super) slack: f32,
+}
+
+impl BoxExtent {
+    /// Around what lies within `bounds`.
+    pub(super) fn new(bounds: &Bounds, guard: &Guard) -> BoxExtent {
+        let pad = DVec3::splat(guard.own + WIDE_SLACK * bounds.magnitude());
+        let padded = Bounds {
+            min: bounds.min - pad,
+            max: bounds.max + pad,
+        };
+        let (low, high) = padded.to_f32_outward();
+        BoxExtent {
+            low,
+            high,
+            depth: (guard.depth as f32).next_up(),
+        }
+    }
+
+    /// Its surface.
+    pub fn area(&self) -> f64 {
+        let [x, y, z] = [0, 1, 2].map(|axis| f64::from(self.high[axis]) - f64::from(self.low[axis]));
+        2.0 * (x * y + y * z + z * x)
+    }
+}
+
+impl SphereExtent {
+    /// Around what lies within `ball`.
+    ///
+    /// A hit is displaced by `√3 (k |o| + own)` at most, k = [`Guard::by_origin`], and |o| is at most the origin's
+    /// distance D from the centre C and |C|. With `R' = R + √3 (k |C| + own)` and `e = √3 k`, all lines that count are
+    /// nearer than `R' + e D`, whose square is at most `(1 + e) R'² + (e + e²) D²`.
+    pub(super) fn new(ball: &Ball, guard: &Guard) -> SphereExtent {
+        let center = ball.center.as_vec3();
+        let moved = center.as_dvec3().distance(ball.center);
+        let size = ball.center.abs().max_element();
+        let root = 3f64.sqrt();
+        let e = root * guard.by_origin;
+        let wide = WIDE_SLACK * (size + ball.radius);
+        let radius = ball.radius + moved + e * size + root * guard.own + wide;
+        let up = |x: f64| (x as f32).next_up();
+        SphereExtent {
+            center: center.to_array(),
+            shrink: ((1.0 - SQUARE_SLACK - e - e * e) as f32).next_down(),
+            square: up((1.0 + e + SQUARE_SLACK) * radius * radius) + LEAST_SQUARE,
+            reach: up((radius + guard.depth) * (1.0 + ALONG_SLACK)),
+            slack: up(e + ALONG_SLACK),
+        }
+    }
+
+    /// The lecture's sphere: around the mean of the points, as far as the farthest, for rays that are asked exactly.
+    pub fn of_centroid(points: &[DVec3]) -> SphereExtent {
+        SphereExtent::new(&Ball::of_centroid(points), &Guard::NONE)
+    }
+
+    /// The smallest sphere around the points.
+    pub fn smallest(points: &[DVec3]) -> SphereExtent {
+        SphereExtent::new(&Ball::smallest(points), &Guard::NONE)
+    }
+
+    /// Whether a line may meet it: the test for a ray alone, in f64, where nothing overflows, and without a division.
+    #[inline(always)]
+    pub(crate) fn may_meet(&self, ray: &Ray) -> bool {
+        let f = ray.origin.as_dvec3() - DVec3::from(self.center.map(f64::from));
+        let d = ray.direction.as_dvec3();
+        let along = f.dot(d);
+        let square = d.length_squared();
+        let beside = f64::from(self.shrink) * f.length_squared() * square - along * along;
+        !(beside > f64::from(self.square) * square)
+    }
+
+    /// Its radius, with all that it was widened by.
+    pub fn radius(&self) -> f64 {
+        f64::from(self.square).sqrt()
+    }
+
+    /// Its surface.
+    pub fn area(&self) -> f64 {
+        4.0 * std::f64::consts::PI * f64::from(self.square)
+    }
+}
+
+/// What is tested before an object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Extent {
+    /// Nothing: the object is always asked.
+    None,
+    /// A box.
+    Box(BoxExtent),
+    /// A sphere.
+    Sphere(SphereExtent),
+}

@@ -1,0 +1,344 @@
+//! Camera rays by projection extents: the film in tiles, each with the list of the objects seen in it, front to back.
+//!
+//! A packet of camera rays is asked about the objects of its tiles whose boxes its place on the film meets; as soon as
+//! all that is left lies deeper than what was hit, it is done. Packets in whose tiles too much is seen are left to a
+//! tree, as are rays that are not the camera's.
+
+use super::hull::Hull;
+use super::list::{Count, ListAccel, Question, Search, Tally};
+use super::projection::{FilmBox, ProjectionExtents};
+use super::{ExtentKind, Extents};
+use rayon::prelude::*;
+
+use crate::accel::{Accel, AccelReport, RayOrder, RayPacket};
+use crate::mesh::lanes::{Isa, Work, dispatch};
+use crate::numeric::LANES;
+use crate::scene::{CameraView, Geometry, Scene};
+
+/// Fewest tiles along a side.
+const FEWEST_TILES: usize = 16;
+/// Most tiles along a side: of 4 pixels each in a picture of 1024.
+const MOST_TILES: usize = 256;
+/// Most entries of all lists together, 64 MB.
+const MOST_ENTRIES: usize = 1 << 24;
+/// Packets whose rays are farther apart than this many tiles are not worth looking up.
+const MOST_TILES_OF_PACKET: usize = 4;
+
+/// A backend whose camera rays skip objects by projection extents.
+pub struct ProjectedAccel<'a, 's> {
+    /// Answers all that the lists do not.
+    inner: &'a dyn Accel,
+    list: ListAccel<'s>,
+    projection: ProjectionExtents,
+    tiles: Tiles,
+}
+
+/// What is asked one by one, in place of the other backend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ListLimits {
+    /// Most objects in a tile.
+    pub objects: usize,
+    /// Most primitives of each.
+    pub primitives: usize,
+}
+
+impl ListLimits {
+    /// Everything, for a backend that asks all objects anyway.
+    pub const NONE: ListLimits = ListLimits {
+        objects: usize::MAX,
+        primitives: usize::MAX,
+    };
+
+    /// What was measured to be sooner asked than found in a tree.
+    pub const BESIDE_A_TREE: ListLimits = ListLimits {
+        objects: 16,
+        primitives: 4,
+    };
+}
+
+/// An object as tiles see it.
+struct Seen {
+    film: FilmBox,
+    /// Whether it may be asked one by one.
+    is_listed: bool,
+}
+
+/// For each tile the objects seen in it.
+struct Tiles {
+    /// Tiles along a side.
+    side: usize,
+    /// Where the list of each tile starts, and where the last one ends.
+    starts: Vec<u32>,
+    /// Tiles that are left to the other backend.
+    is_left: Vec<bool>,
+    /// Positions in the list of objects.
+    entries: Vec<u32>,
+    /// By position in the list of objects.
+    seen: Vec<Seen>,
+}
+
+impl<'a, 's> ProjectedAccel<'a, 's> {
+    /// Lists for one view of a validated scene, with extents of that kind; `None` for cameras of extremely narrow angles.
+    ///
+    /// `inner` answers for packets in whose tile the limits are exceeded, and for all other rays; it must give the bits
+    /// of brute force.
+    pub fn new(
+        scene: &'s Scene,
+        view: &CameraView,
+        inner: &'a dyn Accel,
+        kind: ExtentKind,
+        limits: ListLimits,
+    ) -> Option<ProjectedAccel<'a, 's>> {
+        let is_listed = |geometry: &Geometry| geometry.primitive_count() <= limits.primitives;
+        let hull = |geometry: &Geometry| {
+            if is_listed(geometry) {
+                Hull::of(geometry)
+            } else {
+                Hull::rough(geometry)
+            }
+        };
+        let hulls: Vec<Option<Hull>> = scene.geometries.par_iter().map(hull).collect();
+        let projection = ProjectionExtents::of_hulls(scene, &hulls, view)?;
+        let list = ListAccel::of_extents(scene, Extents::of_hulls(scene, &hulls, kind));
+        let objects = list.extents.objects().iter().map(|object| Seen {
+            film: projection.boxes()[object.instance as usize],
+            is_listed: is_listed(scene.geometry_of(object.instance)),
+        });
+        let tiles = Tiles::new(objects.collect(), limits.objects);
+        Some(ProjectedAccel {
+            inner,
+            tiles,
+            list,
+            projection,
+        })
+    }
+
+    /// [`Accel::intersect`] of coherent rays with the work counted; what `inner` does is not.
+    pub fn count_intersect(&self, packets: &mut [RayPacket]) -> Tally {
+        let mut tally = Tally::default();
+        self.trace(packets, &mut tally);
+        tally
+    }
+
+    fn trace(&self, packets: &mut [RayPacket], count: &mut impl Count) {
+        let mut rest = packets;
+        while !rest.is_empty() {
+            // A run of packets by lists, then a run by the other backend: batches are cheaper than packets.
+            let by_list = dispatch(Batch {
+                accel: self,
+                packets: rest,
+                count,
+            });
+            if !self.list.planes.is_empty() {
+                self.list.planes.intersect(&mut rest[..by_list]);
+            }
+            rest = &mut rest[by_list..];
+            let is_left = |packet: &&RayPacket| self.lists_of(packet).is_none();
+            let by_inner = rest.iter().take_while(is_left).count();
+            if by_inner > 0 {
+                self.inner.intersect(&mut rest[..by_inner], RayOrder::Coherent);
+            }
+            rest = &mut rest[by_inner..];
+        }
+    }
+
+    /// The film of a packet, how parameters become depths, and its tiles' lists, if it is to be asked by them.
+    #[inline(always)]
+    fn lists_of(&self, packet: &RayPacket) -> Option<(FilmBox, [f32; 2], [[usize; 2]; 2])> {
+        let (film, depths) = self.projection.film_of(packet)?;
+        let range = self.tiles.range(&film);
+        let [[x0, x1], [y0, y1]] = range;
+        let fits = (x1 - x0 + 1) * (y1 - y0 + 1) <= MOST_TILES_OF_PACKET && !self.tiles.any_left(range);
+        fits.then_some((film, depths, range))
+    }
+}
+
+impl Accel for ProjectedAccel<'_, '_> {
+    fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
+        match order {
+            RayOrder::Coherent => self.trace(packets, &mut ()),
+            RayOrder::Incoherent => self.inner.intersect(packets, order),
+        }
+    }
+
+    fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
+        self.inner.occluded(packets, order);
+    }
+
+    fn report(&self) -> AccelReport {
+        let report = self.inner.report();
+        let bytes = report.bytes + self.tiles.byte_count();
+        AccelReport {
+            bytes,
+            peak_bytes: report.peak_bytes.max(bytes),
+            ..report
+        }
+    }
+}
+
+/// The packets from the first on that are answered by lists; how many there are.
+struct Batch<'b, 'a, 's, C> {
+    accel: &'b ProjectedAccel<'a, 's>,
+    packets: &'b mut [RayPacket],
+    count: &'b mut C,
+}
+
+impl<C: Count> Work for Batch<'_, '_, '_, C> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) -> usize {
+        let accel = self.accel;
+        let objects = accel.list.extents.objects();
+        for (done, packet) in self.packets.iter_mut().enumerate() {
+            packet.drop_untraceable();
+            let Some((film, depths, range)) = accel.lists_of(packet) else {
+                return done;
+            };
+            if accel.tiles.are_empty(range) {
+                self.count.rays(active(packet), objects.len());
+                continue;
+            }
+            let mut search = Search::new(isa, &accel.list, packet, Question::Nearest);
+            self.count.rays(search.active, objects.len());
+            for tile in tiles_of(accel.tiles.side, range) {
+                let entries = accel.tiles.list(tile);
+                accel.search_tile(isa, entries, (&film, depths), &mut search, self.count);
+            }
+            search.write(packet);
+        }
+        self.packets.len()
+    }
+}
+
+impl ProjectedAccel<'_, '_> {
+    /// Asks about one list. An object of several tiles may be asked about again, to no effect.
+    #[inline(always)]
+    fn search_tile(
+        &self,
+        isa: impl Isa,
+        entries: &[u32],
+        (film, [scale, base]): (&FilmBox, [f32; 2]),
+        search: &mut Search,
+        count: &mut impl Count,
+    ) {
+        let mut deepest = f32::INFINITY;
+        for &entry in entries {
+            let on_film = &self.tiles.seen[entry as usize].film;
+            if on_film.depth > deepest {
+                return;
+            }
+            count.film();
+            if !on_film.overlaps(film) {
+                continue;
+            }
+            search.ask(isa, &self.list.extents.objects()[entry as usize], u32::MAX, count);
+            deepest = search.last() * scale + base;
+            // Three roundings.
+            deepest += deepest.abs() * 4.0 * f32::EPSILON;
+        }
+    }
+}
+
+fn active(packet: &RayPacket) -> u32 {
+    (0..LANES).fold(0, |mask, l| mask | u32::from(packet.active[l] != 0) << l)
+}
+
+impl Tiles {
+    fn new(seen: Vec<Seen>, most_objects: usize) -> Tiles {
+        let side = side_for(&seen);
+        let mut front_to_back: Vec<u32> = (0..seen.len() as u32)
+            .filter(|&i| !seen[i as usize].film.is_nowhere())
+            .collect();
+        let depth = |i: &u32| seen[*i as usize].film.depth;
+        front_to_back.sort_by(|a, b| depth(a).total_cmp(&depth(b)));
+        let mut lists: Vec<Vec<u32>> = vec![Vec::new(); side * side];
+        let mut is_left = vec![false; side * side];
+        for i in front_to_back {
+            let Seen { film, is_listed } = &seen[i as usize];
+            for tile in tiles_of(side, range(side, film)) {
+                is_left[tile] |= !is_listed || lists[tile].len() >= most_objects;
+                if is_left[tile] {
+                    lists[tile] = Vec::new();
+                } else {
+                    lists[tile].push(i);
+                }
+            }
+        }
+        let mut starts = Vec::with_capacity(lists.len() + 1);
+        let mut end = 0;
+        starts.push(0);
+        for list in &lists {
+            end += list.len() as u32;
+            starts.push(end);
+        }
+        Tiles {
+            side,
+            starts,
+            is_left,
+            entries: lists.concat(),
+            seen,
+        }
+    }
+
+    /// The tiles that a box on the film touches, by axis.
+    #[inline(always)]
+    fn range(&self, film: &FilmBox) -> [[usize; 2]; 2] {
+        range(self.side, film)
+    }
+
+    #[inline(always)]
+    fn list(&self, tile: usize) -> &[u32] {
+        &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
+
+    /// Whether any tile of a range is left to the other backend.
+    #[inline(always)]
+    fn any_left(&self, range: [[usize; 2]; 2]) -> bool {
+        tiles_of(self.side, range).any(|tile| self.is_left[tile])
+    }
+
+    /// Whether nothing is listed in a range of tiles.
+    #[inline(always)]
+    fn are_empty(&self, range: [[usize; 2]; 2]) -> bool {
+        tiles_of(self.side, range).all(|tile| self.starts[tile] == self.starts[tile + 1])
+    }
+
+    fn byte_count(&self) -> u64 {
+        (size_of_val(&*self.starts) + size_of_val(&*self.entries) + size_of_val(&*self.seen)) as u64
+    }
+}
+
+/// Tiles along a side: so many that few objects share one, if their lists are not too many.
+fn side_for(seen: &[Seen]) -> usize {
+    let wish = (2.0 * (seen.len() as f64).sqrt()) as usize;
+    let mut side = wish.next_power_of_two().clamp(FEWEST_TILES, MOST_TILES);
+    let entries = |side: usize| -> usize {
+        let of = |seen: &Seen| {
+            let [[x0, x1], [y0, y1]] = range(side, &seen.film);
+            (x1 - x0 + 1) * (y1 - y0 + 1)
+        };
+        seen.iter().filter(|seen| !seen.film.is_nowhere()).map(of).sum()
+    };
+    while side > 1 && entries(side) > MOST_ENTRIES {
+        side /= 2;
+    }
+    side
+}
+
+/// The numbers of the tiles in a range.
+#[inline(always)]
+fn tiles_of(side: usize, [[x0, x1], [y0, y1]]: [[usize; 2]; 2]) -> impl Iterator<Item = usize> {
+    (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| y * side + x))
+}
+
+/// The tiles that a box touches; what is beyond the film belongs to the tiles at its edge. Rounding is monotonic, so
+/// boxes that overlap have a tile in common.
+#[inline(always)]
+fn range(side: usize, film: &FilmBox) -> [[usize; 2]; 2] {
+    let tile = |x: f32| ((x * side as f32) as usize).min(side - 1);
+    [
+        [tile(film.low[0]), tile(film.high[0])],
+        [tile(film.low[1]), tile(film.high[1])],
+    ]
+}

@@ -1,0 +1,188 @@
+//! What extents save: `whit bench --extents`.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::accel::extents::{ExtentCounts, Tally};
+
+use super::bench::{RayKind, Spread};
+
+/// One kind of extent under one kind of ray.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ExtentRow {
+    /// As it was named on the command line.
+    pub scene: PathBuf,
+    /// Which rays.
+    pub rays: RayKind,
+    /// What holds the objects: `list` or `bsp`.
+    pub structure: &'static str,
+    /// What is tested before them.
+    pub extent: String,
+    /// Work that the rays caused; absent for trees.
+    pub tally: Option<Tally>,
+    /// Time over that of the same rays without extents: the median over the repetitions.
+    pub time: f64,
+    /// The least.
+    pub time_min: f64,
+    /// The greatest.
+    pub time_max: f64,
+    /// Nanoseconds a ray.
+    pub ns_per_ray: f64,
+    /// Rays timed in each repetition.
+    pub ray_count: u64,
+    /// Answers that differ from those without extents in any bit.
+    pub differ: u64,
+    /// How many objects have which extent; absent for trees.
+    pub counts: Option<ExtentCounts>,
+}
+
+impl ExtentRow {
+    /// The part of the object tests that the extents saved.
+    pub fn saved(&self) -> Option<f64> {
+        let tally = self.tally.filter(|tally| tally.objects > 0)?;
+        Some(1.0 - tally.object_tests as f64 / tally.objects as f64)
+    }
+
+    /// Whether the extents cost more time than they save, beyond the spread of the measurements.
+    pub fn loses(&self) -> bool {
+        self.time_min > 1.0
+    }
+
+    /// Sets time and spread from the ratios of all repetitions.
+    pub fn with_ratios(self, ratios: &[f64]) -> ExtentRow {
+        let spread = Spread::of(ratios);
+        ExtentRow {
+            time: spread.median,
+            time_min: spread.min,
+            time_max: spread.max,
+            ..self
+        }
+    }
+}
+
+/// The rows of one scene, for a person.
+pub struct ExtentTable<'r>(pub &'r [ExtentRow]);
+
+impl fmt::Display for ExtentTable<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Some(first) = self.0.first() else {
+            return Ok(());
+        };
+        writeln!(f, "{}", first.scene.display())?;
+        if let Some(counts) = self
+            .0
+            .iter()
+            .find(|row| row.extent == "chosen")
+            .and_then(|row| row.counts)
+        {
+            writeln!(
+                f,
+                "  chosen: {} boxes, {} centroid spheres, {} tight spheres, {} without",
+                counts.boxes, counts.centroid_spheres, counts.tight_spheres, counts.none
+            )?;
+        }
+        writeln!(
+            f,
+            "  {:<11}{:<6}{:<22}{:>12}{:>8}{:>12}{:>12}{:>8}  {:<15}{:>8}",
+            "rays",
+            "in a",
+            "extent",
+            "objects/ray",
+            "saved",
+            "extents/ray",
+            "ns/ray",
+            "time",
+            "(min .. max)",
+            "differ"
+        )?;
+        for row in self.0 {
+            write_row(f, row)?;
+        }
+        let losers: Vec<String> = self
+            .0
+            .iter()
+            .filter(|row| row.loses())
+            .map(|row| {
+                format!(
+                    "{} in a {} for {} rays ({:.2})",
+                    row.extent, row.structure, row.rays, row.time
+                )
+            })
+            .collect();
+        match losers.as_slice() {
+            [] => writeln!(f, "  nowhere slower than without"),
+            _ => writeln!(f, "  slower than without: {}", losers.join(", ")),
+        }
+    }
+}
+
+fn write_row(f: &mut fmt::Formatter, row: &ExtentRow) -> fmt::Result {
+    let per_ray = |count: fn(&Tally) -> u64| {
+        row.tally.map_or(String::new(), |tally| {
+            format!("{:.2}", count(&tally) as f64 / tally.rays.max(1) as f64)
+        })
+    };
+    let saved = row
+        .saved()
+        .map_or(String::new(), |part| format!("{:.1} %", 100.0 * part));
+    let extremes = format!("({:.2} .. {:.2})", row.time_min, row.time_max);
+    writeln!(
+        f,
+        "  {:<11}{:<6}{:<22}{:>12}{saved:>8}{:>12}{:>12.1}{:>8.3}  {extremes:<15}{:>8}",
+        row.rays,
+        row.structure,
+        row.extent,
+        per_ray(|tally| tally.object_tests),
+        per_ray(|tally| tally.extent_tests + tally.film_tests),
+        row.ns_per_ray,
+        row.time,
+        row.differ
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(time_min: f64, object_tests: u64) -> ExtentRow {
+        ExtentRow {
+            scene: "a.toml".into(),
+            rays: RayKind::Camera,
+            structure: "list",
+            extent: "box".into(),
+            tally: Some(Tally {
+                rays: 10,
+                objects: 200,
+                object_tests,
+                ..Tally::default()
+            }),
+            time: time_min,
+            time_min,
+            time_max: time_min,
+            ns_per_ray: 1.0,
+            ray_count: 10,
+            differ: 0,
+            counts: None,
+        }
+    }
+
+    #[test]
+    fn what_is_slower_than_without_is_named() {
+        let text = ExtentTable(&[row(0.5, 50), row(1.25, 200)]).to_string();
+        assert!(text.contains("75.0 %") && text.contains("0.0 %"), "{text}");
+        assert!(
+            text.contains("slower than without: box in a list for camera rays (1.25)"),
+            "{text}"
+        );
+        let text = ExtentTable(&[row(0.5, 50)]).to_string();
+        assert!(text.contains("nowhere slower than without"), "{text}");
+    }
+
+    #[test]
+    fn the_median_ratio_is_told_with_its_extremes() {
+        let row = row(1.0, 1).with_ratios(&[0.5, 0.9, 0.6]);
+        assert_eq!((row.time, row.time_min, row.time_max), (0.6, 0.5, 0.9));
+    }
+}

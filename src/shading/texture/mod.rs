@@ -10,7 +10,6 @@
 //! stays sharp across the view up to the horizon.
 
 mod grid;
-mod noise;
 mod procedural;
 mod pyramid;
 

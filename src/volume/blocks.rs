@@ -2,9 +2,9 @@
 //!
 //! A block is empty if the transfer function has neither opacity nor emission over all values between its lowest and its
 //! highest, widened by what the interpolation can round. Samples there add exactly nothing, so that leaving them out
-//! changes no bit. Every empty block knows its distance to the nearest other one, in blocks in the maximum norm
+//! changes no bit. Every block knows its distance to the nearest one of the other kind, in blocks in the maximum norm
 //! (Zuiderveld, Koning & Viergever, "Acceleration of ray-casting using 3-D distance transforms", 1992), so that a ray
-//! leaps through a whole cube of them at once.
+//! leaps through a whole cube of empty ones at once, and asks once about a whole cube of full ones.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -22,8 +22,9 @@ pub struct EmptySpace {
     count: [usize; 3],
     /// Highest cell along x, y, z.
     last_cell: DVec3,
-    /// Blocks to the nearest one with matter, 0 in one, at most 255; x fastest.
-    distance: Vec<u8>,
+    /// Blocks to the nearest of the other kind, at most 127: positive in empty ones, negative in those with matter; x
+    /// fastest.
+    distance: Vec<i8>,
 }
 
 /// What lies around a sample.
@@ -50,7 +51,7 @@ impl EmptySpace {
         let cells = grid.cells();
         let count = cells.map(|cells| cells.div_ceil(SIDE));
         let [nx, ny, nz] = count;
-        let mut distance: Vec<u8> = (0..nx * ny * nz)
+        let empty: Vec<bool> = (0..nx * ny * nz)
             .into_par_iter()
             .map(|i| {
                 let block = [i % nx, i / nx % ny, i / nx / ny];
@@ -58,15 +59,15 @@ impl EmptySpace {
                 let to = [0, 1, 2].map(|axis| (from[axis] + SIDE).min(cells[axis]));
                 let [low, high] = grid.range(from, to).map(f64::from);
                 let slack = LERP_ERROR * low.abs().max(high.abs());
-                let empty = transfer.most(low - slack, high + slack) == (0.0, false);
-                if empty { u8::MAX } else { 0 }
+                transfer.most(low - slack, high + slack) == (0.0, false)
             })
             .collect();
-        spread(&mut distance, count);
+        let [to_full, to_empty] = [true, false].map(|inside| distances(&empty, inside, count));
+        let distance = to_full.iter().zip(&to_empty).map(|(full, empty)| full - empty);
         EmptySpace {
             count,
             last_cell: DVec3::from_array(cells.map(|cells| (cells - 1) as f64)),
-            distance,
+            distance: distance.collect(),
         }
     }
 
@@ -85,7 +86,7 @@ impl EmptySpace {
         let [x, y, z] = cell.to_array().map(|x| x as usize / SIDE);
         let distance = self.distance[(z * self.count[1] + y) * self.count[0] + x];
         // A cube of blocks around this one that is all alike.
-        let reach = f64::from(distance.max(1) - 1);
+        let reach = f64::from(distance).abs() - 1.0;
         let mut until = f64::INFINITY;
         for (axis, block) in [x, y, z].into_iter().enumerate() {
             let direction = ray.direction[axis];
@@ -103,11 +104,19 @@ impl EmptySpace {
     }
 }
 
+/// Distances from the blocks that are `inside`, empty or not, to the nearest that are not; 0 in the latter.
+fn distances(empty: &[bool], inside: bool, count: [usize; 3]) -> Vec<i8> {
+    let far = |&empty: &bool| if empty == inside { i8::MAX } else { 0 };
+    let mut distance: Vec<i8> = empty.iter().map(far).collect();
+    spread(&mut distance, count);
+    distance
+}
+
 /// Brings every distance down to one more than the lowest among its 26 neighbours, in two sweeps: exact for the maximum
 /// norm (Rosenfeld & Pfaltz, "Distance functions on digital pictures", 1968).
-fn spread(distance: &mut [u8], count: [usize; 3]) {
+fn spread(distance: &mut [i8], count: [usize; 3]) {
     let [nx, ny, _] = count;
-    let relax = |distance: &mut [u8], i: usize, forward: bool| {
+    let relax = |distance: &mut [i8], i: usize, forward: bool| {
         let place = [i % nx, i / nx % ny, i / nx / ny];
         let near = |axis: usize| place[axis].saturating_sub(1)..(place[axis] + 2).min(count[axis]);
         let mut least = distance[i];
@@ -166,14 +175,20 @@ mod tests {
             let block: [usize; 3] = [i % 7, i / 7 % 7, i / 49];
             let away = |sample: &[usize; 3]| (0..3).map(|a: usize| block[a].abs_diff(sample[a] / 8)).max();
             let nearest = matter.iter().map(|sample| away(sample).unwrap()).min().unwrap();
-            assert_eq!(usize::from(space.distance[i]), nearest, "{block:?}");
+            assert_eq!(
+                usize::from(space.distance[i].max(0).unsigned_abs()),
+                nearest,
+                "{block:?}"
+            );
+            // Those with matter have empty ones beside them.
+            assert!(nearest > 0 || space.distance[i] == -1);
         }
     }
 
     #[test]
     fn a_sample_on_a_border_belongs_to_the_cells_on_both_sides() {
         let space = EmptySpace::new(&grid(&[[8, 8, 8]], 1.0), &transfer(0.0));
-        let full = space.distance.iter().filter(|&&distance| distance == 0).count();
+        let full = space.distance.iter().filter(|&&distance| distance < 0).count();
         assert_eq!(full, 8);
     }
 

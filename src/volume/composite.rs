@@ -55,12 +55,12 @@ impl Composite {
 mod tests {
     use super::*;
 
-    fn layers(layers: &[([f64; 3], f64)], background: [f64; 3]) -> [f32; 3] {
+    fn layers(layers: &[([f64; 3], f64)], background: [f64; 3]) -> [f64; 3] {
         let mut met = Composite::CLEAR;
         for &(color, alpha) in layers {
             met.push(color, alpha);
         }
-        met.over(background).map(|c| c as f32)
+        met.over(background)
     }
 
     const GREEN: [f64; 3] = [0.0, 1.0, 0.0];
@@ -69,15 +69,16 @@ mod tests {
     fn the_lectures_example_comes_out_exactly() {
         // A = 0.2 + 0.8 · 0.1 = 0.28: 0.28 (1, 0.5, 0.5) + 0.72 (0, 1, 0).
         let pink = [1.0, 0.5, 0.5];
-        assert_eq!(layers(&[(pink, 0.2), (pink, 0.1)], GREEN), [0.28, 0.86, 0.14f32]);
+        assert_eq!(layers(&[(pink, 0.2), (pink, 0.1)], GREEN), [0.28, 0.86, 0.14]);
     }
 
     #[test]
     fn the_order_matters_where_colours_differ() {
         let (red, blue) = (([1.0, 0.0, 0.0], 0.2), ([0.0, 0.0, 1.0], 0.1));
-        // 0.2, 0.8 · 0.9 and 0.8 · 0.1; swapped 0.9 · 0.2 and 0.1.
-        assert_eq!(layers(&[red, blue], GREEN), [0.2, 0.72, 0.08f32]);
-        assert_eq!(layers(&[blue, red], GREEN), [0.18, 0.72, 0.1f32]);
+        // 0.2, 0.8 · 0.9 and 0.8 · 0.1; swapped 0.9 · 0.2 and 0.1. In f64 0.8 · 0.1 is not 0.08.
+        let single = |colors: [f64; 3]| colors.map(|c| c as f32);
+        assert_eq!(single(layers(&[red, blue], GREEN)), [0.2, 0.72, 0.08]);
+        assert_eq!(single(layers(&[blue, red], GREEN)), [0.18, 0.72, 0.1]);
     }
 
     #[test]

@@ -11,7 +11,7 @@
 //! 3. [`render::render`] sends waves of packets through it, tile by tile, and sums what comes back.
 //! 4. [`image`] writes the picture.
 //!
-//! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`image`] · [`scene`] · [`shading`] ·
+//! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`] [`image`] · [`scene`] · [`shading`] ·
 //! [`gltf`] [`accel`] · [`scene_file`] · [`render`] · [`report`] · [`cli`].
 //!
 //! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one
@@ -53,3 +53,4 @@ pub mod scene;
 pub mod scene_file;
 pub mod shading;
 pub mod shape;
+pub mod volume;

@@ -1,8 +1,9 @@
-//! The stable formulas that everything else is built from: boxes, transforms, roots, spawn points.
+//! The stable formulas that everything else is built from: boxes, transforms, roots, spawn points, noise.
 //!
 //! Each carries its source and its error bound. Nothing here knows what a scene is.
 
 mod bounds;
+pub mod noise;
 pub mod roots;
 mod spawn;
 mod transform;

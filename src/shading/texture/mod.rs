@@ -11,7 +11,6 @@
 
 mod fold;
 mod grid;
-mod noise;
 mod procedural;
 mod pyramid;
 

@@ -4,13 +4,13 @@
 //! Checker and gradient are averaged exactly, by the integral of the pattern (Heckbert, "Filtering by repeated
 //! integration", SIGGRAPH 1986). The sine of marble and wood is damped by the exact factor sinc of the phase that the
 //! box spans, as if the phase were linear there. Noise loses the octaves that the box cannot resolve
-//! ([`super::noise`]).
+//! ([`crate::numeric::noise`]).
 
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::noise::{fractal, kept, noise, turbulence};
+use crate::numeric::noise::{fractal, kept, noise, turbulence};
 use crate::scene::{Pattern, Procedural, Space};
 
 /// The linear RGBA at `p`, in the pattern's space but before its scale, averaged over a box of sides `width` there.

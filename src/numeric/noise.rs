@@ -28,7 +28,7 @@ const LOST_WIDTH: f64 = 2.25;
 const MEAN_MAGNITUDE: f64 = 0.2204;
 
 /// Noise in [-1, 1] with cells of side 1, zero at the corners of every cell.
-pub(super) fn noise(p: DVec3) -> f64 {
+pub fn noise(p: DVec3) -> f64 {
     let cell = p.floor();
     let [x, y, z] = (p - cell).to_array();
     let [i, j, k] = cell.to_array().map(|c| c.rem_euclid(256.0) as usize);
@@ -49,12 +49,12 @@ pub(super) fn noise(p: DVec3) -> f64 {
 
 /// The sum of `octaves`, each of twice the frequency and half the height of the one before, as a share of the largest
 /// sum: within [-1, 1]. `width` is that of the ray, in cells of the first octave.
-pub(super) fn fractal(p: DVec3, octaves: u32, width: f64) -> f64 {
+pub fn fractal(p: DVec3, octaves: u32, width: f64) -> f64 {
     summed(p, octaves, width, |noise| noise, 0.0)
 }
 
 /// The same of the noise's magnitude: within [0, 1].
-pub(super) fn turbulence(p: DVec3, octaves: u32, width: f64) -> f64 {
+pub fn turbulence(p: DVec3, octaves: u32, width: f64) -> f64 {
     summed(p, octaves, width, f64::abs, MEAN_MAGNITUDE)
 }
 
@@ -80,7 +80,7 @@ fn summed(p: DVec3, octaves: u32, width: f64, of: impl Fn(f64) -> f64, mean: f64
 
 /// How much of an octave a ray of this width, in cells, keeps.
 #[inline(always)]
-pub(super) fn kept(width: f64) -> f64 {
+pub fn kept(width: f64) -> f64 {
     let t = (width / LOST_WIDTH).min(1.0);
     1.0 - t * t * (3.0 - 2.0 * t)
 }

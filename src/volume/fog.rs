@@ -1,0 +1,123 @@
+//! Homogeneous fog: what a stretch of it does has a closed form.
+
+use super::VolumeError;
+use super::composite::Composite;
+use super::depth::opacity;
+
+/// A medium that is the same everywhere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fog {
+    extinction: f64,
+    color: [f64; 3],
+    emission: [f64; 3],
+    step: f64,
+}
+
+impl Fog {
+    /// Fog of `extinction` per world unit, which scatters the share `color` of what it takes away, and sends out the
+    /// radiance `emission` per world unit. `step` is the step where lamps light it; else none is needed.
+    pub fn new(extinction: f64, color: [f64; 3], emission: [f64; 3], step: f64) -> Result<Fog, VolumeError> {
+        let wrong = |fault| Err(VolumeError::Fog { fault });
+        let in_range = |x: f64| (0.0..=f64::from(f32::MAX)).contains(&x);
+        if !in_range(extinction) {
+            return wrong("has an extinction that is negative or not finite");
+        }
+        if !color.into_iter().chain(emission).all(in_range) {
+            return wrong("has a colour or emission that is negative or not finite");
+        }
+        if extinction == 0.0 && emission != [0.0; 3] {
+            return wrong("glows without end where nothing takes light away");
+        }
+        if !(step > 0.0 && step.is_finite()) {
+            return wrong("has a step that is not positive");
+        }
+        Ok(Fog {
+            extinction,
+            color,
+            emission,
+            step,
+        })
+    }
+
+    /// Extinction per world unit.
+    pub fn extinction(&self) -> f64 {
+        self.extinction
+    }
+
+    /// The share of what is taken away that is scattered.
+    pub fn color(&self) -> [f64; 3] {
+        self.color
+    }
+
+    /// Radiance sent out per world unit.
+    pub fn emission(&self) -> [f64; 3] {
+        self.emission
+    }
+
+    /// Step where lamps light it, in world units.
+    pub fn step(&self) -> f64 {
+        self.step
+    }
+
+    /// The optical depth of `length` world units, which may be infinite.
+    #[inline(always)]
+    pub fn depth(&self, length: f64) -> f64 {
+        if self.extinction > 0.0 {
+            self.extinction * length
+        } else {
+            0.0
+        }
+    }
+
+    /// Goes through `length` world units, which may be infinite, in the light 1: C and alpha of one layer, whatever its
+    /// length.
+    pub(super) fn pass(&self, length: f64, met: &mut Composite) {
+        if self.extinction > 0.0 {
+            let alpha = opacity(self.depth(length));
+            let source = |channel| self.color[channel] + self.emission[channel] / self.extinction;
+            met.push([0, 1, 2].map(source), alpha);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fog_hides_half_after_its_half_value_distance_and_all_at_infinity() {
+        let fog = Fog::new(2.0, [0.5, 1.0, 0.0], [0.0, 0.0, 4.0], 1.0).unwrap();
+        let mut met = Composite::CLEAR;
+        fog.pass(std::f64::consts::LN_2 / 2.0, &mut met);
+        // Half of the colour, and half of 4 / 2.
+        for (got, expected) in met.color.into_iter().zip([0.25, 0.5, 1.0]) {
+            assert!((got - expected).abs() <= 4.0 * f64::EPSILON);
+        }
+        let mut met = Composite::CLEAR;
+        fog.pass(f64::INFINITY, &mut met);
+        assert_eq!((met.color, met.transmittance), ([0.5, 1.0, 2.0], 0.0));
+    }
+
+    #[test]
+    fn no_fog_is_clear_to_infinity() {
+        let fog = Fog::new(0.0, [1.0; 3], [0.0; 3], 1.0).unwrap();
+        let mut met = Composite::CLEAR;
+        fog.pass(f64::INFINITY, &mut met);
+        assert_eq!((met, fog.depth(f64::INFINITY)), (Composite::CLEAR, 0.0));
+    }
+
+    #[test]
+    fn senseless_fog_is_refused() {
+        for (extinction, emission, step) in [
+            (-1.0, 0.0, 1.0),
+            (f64::NAN, 0.0, 1.0),
+            (f64::INFINITY, 0.0, 1.0),
+            (0.0, 1.0, 1.0),
+            (1.0, -1.0, 1.0),
+            (1.0, 0.0, 0.0),
+            (1.0, 0.0, f64::NAN),
+        ] {
+            assert!(Fog::new(extinction, [1.0; 3], [emission; 3], step).is_err());
+        }
+    }
+}

@@ -1,0 +1,358 @@
+//! A dense 3-D array of numbers and the trilinear interpolation between them.
+//!
+//! Sample (i, j, k) of nx · ny · nz is the middle of a cell of the box [0, 1]³, x fastest: it lies at
+//! ((i + 1/2) / nx, ...), as a texel does. Outside the outermost middles the outermost samples go on. In *voxel space*
+//! the samples lie at the integers, so that a point's cell is its floor.
+//!
+//! The interpolation is three lerps a + t (b - a), in f64: equal samples give themselves, to the bit, and no weight is
+//! lost to rounding.
+
+use glam::{DAffine3, DVec3};
+
+use super::VolumeError;
+use crate::numeric::{LANES, Lanes, Lanes3};
+
+/// A 3-D array, immutable, all values finite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid {
+    /// Samples along x, y, z as given.
+    size: [usize; 3],
+    /// Samples along x, y, z as stored: an axis of one sample is stored twice, so that every cell has eight corners.
+    stored: [usize; 3],
+    samples: Samples,
+}
+
+/// The numbers of a [`Grid`], x fastest, as narrow as their source had them.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Samples {
+    /// Whole numbers from 0 to 255, which stand for themselves.
+    Bytes(Vec<u8>),
+    /// Whole numbers from 0 to 65535, which stand for themselves.
+    Words(Vec<u16>),
+    /// Any finite numbers.
+    Floats(Vec<f32>),
+}
+
+/// Runs `$body` with the vector of whatever type the samples have.
+macro_rules! of_any_type {
+    ($samples:expr, $values:ident => $body:expr) => {
+        match $samples {
+            Samples::Bytes($values) => $body,
+            Samples::Words($values) => $body,
+            Samples::Floats($values) => $body,
+        }
+    };
+}
+
+impl Samples {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        of_any_type!(self, values => values.len())
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The value at `index`, which is less than [`Samples::len`].
+    pub fn get(&self, index: usize) -> f32 {
+        fn at<T: Copy + Into<f32>>(values: &[T], index: usize) -> f32 {
+            values[index].into()
+        }
+        of_any_type!(self, values => at(values, index))
+    }
+}
+
+/// 2^52: adding it leaves a whole number in the low bits.
+const ROUNDER: f64 = 4_503_599_627_370_496.0;
+/// The bits of the mantissa.
+const MANTISSA: u64 = (1 << 52) - 1;
+
+/// Sixteen places between samples: the first corner of the cell, and the weights of the corners beyond it.
+#[derive(Clone, Copy, Debug)]
+struct Places {
+    first: Lanes<u64>,
+    weight: Lanes3<f64>,
+}
+
+impl Grid {
+    /// A grid of `size` samples along x, y, z. `samples` holds as many as their product, x fastest.
+    ///
+    /// Refused are an axis of no sample, another count, and values that are not finite.
+    pub fn new(size: [usize; 3], samples: Samples) -> Result<Grid, VolumeError> {
+        let count = size
+            .iter()
+            .try_fold(1usize, |product, &side| product.checked_mul(side));
+        if count != Some(samples.len()) || samples.is_empty() {
+            return Err(VolumeError::Size {
+                size,
+                count: samples.len(),
+            });
+        }
+        if let Samples::Floats(values) = &samples
+            && let Some(index) = values.iter().position(|value| !value.is_finite())
+        {
+            return Err(VolumeError::NotFinite {
+                at: [
+                    index % size[0],
+                    index / size[0] % size[1],
+                    index / size[0] / size[1],
+                ],
+            });
+        }
+        let stored = size.map(|side| side.max(2));
+        let samples = if stored == size {
+            samples
+        } else {
+            doubled(samples, size, stored)
+        };
+        Ok(Grid {
+            size,
+            stored,
+            samples,
+        })
+    }
+
+    /// Samples along x, y, z.
+    pub fn size(&self) -> [usize; 3] {
+        self.size
+    }
+
+    /// Bytes of memory that the samples take.
+    pub fn memory(&self) -> usize {
+        of_any_type!(&self.samples, values => size_of_val(values.as_slice()))
+    }
+
+    /// The map from the box [0, 1]³ to voxel space.
+    pub fn voxel_from_box(&self) -> DAffine3 {
+        let size = DVec3::from_array(self.size.map(|side| side as f64));
+        DAffine3::from_translation(DVec3::splat(-0.5)) * DAffine3::from_scale(size)
+    }
+
+    /// Cells along x, y, z: one fewer than samples, at least one.
+    pub(super) fn cells(&self) -> [usize; 3] {
+        self.stored.map(|side| side - 1)
+    }
+
+    /// Lowest and highest value among the samples of the cells `from` to `to`, the latter excluded.
+    pub(super) fn range(&self, from: [usize; 3], to: [usize; 3]) -> [f32; 2] {
+        of_any_type!(&self.samples, values => self.range_of(values, from, to))
+    }
+
+    fn range_of<T: Copy + Into<f32>>(&self, values: &[T], from: [usize; 3], to: [usize; 3]) -> [f32; 2] {
+        let [nx, ny, _] = self.stored;
+        let mut range = [f32::INFINITY, f32::NEG_INFINITY];
+        for z in from[2]..=to[2] {
+            for y in from[1]..=to[1] {
+                let row = (z * ny + y) * nx;
+                for &value in &values[row + from[0]..=row + to[0]] {
+                    let value = value.into();
+                    range = [range[0].min(value), range[1].max(value)];
+                }
+            }
+        }
+        range
+    }
+
+    /// The interpolated value at `p` in voxel space.
+    pub fn sample(&self, p: DVec3) -> f64 {
+        self.sample_lanes(&p.to_array().map(|x| [x; LANES]))[0]
+    }
+
+    /// The interpolated values at sixteen points of voxel space, finite each.
+    #[inline(always)]
+    pub(super) fn sample_lanes(&self, p: &Lanes3<f64>) -> Lanes<f64> {
+        let places = self.places(p);
+        let corners = of_any_type!(&self.samples, values => self.corners(values, &places.first));
+        let [u, v, w] = &places.weight;
+        let mut value = [0.0; LANES];
+        for l in 0..LANES {
+            let corner = |i: usize| f64::from(corners[i][l]);
+            let x00 = lerp(u[l], corner(0), corner(1));
+            let x10 = lerp(u[l], corner(2), corner(3));
+            let x01 = lerp(u[l], corner(4), corner(5));
+            let x11 = lerp(u[l], corner(6), corner(7));
+            value[l] = lerp(w[l], lerp(v[l], x00, x10), lerp(v[l], x01, x11));
+        }
+        value
+    }
+
+    /// Cells and weights of sixteen points.
+    #[inline(always)]
+    fn places(&self, p: &Lanes3<f64>) -> Places {
+        let mut weight = [[0.0; LANES]; 3];
+        let mut index = [0.0; LANES];
+        let mut stride = 1.0;
+        for axis in 0..3 {
+            let last_sample = (self.size[axis] - 1) as f64;
+            let last_cell = (self.stored[axis] - 2) as f64;
+            for l in 0..LANES {
+                let x = clamped(p[axis][l], last_sample);
+                let floor = x.floor();
+                let cell = if floor < last_cell { floor } else { last_cell };
+                weight[axis][l] = x - cell;
+                // Whole numbers under 2^52: exact.
+                index[l] += cell * stride;
+            }
+            stride *= self.stored[axis] as f64;
+        }
+        let first = index.map(|index| (index + ROUNDER).to_bits() & MANTISSA);
+        Places { first, weight }
+    }
+
+    /// The eight corners of sixteen cells, x fastest.
+    #[inline(always)]
+    fn corners<T: Copy + Into<f32>>(&self, values: &[T], first: &Lanes<u64>) -> [Lanes<f32>; 8] {
+        let row = self.stored[0];
+        let slice = row * self.stored[1];
+        let mut corners = [[0.0; LANES]; 8];
+        for l in 0..LANES {
+            let first = first[l] as usize;
+            let rows = [first, first + row, first + slice, first + slice + row];
+            for (i, start) in rows.into_iter().enumerate() {
+                let pair = &values[start..start + 2];
+                corners[2 * i][l] = pair[0].into();
+                corners[2 * i + 1][l] = pair[1].into();
+            }
+        }
+        corners
+    }
+}
+
+/// `x` brought into [0, last].
+#[inline(always)]
+fn clamped(x: f64, last: f64) -> f64 {
+    let x = if x > 0.0 { x } else { 0.0 };
+    if x < last { x } else { last }
+}
+
+#[inline(always)]
+fn lerp(t: f64, a: f64, b: f64) -> f64 {
+    a + t * (b - a)
+}
+
+/// Bound on what rounding can add to an interpolated value, relative to the largest magnitude among the corners: each
+/// lerp rounds a difference of up to twice that magnitude, a product and a sum, each to a share of 2^-53.
+pub(super) const LERP_ERROR: f64 = 3.0 * 5.0 * (f64::EPSILON / 2.0);
+
+/// The samples with every axis of one made one of two equal ones.
+fn doubled(samples: Samples, size: [usize; 3], stored: [usize; 3]) -> Samples {
+    fn copy<T: Copy>(values: &[T], size: [usize; 3], stored: [usize; 3]) -> Vec<T> {
+        let at = |i: usize| {
+            let place = [
+                i % stored[0],
+                i / stored[0] % stored[1],
+                i / stored[0] / stored[1],
+            ];
+            let [x, y, z] = [0, 1, 2].map(|axis| place[axis].min(size[axis] - 1));
+            values[(z * size[1] + y) * size[0] + x]
+        };
+        (0..stored.iter().product()).map(at).collect()
+    }
+    match samples {
+        Samples::Bytes(values) => Samples::Bytes(copy(&values, size, stored)),
+        Samples::Words(values) => Samples::Words(copy(&values, size, stored)),
+        Samples::Floats(values) => Samples::Floats(copy(&values, size, stored)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A value that is linear in each coordinate, so that interpolation is exact.
+    fn trilinear(p: DVec3) -> f64 {
+        1.0 + 2.0 * p.x - 3.0 * p.y + 0.5 * p.z + p.x * p.y - 0.25 * p.x * p.y * p.z
+    }
+
+    fn grid(size: [usize; 3], value: impl Fn(DVec3) -> f64) -> Grid {
+        let mut values = Vec::new();
+        for z in 0..size[2] {
+            for y in 0..size[1] {
+                for x in 0..size[0] {
+                    values.push(value(DVec3::new(x as f64, y as f64, z as f64)) as f32);
+                }
+            }
+        }
+        Grid::new(size, Samples::Floats(values)).unwrap()
+    }
+
+    #[test]
+    fn what_is_linear_in_each_coordinate_is_interpolated_exactly() {
+        let grid = grid([5, 3, 4], trilinear);
+        for p in [
+            DVec3::ZERO,
+            DVec3::new(0.25, 1.5, 2.75),
+            DVec3::new(3.75, 0.5, 0.125),
+            DVec3::new(4.0, 2.0, 3.0),
+            DVec3::new(1.0, 1.9, 3.0),
+        ] {
+            // Values are of a few bits, weights too; 1.9 has rounding errors of magnitudes up to 20.
+            assert!((grid.sample(p) - trilinear(p)).abs() <= 20.0 * LERP_ERROR, "{p}");
+        }
+    }
+
+    #[test]
+    fn beyond_the_outermost_samples_they_go_on() {
+        let grid = grid([5, 3, 4], trilinear);
+        let corner = trilinear(DVec3::new(4.0, 0.0, 3.0));
+        for p in [DVec3::new(4.5, -0.5, 3.5), DVec3::new(1e300, -1e300, 1e9)] {
+            assert_eq!(grid.sample(p), corner);
+        }
+    }
+
+    #[test]
+    fn equal_samples_give_themselves_to_the_bit() {
+        let grid = grid([3, 3, 3], |_| 0.1);
+        for i in 0..100 {
+            let t = f64::from(i) / 37.0;
+            assert_eq!(grid.sample(DVec3::new(t, 0.7 * t, 1.0 - t)), f64::from(0.1f32));
+        }
+    }
+
+    #[test]
+    fn an_axis_of_one_sample_is_constant_along_itself() {
+        let flat = grid([4, 1, 1], |p| p.x * p.x);
+        assert_eq!(flat.size(), [4, 1, 1]);
+        assert_eq!(flat.sample(DVec3::new(2.5, -0.5, 0.5)), 6.5);
+        let single = grid([1, 1, 1], |_| 7.0);
+        assert_eq!(single.sample(DVec3::new(0.3, -4.0, 0.9)), 7.0);
+    }
+
+    #[test]
+    fn bytes_and_words_stand_for_themselves() {
+        let bytes = Grid::new([2, 1, 1], Samples::Bytes(vec![0, 255])).unwrap();
+        assert_eq!(bytes.sample(DVec3::new(0.5, 0.0, 0.0)), 127.5);
+        let words = Grid::new([2, 1, 1], Samples::Words(vec![65535, 1])).unwrap();
+        assert_eq!(words.sample(DVec3::new(0.25, 0.0, 0.0)), 49151.5);
+    }
+
+    #[test]
+    fn the_middles_of_voxels_are_the_integers_of_voxel_space() {
+        let grid = grid([4, 2, 1], |p| p.x);
+        let map = grid.voxel_from_box();
+        assert_eq!(
+            map.transform_point3(DVec3::new(0.125, 0.75, 0.5)),
+            DVec3::new(0.0, 1.0, 0.0)
+        );
+        assert_eq!(map.transform_point3(DVec3::ONE), DVec3::new(3.5, 1.5, 0.5));
+    }
+
+    #[test]
+    fn wrong_counts_empty_axes_and_nan_are_refused() {
+        for size in [[2, 2, 2], [0, 3, 1], [usize::MAX, 4, 4], [3, 0, 0]] {
+            assert!(matches!(
+                Grid::new(size, Samples::Bytes(vec![0; 3])),
+                Err(VolumeError::Size { .. })
+            ));
+        }
+        assert!(Grid::new([0, 0, 0], Samples::Bytes(vec![])).is_err());
+        let mut values = vec![0.0; 24];
+        values[2 * 6 + 3 + 1] = f32::NAN;
+        assert_eq!(
+            Grid::new([3, 2, 4], Samples::Floats(values)),
+            Err(VolumeError::NotFinite { at: [1, 1, 2] })
+        );
+    }
+}

@@ -1,0 +1,360 @@
+//! Marching: samples along one ray, sixteen at a time, composited front to back.
+//!
+//! A ray is cut where it enters and leaves volumes, so that along each piece the same ones are met, and every piece is
+//! marched in the shortest of their steps. The sixteen lanes are neighbours along the ray: they share cache lines, single
+//! shadow rays are as fast as packets, and no lane waits for another ray. Samples in empty space are left out; what they
+//! would add is exactly 0, so the bits are those of all samples.
+//!
+//! A march stops once the transmittance T is at most the cut-off. What it leaves out is then at most T times the brightest
+//! source behind, and at most T of the transmittance.
+
+use glam::DVec3;
+
+use super::composite::Composite;
+use super::depth::DepthSum;
+use super::sample::{Batch, Met, Seen, sample, sample_depth};
+use super::steps::Steps;
+use super::transfer::Matter;
+use super::{Fog, Volume};
+use crate::numeric::{LANES, Lanes3};
+
+/// The part of a ray that is marched, in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch {
+    /// The point at t = 0.
+    pub origin: DVec3,
+    /// Direction of any length but 0; `t` is measured in it.
+    pub direction: DVec3,
+    /// Where the march begins.
+    pub t_near: f64,
+    /// Where it ends: at the surface that is hit, or at infinity.
+    pub t_far: f64,
+}
+
+/// What a march found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Marched {
+    /// Linear RGB radiance that reaches the near end from what lies on the way.
+    pub radiance: [f64; 3],
+    /// The share of the light from beyond the far end that reaches the near one.
+    pub transmittance: f64,
+    /// Samples that were taken.
+    pub sample_count: u64,
+}
+
+/// Whether empty space is left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SkipEmpty {
+    /// Leaps over it.
+    #[default]
+    Leap,
+    /// Takes every sample: the referee.
+    Never,
+}
+
+/// Sixteen points along a ray.
+#[derive(Clone, Copy, Debug)]
+pub struct PointLanes {
+    /// In world space.
+    pub points: Lanes3<f64>,
+    /// Bit `l` says whether lane `l` scatters light; the others are not looked at.
+    pub active: u16,
+}
+
+/// Light at sixteen points of a ray: the linear RGB radiance that matter of colour 1 sends to the viewer there. For a lamp
+/// of irradiance E that is E times the phase function, which is 1 / 4 pi for matter that scatters evenly.
+pub type Lighting<'l> = &'l mut dyn FnMut(&PointLanes) -> Lanes3<f64>;
+
+/// A march through volumes and fog; it keeps its working memory from ray to ray.
+#[derive(Clone, Debug)]
+pub struct March<'a> {
+    volumes: &'a [Volume],
+    fog: Option<Fog>,
+    /// Optical depth from which on nothing counts.
+    deepest: f64,
+    skip: SkipEmpty,
+    met: Vec<Met<'a>>,
+    cuts: Vec<f64>,
+    active: Vec<Met<'a>>,
+}
+
+/// Light on its way: what has been composited.
+struct Progress<'s, 'l> {
+    stretch: &'s Stretch,
+    light: Option<Lighting<'l>>,
+    composite: Composite,
+    depth: DepthSum,
+    sample_count: u64,
+}
+
+/// Whether a march goes on.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Flow {
+    GoOn,
+    Stop,
+}
+
+/// Optical depth from which on a transmittance is 0 in f64.
+const DARKEST: f64 = 746.0;
+/// A transmittance that 24-bit colours cannot show, of light up to a thousand times white.
+const DEFAULT_CUTOFF: f64 = 1e-7;
+
+impl<'a> March<'a> {
+    /// A march through `volumes` and `fog`, with a cut-off of 10^-7.
+    pub fn new(volumes: &'a [Volume], fog: Option<Fog>) -> March<'a> {
+        March {
+            volumes,
+            fog,
+            deepest: -DEFAULT_CUTOFF.ln(),
+            skip: SkipEmpty::Leap,
+            met: Vec::new(),
+            cuts: Vec::new(),
+            active: Vec::new(),
+        }
+    }
+
+    /// Stops where the transmittance is at most `cutoff`, from 0 (never) to 1.
+    pub fn with_cutoff(self, cutoff: f64) -> March<'a> {
+        March {
+            deepest: -cutoff.ln(),
+            ..self
+        }
+    }
+
+    /// Leaps over empty space, or does not.
+    pub fn with_skip(self, skip: SkipEmpty) -> March<'a> {
+        March { skip, ..self }
+    }
+
+    /// The light that reaches the near end of `stretch`, and what is left of the light from the far end.
+    ///
+    /// Without `light` everything is lit by 1: colours are seen as they are.
+    pub fn radiance(&mut self, stretch: &Stretch, light: Option<Lighting<'_>>) -> Marched {
+        let mut progress = Progress {
+            stretch,
+            light,
+            composite: Composite::CLEAR,
+            depth: DepthSum::default(),
+            sample_count: 0,
+        };
+        self.walk::<true>(&mut progress);
+        Marched {
+            radiance: progress.composite.color,
+            transmittance: progress.depth.transmittance(),
+            sample_count: progress.sample_count,
+        }
+    }
+
+    /// What share of the light from the far end of `stretch` reaches the near one: for shadow rays.
+    pub fn transmittance(&mut self, stretch: &Stretch) -> f64 {
+        let mut progress = Progress {
+            stretch,
+            light: None,
+            composite: Composite::CLEAR,
+            depth: DepthSum::default(),
+            sample_count: 0,
+        };
+        self.walk::<false>(&mut progress);
+        progress.depth.transmittance()
+    }
+
+    /// Goes along the ray, piece by piece.
+    fn walk<const COLORED: bool>(&mut self, progress: &mut Progress) {
+        self.meet(progress.stretch);
+        for i in 1..self.cuts.len() {
+            let (from, to) = (self.cuts[i - 1], self.cuts[i]);
+            if from >= to {
+                continue;
+            }
+            let met = self.met.iter().copied();
+            self.active.clear();
+            self.active
+                .extend(met.filter(|met| met.enter <= from && to <= met.leave));
+            let flow = match (self.active.is_empty(), self.fog) {
+                (true, None) => Flow::GoOn,
+                (true, Some(fog)) => self.pass_fog::<COLORED>(&fog, from, to, progress),
+                (false, _) => self.march::<COLORED>(from, to, progress),
+            };
+            if flow == Flow::Stop {
+                break;
+            }
+        }
+    }
+
+    /// Finds the volumes that the ray meets, and all places where it enters or leaves one.
+    fn meet(&mut self, stretch: &Stretch) {
+        self.met.clear();
+        self.cuts.clear();
+        if !(stretch.t_near < stretch.t_far) {
+            return;
+        }
+        if self.fog.is_some() {
+            self.cuts.extend([stretch.t_near, stretch.t_far]);
+        }
+        for volume in self.volumes {
+            if let Some(met) = volume.meet(stretch) {
+                self.cuts.extend([met.enter, met.leave]);
+                self.met.push(met);
+            }
+        }
+        self.cuts.sort_unstable_by(f64::total_cmp);
+    }
+
+    /// A stretch of nothing but fog.
+    fn pass_fog<const COLORED: bool>(
+        &mut self,
+        fog: &Fog,
+        from: f64,
+        to: f64,
+        progress: &mut Progress,
+    ) -> Flow {
+        let unit = progress.stretch.direction.length();
+        if !COLORED || progress.light.is_none() || fog.extinction() == 0.0 {
+            let length = (to - from) * unit;
+            fog.pass(length, &mut progress.composite);
+            progress.depth.add(fog.depth(length));
+            return progress.flow(self.deepest);
+        }
+        // Lamps make it differ from place to place; beyond the cut-off nothing is seen.
+        let seen = self.deepest.min(DARKEST) / (fog.extinction() * unit);
+        self.march::<COLORED>(from, to.min(from + seen), progress)
+    }
+
+    /// Marches through the volumes at hand.
+    fn march<const COLORED: bool>(&mut self, from: f64, to: f64, progress: &mut Progress) -> Flow {
+        let unit = progress.stretch.direction.length();
+        let volume_steps = self.active.iter().map(|met| met.volume.step);
+        let lit_fog = self.fog.filter(|_| self.active.is_empty()).map(|fog| fog.step());
+        let step = volume_steps.chain(lit_fog).fold(f64::INFINITY, f64::min);
+        let steps = Steps::new(from, to, step / unit);
+        let mut batch = Batch::EMPTY;
+        let mut i = 0;
+        while i < steps.count {
+            let samples = self.next_samples(&steps, i);
+            for j in samples.clone() {
+                let (t, length) = steps.middle_and_length(j);
+                batch.push(t, length * unit);
+                if batch.filled == LANES && self.take::<COLORED>(&mut batch, progress) == Flow::Stop {
+                    return Flow::Stop;
+                }
+            }
+            i = samples.end;
+        }
+        if batch.filled == 0 {
+            return Flow::GoOn;
+        }
+        self.take::<COLORED>(&mut batch, progress)
+    }
+
+    /// The next steps, from `i` on, that may not be empty; what lies before them is.
+    #[inline(always)]
+    fn next_samples(&self, steps: &Steps, i: u64) -> std::ops::Range<u64> {
+        if self.skip == SkipEmpty::Never || self.fog.is_some() {
+            // Fog is everywhere.
+            return i..steps.count;
+        }
+        let (t, _) = steps.middle_and_length(i);
+        let (mut empty, mut until) = (true, f64::INFINITY);
+        for met in &self.active {
+            let around = met.volume.empty.around(&met.ray, t);
+            empty &= around.empty;
+            until = if around.until < until { around.until } else { until };
+        }
+        let last = steps.last_before(until);
+        if empty {
+            // The step before the last is a whole step away from where it ends: much more than any rounding.
+            let next = last.max(i + 1).min(steps.count);
+            next..next
+        } else {
+            i..last.saturating_add(1).max(i + 1).min(steps.count)
+        }
+    }
+
+    /// Takes the samples of a batch and composites them.
+    fn take<const COLORED: bool>(&self, batch: &mut Batch, progress: &mut Progress) -> Flow {
+        progress.sample_count += batch.filled as u64;
+        let flow = if COLORED {
+            let mut seen = sample(&self.active, self.fog.as_ref(), batch);
+            if progress.light.is_some() {
+                progress.light_up(&mut seen, batch);
+            }
+            progress.composite(&seen, batch.filled, self.deepest)
+        } else {
+            let depth = sample_depth(&self.active, self.fog.as_ref(), batch);
+            progress.deepen(&depth[..batch.filled], self.deepest)
+        };
+        *batch = Batch::EMPTY;
+        flow
+    }
+}
+
+impl Progress<'_, '_> {
+    /// Asks for the light at the samples that scatter any.
+    fn light_up(&mut self, seen: &mut Seen, batch: &Batch) {
+        let scattering = &mut seen.matter.scattering;
+        let mut active = 0;
+        for l in 0..batch.filled {
+            let scatters = (0..3).any(|channel| scattering[channel][l] > 0.0);
+            active |= u16::from(scatters) << l;
+        }
+        let Some(light) = self.light.as_mut().filter(|_| active != 0) else {
+            return;
+        };
+        let mut points = [[0.0; LANES]; 3];
+        for axis in 0..3 {
+            for l in 0..LANES {
+                points[axis][l] = self.stretch.origin[axis] + batch.t[l] * self.stretch.direction[axis];
+            }
+        }
+        let arriving = light(&PointLanes { points, active });
+        for channel in 0..3 {
+            for l in 0..LANES {
+                if active >> l & 1 == 1 {
+                    scattering[channel][l] *= arriving[channel][l];
+                }
+            }
+        }
+    }
+
+    /// Puts the samples behind what has been met before, nearest first.
+    #[inline(always)]
+    fn composite(&mut self, seen: &Seen, filled: usize, deepest: f64) -> Flow {
+        let Matter {
+            depth,
+            scattering,
+            emission,
+        } = &seen.matter;
+        for l in 0..filled {
+            let source = |channel: usize| seen.share[l] * (scattering[channel][l] + emission[channel][l]);
+            self.composite
+                .add([source(0), source(1), source(2)], seen.alpha[l]);
+            self.depth.add(depth[l]);
+            // After the sample that did it, wherever a batch ends.
+            if self.depth.rounded() >= deepest {
+                return Flow::Stop;
+            }
+        }
+        Flow::GoOn
+    }
+
+    /// The same of depths alone.
+    #[inline(always)]
+    fn deepen(&mut self, depths: &[f64], deepest: f64) -> Flow {
+        for depth in depths {
+            self.depth.add(*depth);
+            if self.depth.rounded() >= deepest {
+                return Flow::Stop;
+            }
+        }
+        Flow::GoOn
+    }
+
+    /// Whether anything more could be seen.
+    fn flow(&self, deepest: f64) -> Flow {
+        if self.depth.rounded() >= deepest {
+            Flow::Stop
+        } else {
+            Flow::GoOn
+        }
+    }
+}

@@ -1,0 +1,313 @@
+//! Numbers as files hold them: their types, the order of their bytes, and where each lies.
+
+use super::{Fault, SAVE_AGAIN, THREE_AXES, too_big};
+use crate::volume::Samples;
+
+/// The type of a file's numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Element {
+    /// Eight bits without sign; kept as they are.
+    U8,
+    /// Eight bits with sign.
+    I8,
+    /// Sixteen bits without sign; kept as they are.
+    U16,
+    /// Sixteen bits with sign.
+    I16,
+    /// 32 bits without sign, rounded to f32 as all that follow.
+    U32,
+    /// 32 bits with sign.
+    I32,
+    /// 64 bits without sign.
+    U64,
+    /// 64 bits with sign.
+    I64,
+    /// IEEE half precision.
+    F16,
+    /// IEEE single precision.
+    F32,
+    /// IEEE double precision.
+    F64,
+}
+
+/// The order of a number's bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ByteOrder {
+    /// Least significant first.
+    #[default]
+    Little,
+    /// Most significant first.
+    Big,
+}
+
+/// Where each number of an array lies, in numbers from its start.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Layout {
+    pub(super) element: Element,
+    pub(super) order: ByteOrder,
+    /// Samples along x, y, z.
+    pub(super) size: [usize; 3],
+    pub(super) channels: usize,
+    /// From one sample to the next along x, y, z.
+    pub(super) strides: [usize; 3],
+    /// From one channel to the next.
+    pub(super) channel_stride: usize,
+}
+
+/// The most channels: red, green, blue and density.
+const MOST_CHANNELS: usize = 4;
+
+impl Element {
+    /// Bytes of one number.
+    pub fn bytes(self) -> u64 {
+        match self {
+            Element::U8 | Element::I8 => 1,
+            Element::U16 | Element::I16 | Element::F16 => 2,
+            Element::U32 | Element::I32 | Element::F32 => 4,
+            Element::U64 | Element::I64 | Element::F64 => 8,
+        }
+    }
+
+    /// Bytes of one number in memory, as a grid keeps it.
+    fn kept_bytes(self) -> u64 {
+        match self {
+            Element::U8 => 1,
+            Element::U16 => 2,
+            _ => 4,
+        }
+    }
+}
+
+/// A role of an array's axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Axis {
+    X,
+    Y,
+    Z,
+    Channel,
+}
+
+impl Layout {
+    /// The layout of an array whose axes have these roles and lengths, the fastest first. Each of x, y, z is among them.
+    pub(super) fn new(element: Element, order: ByteOrder, axes: &[(Axis, u64)]) -> Result<Layout, Fault> {
+        let mut layout = Layout {
+            element,
+            order,
+            size: [1; 3],
+            channels: 1,
+            strides: [0; 3],
+            channel_stride: 0,
+        };
+        let mut stride = 1u64;
+        for &(axis, length) in axes {
+            let numbers = stride.checked_mul(length);
+            let bytes = numbers.and_then(|numbers| numbers.checked_mul(8));
+            // Under i64::MAX bytes also for the widest type, so that nothing below can overflow.
+            let (Some(numbers), true) = (numbers, bytes.is_some_and(|bytes| bytes <= i64::MAX as u64)) else {
+                return Err(Fault::new(
+                    "claims more numbers than any memory holds",
+                    SAVE_AGAIN,
+                ));
+            };
+            if length == 0 {
+                return Err(Fault::new("has an axis of length 0", THREE_AXES));
+            }
+            match axis {
+                Axis::Channel => {
+                    layout.channels = length as usize;
+                    layout.channel_stride = stride as usize;
+                }
+                _ => {
+                    layout.size[axis as usize] = length as usize;
+                    layout.strides[axis as usize] = stride as usize;
+                }
+            }
+            stride = numbers;
+        }
+        if layout.channels > MOST_CHANNELS {
+            return Err(Fault::new(
+                format!("has {} channels", layout.channels),
+                THREE_AXES,
+            ));
+        }
+        Ok(layout)
+    }
+
+    /// How many numbers there are.
+    pub(super) fn count(&self) -> u64 {
+        self.size.iter().map(|&side| side as u64).product::<u64>() * self.channels as u64
+    }
+
+    /// Bytes of all numbers in the file.
+    pub(super) fn bytes(&self) -> u64 {
+        self.count() * self.element.bytes()
+    }
+
+    /// Whether the numbers are all there, and fit into memory.
+    pub(super) fn check(&self, available: u64, max_bytes: u64) -> Result<(), Fault> {
+        if self.bytes() > available {
+            let [x, y, z] = self.size;
+            let fault = format!(
+                "is cut off: {x} x {y} x {z} samples of {} channels take {} bytes, and {available} are there",
+                self.channels,
+                self.bytes()
+            );
+            return Err(Fault::new(fault, SAVE_AGAIN));
+        }
+        self.check_memory(max_bytes)
+    }
+
+    /// Whether the numbers fit into memory.
+    pub(super) fn check_memory(&self, max_bytes: u64) -> Result<(), Fault> {
+        // An axis of one is stored twice.
+        let stored = self.size.map(|side| side.max(2) as u128);
+        let kept =
+            stored.iter().product::<u128>() * self.channels as u128 * u128::from(self.element.kept_bytes());
+        if kept > u128::from(max_bytes) {
+            return Err(too_big(u64::try_from(kept).unwrap_or(u64::MAX), max_bytes));
+        }
+        Ok(())
+    }
+
+    /// The numbers of one channel out of `data`, which has passed [`Layout::check`].
+    pub(super) fn decode(&self, channel: usize, data: &[u8]) -> Samples {
+        match self.element {
+            Element::U8 => Samples::Bytes(self.numbers(channel, data, |[byte]: [u8; 1]| byte)),
+            Element::U16 => Samples::Words(self.numbers(channel, data, u16::from_le_bytes)),
+            Element::I8 => self.floats(channel, data, |b| f32::from(i8::from_le_bytes(b))),
+            Element::I16 => self.floats(channel, data, |b| f32::from(i16::from_le_bytes(b))),
+            Element::U32 => self.floats(channel, data, |b| u32::from_le_bytes(b) as f32),
+            Element::I32 => self.floats(channel, data, |b| i32::from_le_bytes(b) as f32),
+            Element::U64 => self.floats(channel, data, |b| u64::from_le_bytes(b) as f32),
+            Element::I64 => self.floats(channel, data, |b| i64::from_le_bytes(b) as f32),
+            Element::F16 => self.floats(channel, data, |b| from_half(u16::from_le_bytes(b))),
+            Element::F32 => self.floats(channel, data, f32::from_le_bytes),
+            Element::F64 => self.floats(channel, data, |b| f64::from_le_bytes(b) as f32),
+        }
+    }
+
+    fn floats<const BYTES: usize>(
+        &self,
+        channel: usize,
+        data: &[u8],
+        from_little: impl Fn([u8; BYTES]) -> f32,
+    ) -> Samples {
+        Samples::Floats(self.numbers(channel, data, from_little))
+    }
+
+    /// The numbers of one channel, x fastest.
+    fn numbers<T, const BYTES: usize>(
+        &self,
+        channel: usize,
+        data: &[u8],
+        from_little: impl Fn([u8; BYTES]) -> T,
+    ) -> Vec<T> {
+        let (elements, _) = data.as_chunks::<BYTES>();
+        let [nx, ny, nz] = self.size;
+        let mut numbers = Vec::with_capacity(nx * ny * nz);
+        for z in 0..nz {
+            for y in 0..ny {
+                let row = channel * self.channel_stride + z * self.strides[2] + y * self.strides[1];
+                for x in 0..nx {
+                    let mut bytes = elements[row + x * self.strides[0]];
+                    if self.order == ByteOrder::Big {
+                        bytes.reverse();
+                    }
+                    numbers.push(from_little(bytes));
+                }
+            }
+        }
+        numbers
+    }
+}
+
+/// A number of half precision.
+fn from_half(half: u16) -> f32 {
+    // Exponent and mantissa one after the other, as in f32 but 13 bits lower and with another bias: exact, also for
+    // subnormal numbers. Infinity and NaN become infinite.
+    let magnitude = f32::from_bits(u32::from(half & 0x7fff) << 13) * 2f32.powi(112);
+    let magnitude = if half & 0x7c00 == 0x7c00 {
+        f32::INFINITY
+    } else {
+        magnitude
+    };
+    if half >> 15 == 1 { -magnitude } else { magnitude }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_precision_has_its_values() {
+        for (half, value) in [
+            (0x0000, 0.0),
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x7bff, 65504.0),
+            (0x3555, 0.333_251_95),
+            (0x0001, 5.960_464_5e-8),
+            (0x7c00, f32::INFINITY),
+            (0xfe00, f32::NEG_INFINITY),
+        ] {
+            assert_eq!(from_half(half), value, "{half:#x}");
+        }
+    }
+
+    #[test]
+    fn every_type_is_read_in_both_byte_orders() {
+        let axes = [(Axis::X, 1), (Axis::Y, 1), (Axis::Z, 1)];
+        let cases: [(Element, &[u8], f32); 11] = [
+            (Element::U8, &[200], 200.0),
+            (Element::I8, &[200], -56.0),
+            (Element::U16, &[0x34, 0x92], 37428.0),
+            (Element::I16, &[0x34, 0x92], -28108.0),
+            (Element::U32, &[0, 0, 0, 0x80], 2_147_483_648.0),
+            (Element::I32, &[0, 0, 0, 0x80], -2_147_483_648.0),
+            (Element::U64, &[0, 0, 0, 0, 1, 0, 0, 0x80], 9.223_372e18),
+            (Element::I64, &[0xff; 8], -1.0),
+            (Element::F16, &[0x00, 0xc0], -2.0),
+            (Element::F32, &[0, 0, 0xc0, 0x3f], 1.5),
+            (Element::F64, &[0, 0, 0, 0, 0, 0, 0xf8, 0x3f], 1.5),
+        ];
+        for (element, little, value) in cases {
+            let big: Vec<u8> = little.iter().rev().copied().collect();
+            for (order, data) in [(ByteOrder::Little, little), (ByteOrder::Big, &big)] {
+                let layout = Layout::new(element, order, &axes).unwrap();
+                assert_eq!(layout.bytes(), data.len() as u64);
+                assert_eq!(layout.decode(0, data).get(0), value, "{element:?} {order:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn axes_lie_where_their_order_says() {
+        // z fastest, then y, then x, then two channels.
+        let axes = [(Axis::Z, 2), (Axis::Y, 2), (Axis::X, 3), (Axis::Channel, 2)];
+        let layout = Layout::new(Element::U8, ByteOrder::Little, &axes).unwrap();
+        let data: Vec<u8> = (0..24).collect();
+        let Samples::Bytes(second) = layout.decode(1, &data) else {
+            panic!("bytes stay bytes");
+        };
+        assert_eq!(second, [12, 16, 20, 14, 18, 22, 13, 17, 21, 15, 19, 23]);
+    }
+
+    #[test]
+    fn sizes_that_overflow_or_are_too_big_are_refused_before_they_are_used() {
+        let refused = |axes: &[(Axis, u64)]| Layout::new(Element::U8, ByteOrder::Little, axes).is_err();
+        assert!(refused(&[(Axis::X, u64::MAX), (Axis::Y, 2), (Axis::Z, 1)]));
+        assert!(refused(&[(Axis::X, 1 << 30), (Axis::Y, 1 << 30), (Axis::Z, 1)]));
+        assert!(refused(&[(Axis::X, 1), (Axis::Y, 0), (Axis::Z, 1)]));
+        assert!(refused(&[
+            (Axis::Channel, 5),
+            (Axis::X, 1),
+            (Axis::Y, 1),
+            (Axis::Z, 1)
+        ]));
+        let axes = [(Axis::X, 4), (Axis::Y, 4), (Axis::Z, 4)];
+        let layout = Layout::new(Element::F64, ByteOrder::Little, &axes).unwrap();
+        assert!(layout.check(512, 256).is_ok());
+        assert!(layout.check(511, 256).is_err());
+        assert!(layout.check(512, 255).is_err());
+    }
+}

@@ -1,0 +1,178 @@
+//! Reading 3-D arrays: NumPy `.npy`, NRRD, and raw numbers with a header of the caller's.
+//!
+//! Files come from anywhere, so nothing is allocated before the size that a header claims was checked against the bytes
+//! that are there and against the caller's limit; whatever is wrong is one sentence with the file and a remedy.
+//!
+//! Axes: x runs fastest in NRRD and raw files; a NumPy array is indexed `[z, y, x]`, with `[z, y, x, c]` for two to four
+//! channels, in C or Fortran order.
+//!
+//! OpenVDB files are refused with the advice to convert them. The one crate that reads them in Rust, vdb-rs, has had no
+//! release since January 2024, does not build its own documentation, panics on files that are damaged or of an older
+//! version, forgets background values and constant tiles, and unpacks untrusted bytes through C; the OpenVDB library itself
+//! is C++ with a dozen dependencies.
+
+mod element;
+mod npy;
+mod nrrd;
+mod raw;
+
+#[cfg(test)]
+mod tests;
+
+pub use element::{ByteOrder, Element};
+pub use raw::{RawHeader, read_raw};
+
+use std::ffi::OsStr;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use glam::DAffine3;
+
+use super::{Grid, VolumeError};
+
+/// What a file holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadVolume {
+    /// One to four grids of one size: density; or red, green, blue, and perhaps density.
+    pub channels: Vec<Grid>,
+    /// Where the file says that the cube [-1, 1]³ of the samples lies, in its own units; if it says so.
+    pub world_from_cube: Option<DAffine3>,
+}
+
+/// Why a file could not become a grid. One sentence: what, where, and what to do.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ReadError {
+    /// The operating system does not give the file.
+    #[error("{}: cannot be read ({fault}): check the path and whether you may read the file", .file.display())]
+    Unreadable {
+        /// The file.
+        file: PathBuf,
+        /// What the system says.
+        fault: String,
+    },
+    /// The content cannot be used.
+    #[error("{}: {fault}: {remedy}", .file.display())]
+    Content {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        fault: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// The numbers cannot be used.
+    #[error("{}: {source}", .file.display())]
+    Grid {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with them.
+        source: VolumeError,
+    },
+}
+
+/// What is wrong with a file's content, and what to do.
+#[derive(Clone, Debug, PartialEq)]
+struct Fault {
+    fault: String,
+    remedy: &'static str,
+}
+
+impl Fault {
+    fn new(fault: impl Into<String>, remedy: &'static str) -> Fault {
+        Fault {
+            fault: fault.into(),
+            remedy,
+        }
+    }
+}
+
+/// The remedy where a header has been damaged.
+const SAVE_AGAIN: &str = "save the file again";
+/// The remedy for arrays of other ranks.
+const THREE_AXES: &str = "give an array of three axes, or of four with 1 to 4 channels";
+
+/// Reads the array at `path`, told by its ending: `.npy`, `.nrrd` or `.nhdr`.
+///
+/// Neither the file nor its numbers may take more than `max_bytes` of memory.
+pub fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError> {
+    let ending = path.extension().and_then(OsStr::to_str).unwrap_or_default();
+    match ending.to_ascii_lowercase().as_str() {
+        "npy" => {
+            let bytes = bytes_of(path, max_bytes)?;
+            let array = npy::parse(&bytes).map_err(|fault| content(path, fault))?;
+            let data = &bytes[array.data_start..];
+            grids(path, &array.layout, data, max_bytes, None)
+        }
+        "nrrd" | "nhdr" => nrrd::read(path, max_bytes),
+        "vdb" => {
+            let remedy = "convert it, as by `copyToArray` of the Python module openvdb and `numpy.save`";
+            let fault = "is an OpenVDB file, which is not read";
+            Err(content(path, Fault::new(fault, remedy)))
+        }
+        _ => {
+            let fault = format!("its ending {ending:?} is that of no known array");
+            let remedy = "give a .npy or .nrrd file, or describe it as raw numbers";
+            Err(content(path, Fault::new(fault, remedy)))
+        }
+    }
+}
+
+fn content(path: &Path, fault: Fault) -> ReadError {
+    ReadError::Content {
+        file: path.to_owned(),
+        fault: fault.fault,
+        remedy: fault.remedy,
+    }
+}
+
+/// All bytes of a file, of at most `max_bytes`.
+fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
+    let unreadable = |error: std::io::Error| ReadError::Unreadable {
+        file: path.to_owned(),
+        fault: error.to_string(),
+    };
+    let file = File::open(path).map_err(unreadable)?;
+    let length = file.metadata().map_err(unreadable)?.len();
+    let too_long = |length: u64| content(path, too_big(length, max_bytes));
+    if length > max_bytes {
+        return Err(too_long(length));
+    }
+    let mut bytes = Vec::new();
+    // A pipe has no length, and a file may grow.
+    let read = file.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes);
+    read.map_err(unreadable)?;
+    if bytes.len() as u64 > max_bytes {
+        return Err(too_long(bytes.len() as u64));
+    }
+    Ok(bytes)
+}
+
+fn too_big(bytes: u64, max_bytes: u64) -> Fault {
+    let fault = format!("takes {bytes} bytes of memory where {max_bytes} are allowed");
+    Fault::new(fault, "give a smaller array or allow more memory")
+}
+
+/// The grids of the numbers in `data`, which may go on after them.
+fn grids(
+    path: &Path,
+    layout: &element::Layout,
+    data: &[u8],
+    max_bytes: u64,
+    world_from_cube: Option<DAffine3>,
+) -> Result<ReadVolume, ReadError> {
+    layout
+        .check(data.len() as u64, max_bytes)
+        .map_err(|fault| content(path, fault))?;
+    let channels = (0..layout.channels).map(|channel| Grid::new(layout.size, layout.decode(channel, data)));
+    let channels = channels
+        .collect::<Result<_, _>>()
+        .map_err(|source| ReadError::Grid {
+            file: path.to_owned(),
+            source,
+        })?;
+    Ok(ReadVolume {
+        channels,
+        world_from_cube,
+    })
+}

@@ -1,0 +1,230 @@
+//! NumPy's `.npy` (NEP 1, "A simple file format for NumPy arrays"; versions 1 to 3): a Python dictionary, then numbers.
+
+use super::element::{Axis, ByteOrder, Element, Layout};
+use super::{Fault, SAVE_AGAIN, THREE_AXES};
+
+/// The first bytes of every file.
+const MAGIC: &[u8] = b"\x93NUMPY";
+/// The longest dictionary: NumPy itself refuses longer ones.
+const MOST_HEADER: usize = 10_000;
+
+/// An array and where its numbers begin.
+#[derive(Debug)]
+pub(super) struct Array {
+    pub(super) layout: Layout,
+    pub(super) data_start: usize,
+}
+
+/// What the dictionary says.
+#[derive(Debug, Default)]
+struct Header<'h> {
+    descr: Option<&'h str>,
+    fortran: Option<bool>,
+    shape: Option<Vec<u64>>,
+}
+
+/// Understands the header of `bytes`.
+pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
+    let broken = || Fault::new("is no whole .npy file", "save the array again with numpy.save");
+    let rest = bytes.strip_prefix(MAGIC).ok_or_else(broken)?;
+    let (length, start) = match rest {
+        [1, _, a, b, ..] => (usize::from(u16::from_le_bytes([*a, *b])), MAGIC.len() + 4),
+        [2 | 3, _, a, b, c, d, ..] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, MAGIC.len() + 6),
+        [version, _, ..] if *version > 3 => {
+            let fault = format!("is of version {version} of the .npy format");
+            return Err(Fault::new(fault, "save it with version 1, 2 or 3"));
+        }
+        _ => return Err(broken()),
+    };
+    if length > MOST_HEADER {
+        return Err(Fault::new("has a header of unlikely length", SAVE_AGAIN));
+    }
+    let text = bytes.get(start..start + length).ok_or_else(broken)?;
+    let text = std::str::from_utf8(text).map_err(|_| broken())?;
+    let header = dictionary(text).ok_or_else(broken)?;
+    let (Some(descr), Some(fortran), Some(mut shape)) = (header.descr, header.fortran, header.shape) else {
+        return Err(broken());
+    };
+    let (element, order) = element(descr)?;
+    let mut axes = match shape.len() {
+        3 => vec![Axis::Z, Axis::Y, Axis::X],
+        4 => vec![Axis::Z, Axis::Y, Axis::X, Axis::Channel],
+        rank => return Err(Fault::new(format!("has {rank} axes"), THREE_AXES)),
+    };
+    if !fortran {
+        axes.reverse();
+        shape.reverse();
+    }
+    let axes: Vec<_> = axes.into_iter().zip(shape).collect();
+    Ok(Array {
+        layout: Layout::new(element, order, &axes)?,
+        data_start: start + length,
+    })
+}
+
+/// The type that a string such as `<f4` names.
+fn element(descr: &str) -> Result<(Element, ByteOrder), Fault> {
+    let mut chars = descr.chars();
+    let order = match chars.next() {
+        Some('>') => ByteOrder::Big,
+        _ => ByteOrder::Little,
+    };
+    let element = match chars.as_str() {
+        "u1" | "b1" => Element::U8,
+        "i1" => Element::I8,
+        "u2" => Element::U16,
+        "i2" => Element::I16,
+        "u4" => Element::U32,
+        "i4" => Element::I32,
+        "u8" => Element::U64,
+        "i8" => Element::I64,
+        "f2" => Element::F16,
+        "f4" => Element::F32,
+        "f8" => Element::F64,
+        _ => {
+            let fault = format!("holds elements of the type {descr:?}");
+            return Err(Fault::new(
+                fault,
+                "save real numbers, as by array.astype('float32')",
+            ));
+        }
+    };
+    Ok((element, order))
+}
+
+/// The dictionary of three known keys; nothing if it is not one.
+fn dictionary(text: &str) -> Option<Header<'_>> {
+    let mut header = Header::default();
+    let mut rest = text.trim().strip_prefix('{')?.trim_start();
+    while !rest.starts_with('}') {
+        let (key, after) = quoted(rest)?;
+        let value = after.trim_start().strip_prefix(':')?.trim_start();
+        rest = match key {
+            "descr" if value.starts_with(['\'', '"']) => {
+                let (descr, after) = quoted(value)?;
+                header.descr = Some(descr);
+                after
+            }
+            // A record: a list of fields.
+            "descr" => {
+                header.descr = Some("record");
+                let end = value.find(']')?;
+                &value[end + 1..]
+            }
+            "fortran_order" => {
+                let (fortran, after) = match value.strip_prefix("True") {
+                    Some(after) => (true, after),
+                    None => (false, value.strip_prefix("False")?),
+                };
+                header.fortran = Some(fortran);
+                after
+            }
+            "shape" => {
+                let (inside, after) = value.strip_prefix('(')?.split_once(')')?;
+                let lengths = inside
+                    .split(',')
+                    .map(str::trim)
+                    .filter(|length| !length.is_empty());
+                // Python 2 marked long integers.
+                let lengths = lengths.map(|length| length.trim_end_matches('L').parse().ok());
+                header.shape = Some(lengths.collect::<Option<_>>()?);
+                after
+            }
+            _ => return None,
+        };
+        rest = rest.trim_start();
+        rest = rest.strip_prefix(',').unwrap_or(rest).trim_start();
+    }
+    Some(header)
+}
+
+/// A string in quotes at the start of `text`, and what follows.
+fn quoted(text: &str) -> Option<(&str, &str)> {
+    let quote = text.chars().next().filter(|quote| matches!(quote, '\'' | '"'))?;
+    text[1..].split_once(quote)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(header: &str) -> Vec<u8> {
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend([1, 0]);
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        bytes
+    }
+
+    fn fault(header: &str) -> String {
+        parse(&file(header)).unwrap_err().fault
+    }
+
+    #[test]
+    fn an_array_is_indexed_z_y_x_in_either_order() {
+        let c = parse(&file(
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }   \n",
+        ))
+        .unwrap();
+        assert_eq!(c.layout.size, [4, 3, 2]);
+        let x_fastest = [(Axis::X, 4), (Axis::Y, 3), (Axis::Z, 2)];
+        assert_eq!(
+            c.layout,
+            Layout::new(Element::F32, ByteOrder::Little, &x_fastest).unwrap()
+        );
+        let f = parse(&file("{\"shape\":(2,3,4,3),'descr':'>i2','fortran_order':True}")).unwrap();
+        let z_fastest = [(Axis::Z, 2), (Axis::Y, 3), (Axis::X, 4), (Axis::Channel, 3)];
+        assert_eq!(
+            f.layout,
+            Layout::new(Element::I16, ByteOrder::Big, &z_fastest).unwrap()
+        );
+    }
+
+    #[test]
+    fn arrays_that_cannot_be_volumes_are_refused_by_what_they_are() {
+        let with = |descr: &str, shape: &str| {
+            fault(&format!(
+                "{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}}}"
+            ))
+        };
+        assert!(with("'<f4'", "(2, 3)").contains("2 axes"));
+        assert!(with("'<f4'", "()").contains("0 axes"));
+        assert!(with("'<c8'", "(2, 3, 4)").contains("<c8"));
+        assert!(with("'|O'", "(2, 3, 4)").contains("|O"));
+        assert!(with("[('a', '<f4')]", "(2, 3, 4)").contains("record"));
+        assert!(with("'<f4'", "(2, 3, 4, 9)").contains("9 channels"));
+        assert!(with("'<f4'", "(2, 0, 4)").contains("length 0"));
+        assert!(with("'<f4'", "(4294967296, 4294967296, 4)").contains("memory"));
+    }
+
+    #[test]
+    fn broken_headers_are_refused() {
+        for header in [
+            "",
+            "{",
+            "{'descr': '<f4'}",
+            "{'shape': (1,-2,3)}",
+            "{'descr'",
+            "{'other': 1}",
+            "[]",
+            "{é",
+            "'",
+        ] {
+            assert!(parse(&file(header)).is_err(), "{header}");
+        }
+        assert!(parse(b"").is_err());
+        assert!(parse(b"\x93NUMPY").is_err());
+        assert!(
+            parse(b"\x93NUMPY\x09\x00\x00\x00")
+                .unwrap_err()
+                .fault
+                .contains("version 9")
+        );
+        assert!(
+            parse(b"\x93NUMPY\x02\x00\xff\xff\xff\xff")
+                .unwrap_err()
+                .fault
+                .contains("unlikely")
+        );
+    }
+}

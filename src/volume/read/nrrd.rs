@@ -1,0 +1,339 @@
+//! NRRD, "nearly raw raster data" (G. Kindlmann, teem.sourceforge.net/nrrd/format.html): lines of text, an empty line, then
+//! numbers; or the numbers in a file of their own.
+//!
+//! Encodings are raw, gzip and text. Of four axes the first or the last is that of channels.
+
+use std::io::Read;
+use std::path::Path;
+
+use flate2::read::MultiGzDecoder;
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::element::{Axis, ByteOrder, Element, Layout};
+use super::{Fault, ReadError, ReadVolume, SAVE_AGAIN, THREE_AXES, bytes_of, content, grids};
+use crate::volume::box_from_cube;
+
+/// The longest header that is looked for.
+const MOST_HEADER: usize = 1 << 20;
+/// What deflate can shrink at most, 1032 to 1, and a little for the last block.
+const MOST_SHRINKAGE: u64 = 1033;
+
+/// How the numbers are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Encoding {
+    Raw,
+    Gzip,
+    Text,
+}
+
+/// The fields that matter.
+#[derive(Debug, Default)]
+struct Header<'h> {
+    element: Option<Element>,
+    order: Option<ByteOrder>,
+    encoding: Option<Encoding>,
+    sizes: Vec<u64>,
+    dimension: Option<usize>,
+    spacings: Vec<f64>,
+    directions: Vec<Option<DVec3>>,
+    origin: Option<DVec3>,
+    data_file: Option<&'h str>,
+    line_skip: u64,
+    /// Before the numbers; `None` if these end the file.
+    byte_skip: Option<u64>,
+}
+
+/// Reads the file at `path`, and the one it names if the numbers are there.
+pub(super) fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError> {
+    let bytes = bytes_of(path, max_bytes)?;
+    let (text, attached) = split(&bytes).map_err(|fault| content(path, fault))?;
+    let header = parse(text).map_err(|fault| content(path, fault))?;
+    let layout = header.layout().map_err(|fault| content(path, fault))?;
+    let detached;
+    let (data_path, data) = match header.data_file {
+        None => (path.to_owned(), attached),
+        Some(name) => {
+            let data_path = path.parent().unwrap_or(Path::new("")).join(name);
+            detached = bytes_of(&data_path, max_bytes)?;
+            (data_path, detached.as_slice())
+        }
+    };
+    let numbers = header.numbers(&layout, data, max_bytes);
+    let (layout, numbers) = numbers.map_err(|fault| content(&data_path, fault))?;
+    grids(
+        &data_path,
+        &layout,
+        &numbers,
+        max_bytes,
+        header.placement(&layout),
+    )
+}
+
+/// The header's text and what follows its empty line.
+fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Fault> {
+    if !bytes.starts_with(b"NRRD000") {
+        return Err(Fault::new(
+            "is no NRRD file",
+            "give a file that begins with NRRD000",
+        ));
+    }
+    let mut end = 0;
+    for line in bytes[..bytes.len().min(MOST_HEADER)].split_inclusive(|&byte| byte == b'\n') {
+        end += line.len();
+        if line == b"\n" || line == b"\r\n" {
+            break;
+        }
+    }
+    let text = std::str::from_utf8(&bytes[..end]);
+    let text = text.map_err(|_| Fault::new("has a header that is not text", SAVE_AGAIN))?;
+    Ok((text, &bytes[end..]))
+}
+
+fn parse(text: &str) -> Result<Header<'_>, Fault> {
+    let mut header = Header {
+        byte_skip: Some(0),
+        ..Header::default()
+    };
+    for line in text.lines().skip(1) {
+        // Comments and pairs of other programs.
+        if line.starts_with('#') || line.contains(":=") {
+            continue;
+        }
+        if let Some((field, value)) = line.split_once(": ") {
+            let field = field.trim().to_ascii_lowercase();
+            header.set(&field, value.trim())?;
+        }
+    }
+    Ok(header)
+}
+
+impl<'h> Header<'h> {
+    fn set(&mut self, field: &str, value: &'h str) -> Result<(), Fault> {
+        let wrong = || Fault::new(format!("has the field {field}: {value:?}"), SAVE_AGAIN);
+        let number = |word: &str| word.parse::<f64>().ok();
+        match field {
+            "type" => self.element = Some(element(value).ok_or_else(wrong)?),
+            "dimension" => self.dimension = Some(value.parse().map_err(|_| wrong())?),
+            "sizes" => {
+                let sizes = value.split_whitespace().map(|size| size.parse().ok());
+                self.sizes = sizes.collect::<Option<_>>().ok_or_else(wrong)?;
+            }
+            "endian" => {
+                self.order = Some(match value {
+                    "little" => ByteOrder::Little,
+                    "big" => ByteOrder::Big,
+                    _ => return Err(wrong()),
+                });
+            }
+            "encoding" => {
+                self.encoding = Some(match value.to_ascii_lowercase().as_str() {
+                    "raw" => Encoding::Raw,
+                    "gzip" | "gz" => Encoding::Gzip,
+                    "text" | "txt" | "ascii" => Encoding::Text,
+                    _ => {
+                        let fault = format!("has the encoding {value:?}");
+                        return Err(Fault::new(fault, "save it as raw, gzip or text"));
+                    }
+                });
+            }
+            "spacings" => {
+                let spacings = value.split_whitespace().map(number);
+                self.spacings = spacings.collect::<Option<_>>().ok_or_else(wrong)?;
+            }
+            "space directions" => self.directions = directions(value).ok_or_else(wrong)?,
+            "space origin" => self.origin = vector(value),
+            "data file" | "datafile" => {
+                if value.starts_with("LIST") || value.contains('%') {
+                    let fault = "spreads its numbers over several files";
+                    return Err(Fault::new(fault, "save it as one file"));
+                }
+                self.data_file = Some(value);
+            }
+            "line skip" | "lineskip" => self.line_skip = value.parse().map_err(|_| wrong())?,
+            "byte skip" | "byteskip" => {
+                self.byte_skip = match value {
+                    "-1" => None,
+                    _ => Some(value.parse().map_err(|_| wrong())?),
+                };
+            }
+            // Units, centres, the names of axes.
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn layout(&self) -> Result<Layout, Fault> {
+        let missing = |field: &str| Fault::new(format!("lacks the field {field:?}"), SAVE_AGAIN);
+        let element = self.element.ok_or_else(|| missing("type"))?;
+        let encoding = self.encoding.ok_or_else(|| missing("encoding"))?;
+        let dimension = self.dimension.ok_or_else(|| missing("dimension"))?;
+        if self.sizes.len() != dimension {
+            return Err(missing("sizes"));
+        }
+        if self.order.is_none() && element.bytes() > 1 && encoding != Encoding::Text {
+            return Err(missing("endian"));
+        }
+        let roles: &[Axis] = match self.sizes[..] {
+            [_, _, _] => &[Axis::X, Axis::Y, Axis::Z],
+            [1..=4, _, _, _] => &[Axis::Channel, Axis::X, Axis::Y, Axis::Z],
+            [_, _, _, _] => &[Axis::X, Axis::Y, Axis::Z, Axis::Channel],
+            _ => return Err(Fault::new(format!("has {dimension} axes"), THREE_AXES)),
+        };
+        let axes: Vec<_> = roles.iter().copied().zip(self.sizes.iter().copied()).collect();
+        Layout::new(element, self.order.unwrap_or_default(), &axes)
+    }
+
+    /// The numbers behind their encoding, and how these lie.
+    fn numbers<'d>(
+        &self,
+        layout: &Layout,
+        data: &'d [u8],
+        max_bytes: u64,
+    ) -> Result<(Layout, std::borrow::Cow<'d, [u8]>), Fault> {
+        layout.check_memory(max_bytes)?;
+        let mut data = data;
+        for _ in 0..self.line_skip {
+            let line = data.iter().position(|&byte| byte == b'\n');
+            let Some(line) = line else {
+                return Err(Fault::new("has fewer lines than are to be skipped", SAVE_AGAIN));
+            };
+            data = &data[line + 1..];
+        }
+        match self.encoding {
+            Some(Encoding::Gzip) => {
+                let bytes = inflate(layout, data, self.byte_skip.unwrap_or(0), max_bytes)?;
+                Ok((layout.clone(), bytes.into()))
+            }
+            Some(Encoding::Text) => {
+                let bytes = from_text(layout, data)?;
+                let layout = Layout {
+                    element: Element::F64,
+                    order: ByteOrder::Little,
+                    ..layout.clone()
+                };
+                Ok((layout, bytes.into()))
+            }
+            _ => {
+                let at_end = (data.len() as u64).saturating_sub(layout.bytes());
+                let skip = self.byte_skip.unwrap_or(at_end).min(data.len() as u64);
+                Ok((layout.clone(), data[skip as usize..].into()))
+            }
+        }
+    }
+
+    /// Where the cube [-1, 1]³ lies, by directions and origin, or else by spacings.
+    fn placement(&self, layout: &Layout) -> Option<DAffine3> {
+        let mut steps: Vec<DVec3> = self.directions.iter().copied().flatten().collect();
+        if steps.is_empty() {
+            let spacings = self.spacings.iter().filter(|spacing| spacing.is_finite());
+            let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+            steps = spacings
+                .zip(axes)
+                .map(|(&spacing, axis)| spacing * axis)
+                .collect();
+        }
+        let [x, y, z] = steps[..] else {
+            return None;
+        };
+        let [nx, ny, nz] = layout.size.map(|side| side as f64);
+        // The origin is the middle of the first sample.
+        let corner = self.origin.unwrap_or(0.5 * (x + y + z)) - 0.5 * (x + y + z);
+        let world_from_box =
+            DAffine3::from_mat3_translation(DMat3::from_cols(nx * x, ny * y, nz * z), corner);
+        Some(world_from_box * box_from_cube()).filter(|map| map.is_finite())
+    }
+}
+
+/// The numbers of a gzip stream, as many as `layout` has, after the first `skip` bytes.
+fn inflate(layout: &Layout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Vec<u8>, Fault> {
+    let (wanted, packed) = (layout.bytes(), data.len() as u64);
+    let most = packed.saturating_mul(MOST_SHRINKAGE);
+    if wanted.saturating_add(skip) > most {
+        let fault = format!("is cut off: {packed} packed bytes cannot hold {wanted}");
+        return Err(Fault::new(fault, SAVE_AGAIN));
+    }
+    if wanted > max_bytes {
+        return Err(super::too_big(wanted, max_bytes));
+    }
+    let damaged = |error: std::io::Error| Fault::new(format!("has damaged gzip data ({error})"), SAVE_AGAIN);
+    let mut stream = MultiGzDecoder::new(data);
+    std::io::copy(&mut stream.by_ref().take(skip), &mut std::io::sink()).map_err(damaged)?;
+    let mut bytes = Vec::new();
+    stream.take(wanted).read_to_end(&mut bytes).map_err(damaged)?;
+    Ok(bytes)
+}
+
+/// The numbers of a text, as bytes of f64.
+fn from_text(layout: &Layout, data: &[u8]) -> Result<Vec<u8>, Fault> {
+    let count = layout.count();
+    // A digit and a space each.
+    if count > data.len() as u64 / 2 + 1 {
+        let fault = format!(
+            "is cut off: {} bytes of text cannot hold {count} numbers",
+            data.len()
+        );
+        return Err(Fault::new(fault, SAVE_AGAIN));
+    }
+    let text =
+        std::str::from_utf8(data).map_err(|_| Fault::new("has numbers that are not text", SAVE_AGAIN))?;
+    let mut bytes = Vec::new();
+    let words = text.split(|c: char| c.is_whitespace() || c == ',');
+    for word in words.filter(|word| !word.is_empty()).take(count as usize) {
+        let number = word.parse::<f64>();
+        let number = number.map_err(|_| Fault::new(format!("has {word:?} for a number"), SAVE_AGAIN))?;
+        bytes.extend(number.to_le_bytes());
+    }
+    Ok(bytes)
+}
+
+/// Vectors in parentheses; `none` for an axis that is not of space.
+fn directions(value: &str) -> Option<Vec<Option<DVec3>>> {
+    let mut found = Vec::new();
+    let mut rest = value.trim();
+    while !rest.is_empty() {
+        let after = if let Some(after) = rest.strip_prefix("none") {
+            found.push(None);
+            after
+        } else {
+            let (inside, after) = rest.strip_prefix('(')?.split_once(')')?;
+            found.push(Some(components(inside)?));
+            after
+        };
+        rest = after.trim_start();
+    }
+    Some(found)
+}
+
+fn vector(value: &str) -> Option<DVec3> {
+    components(value.strip_prefix('(')?.strip_suffix(')')?)
+}
+
+fn components(inside: &str) -> Option<DVec3> {
+    let mut numbers = inside.split(',').map(|word| word.trim().parse::<f64>().ok());
+    let vector = DVec3::new(numbers.next()??, numbers.next()??, numbers.next()??);
+    (numbers.next().is_none() && vector.is_finite()).then_some(vector)
+}
+
+/// The type by any of its names.
+fn element(name: &str) -> Option<Element> {
+    Some(match name.to_ascii_lowercase().as_str() {
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => Element::U8,
+        "signed char" | "int8" | "int8_t" => Element::I8,
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Element::U16,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => Element::I16,
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => Element::U32,
+        "int" | "signed int" | "int32" | "int32_t" => Element::I32,
+        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Element::U64,
+        "longlong"
+        | "long long"
+        | "long long int"
+        | "signed long long"
+        | "signed long long int"
+        | "int64"
+        | "int64_t" => Element::I64,
+        "half" | "float16" => Element::F16,
+        "float" => Element::F32,
+        "double" => Element::F64,
+        _ => return None,
+    })
+}

@@ -1,0 +1,217 @@
+//! Sixteen samples of one ray at once: places, densities, matter, and what it does to light.
+//!
+//! Straight loops over lanes, compiled for several instruction sets: the same arithmetic in each, hence the same bits.
+
+use glam::DVec3;
+use multiversion::multiversion;
+
+use super::blocks::VoxelRay;
+use super::depth::opacity;
+use super::grid::Grid;
+use super::march::Stretch;
+use super::transfer::Matter;
+use super::{Fog, Volume, box_from_cube};
+use crate::numeric::{LANES, Lanes, Lanes3};
+
+/// A volume that a ray goes through.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Met<'a> {
+    pub(super) volume: &'a Volume,
+    pub(super) ray: VoxelRay,
+    pub(super) enter: f64,
+    pub(super) leave: f64,
+}
+
+/// Samples that wait to be taken together.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Batch {
+    pub(super) t: Lanes<f64>,
+    /// In world units; 0 in lanes that are not filled.
+    pub(super) length: Lanes<f64>,
+    pub(super) filled: usize,
+}
+
+impl Volume {
+    /// The ray in voxel space and the stretch of it inside the volume, if there is one.
+    pub(super) fn meet(&self, stretch: &Stretch) -> Option<Met<'_>> {
+        let origin = self.cube_from_world.transform_point3(stretch.origin);
+        let direction = self.cube_from_world.transform_vector3(stretch.direction);
+        let inverse = direction.recip();
+        let (mut enter, mut leave) = (stretch.t_near, stretch.t_far);
+        for axis in 0..3 {
+            if direction[axis] == 0.0 {
+                if !(origin[axis].abs() <= 1.0) {
+                    return None;
+                }
+                continue;
+            }
+            let [a, b] = [-1.0, 1.0].map(|side| (side - origin[axis]) * inverse[axis]);
+            enter = enter.max(a.min(b));
+            leave = leave.min(a.max(b));
+        }
+        if !(enter < leave && leave < f64::INFINITY) {
+            return None;
+        }
+        Some(Met {
+            volume: self,
+            ray: voxel_ray(&self.density, origin, direction),
+            enter,
+            leave,
+        })
+    }
+}
+
+/// The ray with this origin and direction in the cube's space, in the voxel space of `grid`.
+#[inline(always)]
+fn voxel_ray(grid: &Grid, origin: DVec3, direction: DVec3) -> VoxelRay {
+    let map = grid.voxel_from_box() * box_from_cube();
+    let direction = map.transform_vector3(direction);
+    VoxelRay {
+        origin: map.transform_point3(origin),
+        direction,
+        inverse: direction.recip(),
+    }
+}
+
+impl Batch {
+    pub(super) const EMPTY: Batch = Batch {
+        t: [0.0; LANES],
+        length: [0.0; LANES],
+        filled: 0,
+    };
+
+    #[inline(always)]
+    pub(super) fn push(&mut self, t: f64, length: f64) {
+        self.t[self.filled] = t;
+        self.length[self.filled] = length;
+        self.filled += 1;
+    }
+}
+
+/// What sixteen samples show.
+pub(super) struct Seen {
+    pub(super) matter: Matter,
+    /// 1 - exp(-depth).
+    pub(super) alpha: Lanes<f64>,
+    /// (1 - exp(-depth)) / depth: how much of the source is seen through its own matter.
+    pub(super) share: Lanes<f64>,
+}
+
+/// Samples all volumes and fog at the places of a batch.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma",
+    "x86_64+sse4.2"
+))]
+pub(super) fn sample(met: &[Met], fog: Option<&Fog>, batch: &Batch) -> Seen {
+    let mut sum = Matter::NONE;
+    for met in met {
+        let volume = met.volume;
+        let places = places(&met.ray, &batch.t);
+        let density = volume.density.sample_lanes(&places);
+        let mut matter = volume.transfer.matter_lanes(&density, &batch.length);
+        if let Some(colors) = &volume.color {
+            tint(&mut matter, &volume.density, colors, &places);
+        }
+        sum.add(&matter);
+    }
+    if let Some(fog) = fog {
+        sum.add(&fog_matter(fog, &batch.length));
+    }
+    let mut alpha = [0.0; LANES];
+    let mut share = [0.0; LANES];
+    for l in 0..LANES {
+        let depth = sum.depth[l];
+        alpha[l] = opacity(depth);
+        share[l] = if depth > 0.0 { alpha[l] / depth } else { 1.0 };
+    }
+    Seen {
+        matter: sum,
+        alpha,
+        share,
+    }
+}
+
+/// The optical depths alone.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma",
+    "x86_64+sse4.2"
+))]
+pub(super) fn sample_depth(met: &[Met], fog: Option<&Fog>, batch: &Batch) -> Lanes<f64> {
+    let mut sum = [0.0; LANES];
+    for met in met {
+        let volume = met.volume;
+        let density = volume.density.sample_lanes(&places(&met.ray, &batch.t));
+        let depth = volume.transfer.depth_lanes(&density, &batch.length);
+        for l in 0..LANES {
+            sum[l] += depth[l];
+        }
+    }
+    if let Some(fog) = fog {
+        for l in 0..LANES {
+            sum[l] += fog.extinction() * batch.length[l];
+        }
+    }
+    sum
+}
+
+/// Sixteen points of a ray.
+#[inline(always)]
+fn places(ray: &VoxelRay, t: &Lanes<f64>) -> Lanes3<f64> {
+    let mut places = [[0.0; LANES]; 3];
+    for axis in 0..3 {
+        for l in 0..LANES {
+            places[axis][l] = ray.origin[axis] + t[l] * ray.direction[axis];
+        }
+    }
+    places
+}
+
+/// Multiplies the colour of matter by that of grids, which need not be of the size of `density`.
+#[inline(always)]
+fn tint(matter: &mut Matter, density: &Grid, colors: &[Grid; 3], places: &Lanes3<f64>) {
+    for (channel, color) in colors.iter().enumerate() {
+        let mut there = *places;
+        for axis in 0..3 {
+            let [from, to] = [density, color].map(|grid| grid.size()[axis] as f64);
+            for l in 0..LANES {
+                there[axis][l] = (there[axis][l] + 0.5) / from * to - 0.5;
+            }
+        }
+        let color = color.sample_lanes(&there);
+        for l in 0..LANES {
+            matter.scattering[channel][l] *= color[l];
+        }
+    }
+}
+
+#[inline(always)]
+fn fog_matter(fog: &Fog, length: &Lanes<f64>) -> Matter {
+    let mut matter = Matter::NONE;
+    for l in 0..LANES {
+        matter.depth[l] = fog.extinction() * length[l];
+    }
+    for channel in 0..3 {
+        for l in 0..LANES {
+            matter.scattering[channel][l] = fog.color()[channel] * matter.depth[l];
+            matter.emission[channel][l] = fog.emission()[channel] * length[l];
+        }
+    }
+    matter
+}
+
+impl Matter {
+    #[inline(always)]
+    fn add(&mut self, other: &Matter) {
+        for l in 0..LANES {
+            self.depth[l] += other.depth[l];
+        }
+        for channel in 0..3 {
+            for l in 0..LANES {
+                self.scattering[channel][l] += other.scattering[channel][l];
+                self.emission[channel][l] += other.emission[channel][l];
+            }
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! The steps of a march: the i-th begins at start + i · size, never at a running sum, and the last ends where the stretch
+//! does.
+//!
+//! Each is represented by its middle. A sum of sizes in f32 is off by 0.9 % after a million steps; the product is within
+//! 1 ulp at any.
+
+/// A stretch of a ray, cut into steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Steps {
+    start: f64,
+    end: f64,
+    size: f64,
+    /// How many, at least one.
+    pub(super) count: u64,
+}
+
+/// Twice the error of one rounding: what a place on the ray, and each operation on lengths, is trusted to.
+const SLACK: f64 = f64::EPSILON;
+
+impl Steps {
+    /// Cuts `start` to `end` into steps of `size`; all finite, `end` beyond `start`, `size` positive.
+    ///
+    /// A length that is a whole number of steps but for rounding gets no sliver of a step after the last.
+    pub(super) fn new(start: f64, end: f64, size: f64) -> Steps {
+        let length = (end - start) * (1.0 - 2.0 * SLACK) - SLACK * (start.abs() + end.abs());
+        let count = (length / size).ceil().max(1.0);
+        Steps {
+            start,
+            end,
+            size,
+            // Saturates far beyond what anybody would wait for.
+            count: count as u64,
+        }
+    }
+
+    /// The middle of step `i` and its length.
+    #[inline(always)]
+    pub(super) fn middle_and_length(&self, i: u64) -> (f64, f64) {
+        if i + 1 == self.count {
+            let begin = self.start + i as f64 * self.size;
+            return (0.5 * (begin + self.end), self.end - begin);
+        }
+        (self.start + (i as f64 + 0.5) * self.size, self.size)
+    }
+
+    /// The last step whose middle is not beyond `t`, but for rounding; 0 before the first.
+    #[inline(always)]
+    pub(super) fn last_before(&self, t: f64) -> u64 {
+        // A negative quotient becomes 0.
+        ((t - self.start) / self.size - 0.5) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_whole_number_of_steps_but_for_rounding_is_that_number() {
+        for count in [1u32, 3, 7, 10, 1000, 1_000_000] {
+            let size = 1.0 / f64::from(count);
+            for end in [1.0f64.next_down(), 1.0, 1.0f64.next_up()] {
+                assert_eq!(
+                    Steps::new(0.0, end, size).count,
+                    u64::from(count),
+                    "{count} {end}"
+                );
+            }
+        }
+        assert_eq!(Steps::new(0.0, 1.0, 0.3).count, 4);
+        assert_eq!(Steps::new(0.0, 1.0, 5.0).count, 1);
+    }
+
+    #[test]
+    fn lengths_add_up_to_the_stretch_and_middles_lie_in_their_steps() {
+        for (start, end, size) in [(0.0, 1.0, 0.3), (100.0, 101.7, 0.1), (-3.0, 5.0, 9.0)] {
+            let steps = Steps::new(start, end, size);
+            let mut at = start;
+            for i in 0..steps.count {
+                let (middle, length) = steps.middle_and_length(i);
+                assert!(length > 0.0 && length <= size + 8.0 * f64::EPSILON * end.abs());
+                assert!((middle - (at + 0.5 * length)).abs() <= 8.0 * f64::EPSILON * end.abs());
+                at += length;
+            }
+            assert!((at - end).abs() <= 64.0 * f64::EPSILON * end.abs());
+        }
+    }
+
+    #[test]
+    fn the_last_step_before_a_place_has_its_middle_there_or_before() {
+        let steps = Steps::new(2.0, 12.0, 1.0);
+        // Middles at 2.5, 3.5, ...
+        for (t, last) in [
+            (-1.0, 0),
+            (2.4, 0),
+            (2.5, 0),
+            (3.4, 0),
+            (3.5, 1),
+            (7.0, 4),
+            (1e300, u64::MAX),
+        ] {
+            assert_eq!(steps.last_before(t), last, "{t}");
+        }
+    }
+}

@@ -1,0 +1,483 @@
+//! Whole marches against closed forms, against each other, and with empty space left out.
+
+use super::cloud::{Cloud, CloudShape};
+use super::*;
+use crate::numeric::{LANES, Lanes3};
+
+/// What one rounding of f64 is off at most, relatively.
+const U: f64 = f64::EPSILON / 2.0;
+
+fn node(value: f64, thickness: f64, color: [f64; 3], emission: [f64; 3]) -> TransferNode {
+    TransferNode {
+        value,
+        thickness,
+        color,
+        emission,
+    }
+}
+
+fn volume(grid: Grid, transfer: Transfer, world_from_cube: DAffine3, step: f64) -> Volume {
+    Volume::new(VolumeDescription {
+        density: Arc::new(grid),
+        color: None,
+        transfer,
+        world_from_cube,
+        step: Some(step),
+    })
+    .unwrap()
+}
+
+fn constant() -> Grid {
+    Grid::new([3, 4, 5], Samples::Bytes(vec![1; 60])).unwrap()
+}
+
+/// A box of one matter over z in [from, to], x and y in [-1, 1].
+fn slab([from, to]: [f64; 2], matter: TransferNode, thickness: Thickness, step: f64) -> Volume {
+    let map = DAffine3::from_translation(DVec3::Z * 0.5 * (from + to))
+        * DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.5 * (to - from)));
+    volume(
+        constant(),
+        Transfer::new(&[matter], thickness).unwrap(),
+        map,
+        step,
+    )
+}
+
+/// Along z from z = 0.
+fn along_z(t_far: f64) -> Stretch {
+    Stretch {
+        origin: DVec3::new(0.25, -0.5, 0.0),
+        direction: DVec3::Z,
+        t_near: 0.0,
+        t_far,
+    }
+}
+
+fn assert_near(got: [f64; 3], expected: [f64; 3], bound: f64) {
+    for channel in 0..3 {
+        assert!(
+            (got[channel] - expected[channel]).abs() <= bound,
+            "{got:?} {expected:?}"
+        );
+    }
+}
+
+fn over(marched: &Marched, background: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|c| marched.radiance[c] + marched.transmittance * background[c])
+}
+
+const PINK: [f64; 3] = [1.0, 0.5, 0.5];
+const GREEN: [f64; 3] = [0.0, 1.0, 0.0];
+const DARK: [f64; 3] = [0.0; 3];
+
+#[test]
+fn two_slabs_are_the_lectures_compositing_example_at_any_step() {
+    for step in [1.0, 0.5, 0.3, 0.01] {
+        let layer = |range, color, alpha| {
+            slab(
+                range,
+                node(1.0, alpha, color, DARK),
+                Thickness::OpacityOver(1.0),
+                step,
+            )
+        };
+        let bound = 1e-14 + 4.0 * U / step;
+        let volumes = [layer([2.0, 3.0], PINK, 0.1), layer([1.0, 2.0], PINK, 0.2)];
+        let marched = March::new(&volumes, None).radiance(&along_z(10.0), None);
+        assert_near(over(&marched, GREEN), [0.28, 0.86, 0.14], bound);
+        // The order of the list does not matter, that along the ray does.
+        let volumes = [
+            layer([2.0, 3.0], [0.0, 0.0, 1.0], 0.1),
+            layer([1.0, 2.0], [1.0, 0.0, 0.0], 0.2),
+        ];
+        let marched = March::new(&volumes, None).radiance(&along_z(10.0), None);
+        assert_near(over(&marched, GREEN), [0.2, 0.72, 0.08], bound);
+    }
+}
+
+#[test]
+fn the_step_does_not_matter_in_a_homogeneous_slab() {
+    // Length 2 and the steps around its whole fractions, down to a millionth of it.
+    let matter = node(1.0, 1.7, PINK, [0.0, 0.3, 2.0]);
+    let alpha = 1.0 - (-3.4f64).exp();
+    let expected = [0, 1, 2].map(|c| alpha * (matter.color[c] + matter.emission[c] / 1.7));
+    for count in [1.0f64, 2.0, 3.0, 7.0, 16.0, 17.0, 1000.0, 1e6] {
+        for size in [
+            2.0 / count,
+            (2.0 / count).next_up(),
+            (2.0 / count).next_down(),
+            1.9 / count,
+        ] {
+            let volumes = [slab([1.0, 3.0], matter, Thickness::Extinction, size)];
+            let marched = March::new(&volumes, None)
+                .with_cutoff(0.0)
+                .radiance(&along_z(9.0), None);
+            assert_near(marched.radiance, expected, 1e-12);
+            assert!((marched.transmittance - (1.0 - alpha)).abs() <= 1e-12, "{size}");
+        }
+    }
+}
+
+#[test]
+fn transmittances_are_right_up_to_depths_of_ten_thousand() {
+    for tau in [0.0, 1e-12, 1e-3, 1.0, 30.0, 600.0, 1e4] {
+        for count in [1.0, 10.0, 1e3, 1e5, 1e7] {
+            if count == 1e7 && tau != 600.0 {
+                continue;
+            }
+            let volumes = [slab(
+                [1.0, 3.0],
+                node(1.0, tau / 2.0, DARK, DARK),
+                Thickness::Extinction,
+                2.0 / count,
+            )];
+            let stretch = along_z(f64::INFINITY);
+            let mut march = March::new(&volumes, None).with_cutoff(0.0);
+            let got = march.transmittance(&stretch);
+            let expected = (-tau).exp();
+            assert!(
+                (got - expected).abs() <= 1e-9 * (1.0 + tau) * expected,
+                "{tau} {count} {got}"
+            );
+            if count < 1e6 {
+                assert_eq!(march.radiance(&stretch, None).transmittance, got);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_density_that_rises_linearly_has_the_depth_of_its_mean() {
+    // Samples 0 and 4 at z = -1/2 and 1/2 of the cube: 0 below, a ramp, 4 above; over [-1, 1] the integral is 4.
+    let grid = Grid::new([1, 1, 2], Samples::Bytes(vec![0, 4])).unwrap();
+    let nodes = [node(0.0, 0.0, DARK, DARK), node(4.0, 4.0, DARK, DARK)];
+    let transfer = Transfer::new(&nodes, Thickness::Extinction).unwrap();
+    // Eight steps: no kink lies inside one, and the middle of a step has its mean.
+    let volumes = [volume(grid, transfer, DAffine3::IDENTITY, 0.25)];
+    let stretch = Stretch {
+        origin: DVec3::new(0.0, 0.0, -5.0),
+        ..along_z(f64::INFINITY)
+    };
+    let got = March::new(&volumes, None).transmittance(&stretch);
+    assert!((got.ln() + 4.0).abs() <= 64.0 * U);
+}
+
+#[test]
+fn overlapping_volumes_add_their_matter() {
+    let red = node(1.0, 1.0, [1.0, 0.0, 0.0], DARK);
+    let glow = node(1.0, 0.0, DARK, [0.0, 0.0, 2.0]);
+    let both = node(1.0, 1.0, [1.0, 0.0, 0.0], [0.0, 0.0, 2.0]);
+    let [thin, fine] = [0.1, 0.03];
+    let apart = [
+        slab([1.0, 3.0], red, Thickness::Extinction, thin),
+        slab([2.0, 4.0], glow, Thickness::Extinction, fine),
+    ];
+    let cut = [
+        slab([1.0, 2.0], red, Thickness::Extinction, thin),
+        slab([2.0, 3.0], both, Thickness::Extinction, thin),
+        slab([3.0, 4.0], glow, Thickness::Extinction, thin),
+    ];
+    let [a, b] =
+        [&apart[..], &cut[..]].map(|volumes| March::new(volumes, None).radiance(&along_z(9.0), None));
+    assert_near(a.radiance, b.radiance, 1e-13);
+    assert!((a.transmittance - b.transmittance).abs() <= 1e-14);
+    // 1 - exp(-2) of red; of blue 2 exp(-1) (1 - exp(-1)) and 2 exp(-2).
+    let e = (-1.0f64).exp();
+    assert_near(
+        a.radiance,
+        [1.0 - e * e, 0.0, 2.0 * e * (1.0 - e) + 2.0 * e * e],
+        1e-13,
+    );
+}
+
+#[test]
+fn placement_direction_and_origin_do_not_change_what_is_met() {
+    let turn = DAffine3::from_rotation_y(0.7) * DAffine3::from_rotation_x(-0.4);
+    let map = DAffine3::from_translation(DVec3::new(30.0, -20.0, 5.0))
+        * turn
+        * DAffine3::from_scale(DVec3::new(3.0, -2.0, 0.5));
+    let matter = [node(1.0, 0.8, PINK, DARK)];
+    let transfer = Transfer::new(&matter, Thickness::Extinction).unwrap();
+    let volumes = [volume(constant(), transfer, map, 0.07)];
+    // Through the slab along its own z, 1 thick: entering, from inside, and ending inside.
+    let direction = map.transform_vector3(DVec3::Z) * 2.0;
+    let stretch = |z: f64, t_far| Stretch {
+        origin: map.transform_point3(DVec3::new(0.3, 0.2, z)),
+        direction: direction * 4.0,
+        t_near: 0.0,
+        t_far,
+    };
+    // t runs over 4 thicknesses.
+    for (stretch, length) in [
+        (stretch(-2.0, 10.0), 1.0),
+        (stretch(-0.5, 10.0), 0.75),
+        (stretch(-2.0, 0.125 + 0.25 / 4.0), 0.25),
+        (stretch(1.5, 10.0), 0.0),
+        (stretch(-2.0, 0.1), 0.0),
+    ] {
+        let got = March::new(&volumes, None).transmittance(&stretch);
+        assert!((got - (-0.8f64 * length).exp()).abs() <= 1e-13, "{length} {got}");
+    }
+}
+
+#[test]
+fn rays_beside_along_and_inside_out_meet_what_they_should() {
+    let volumes = [slab(
+        [1.0, 3.0],
+        node(1.0, 1.0, PINK, DARK),
+        Thickness::Extinction,
+        0.1,
+    )];
+    let mut march = March::new(&volumes, None);
+    let mut depth = |origin: DVec3, direction: DVec3, t_near, t_far| {
+        let stretch = Stretch {
+            origin,
+            direction,
+            t_near,
+            t_far,
+        };
+        -march.transmittance(&stretch).ln()
+    };
+    let near = |got: f64, expected: f64| (got - expected).abs() <= 1e-13;
+    assert!(near(depth(DVec3::new(1.5, 0.0, 0.0), DVec3::Z, 0.0, 9.0), 0.0));
+    assert!(near(depth(DVec3::new(-3.0, 0.0, 2.0), DVec3::X, 0.0, 9.0), 2.0));
+    // Along a face it grazes it.
+    assert!(near(depth(DVec3::new(-3.0, 1.0, 2.0), DVec3::X, 0.0, 9.0), 2.0));
+    assert!(near(depth(DVec3::new(0.0, 0.0, 9.0), -DVec3::Z, 0.0, 99.0), 2.0));
+    assert!(near(depth(DVec3::ZERO, DVec3::Z, 2.0, 2.5), 0.5));
+    assert!(near(depth(DVec3::ZERO, DVec3::Z, 2.5, 2.0), 0.0));
+    assert!(near(depth(DVec3::ZERO, DVec3::Z, f64::NAN, 9.0), 0.0));
+    assert!(near(depth(DVec3::NAN, DVec3::Z, 0.0, 9.0), 0.0));
+}
+
+/// Smoke with a glowing heart, rays all around it.
+fn smoke() -> [Volume; 1] {
+    let nodes = [
+        node(0.0, 0.0, [0.9; 3], DARK),
+        node(0.3, 6.0, [0.7, 0.6, 0.5], DARK),
+        node(0.5, 9.0, [0.2; 3], DARK),
+        node(1.0, 20.0, [0.1; 3], [9.0, 3.0, 0.5]),
+    ];
+    let transfer = Transfer::new(&nodes, Thickness::Extinction).unwrap();
+    let map = DAffine3::from_rotation_z(0.3) * DAffine3::from_scale(DVec3::new(1.0, 1.5, 0.8));
+    [volume(Cloud::SMOKE.bake([64; 3]).unwrap(), transfer, map, 0.01)]
+}
+
+fn rays(count: u32) -> impl Iterator<Item = Stretch> {
+    // Fractions of Roberts's sequence: where from, and where to.
+    let share = |i: u32, k: i32| (f64::from(i) * 1.167_303_978_261_418_7f64.powi(-k)).fract();
+    (0..count).map(move |i| {
+        let from = DVec3::new(share(i, 1), share(i, 2), share(i, 3)) - 0.5;
+        let to = DVec3::new(share(i, 4), share(i, 5), 0.6 * share(i, 1)) * 1.6 - 0.8;
+        let origin = from.normalize() * 4.0;
+        Stretch {
+            origin,
+            direction: to - origin,
+            t_near: 0.0,
+            t_far: f64::INFINITY,
+        }
+    })
+}
+
+#[test]
+fn leaving_out_empty_space_changes_no_bit() {
+    let smoke = smoke();
+    let mut everywhere = March::new(&smoke, None).with_skip(SkipEmpty::Never);
+    let mut leaping = March::new(&smoke, None);
+    let (mut all, mut taken, mut seen) = (0, 0, 0);
+    for stretch in rays(2000) {
+        let [a, b] = [&mut everywhere, &mut leaping].map(|march| march.radiance(&stretch, None));
+        assert_eq!((a.radiance, a.transmittance), (b.radiance, b.transmittance));
+        assert_eq!(
+            everywhere.transmittance(&stretch),
+            leaping.transmittance(&stretch)
+        );
+        assert_eq!(a.transmittance, leaping.transmittance(&stretch));
+        all += a.sample_count;
+        taken += b.sample_count;
+        seen += u32::from(a.transmittance < 0.99);
+    }
+    assert!(3 * taken < all, "{taken} of {all}");
+    assert!(seen > 200, "{seen}");
+}
+
+#[test]
+fn leaving_out_empty_space_changes_no_bit_where_volumes_overlap() {
+    let [first] = smoke();
+    let nodes = [node(0.0, 0.0, PINK, DARK), node(1.0, 1.0, PINK, DARK)];
+    let puff = Cloud {
+        shape: CloudShape::Puff,
+        ..Cloud::SMOKE
+    };
+    let map = DAffine3::from_translation(DVec3::new(0.4, 0.1, 0.0)) * DAffine3::from_scale(DVec3::splat(0.7));
+    let transfer = Transfer::new(&nodes, Thickness::OpacityOver(0.1)).unwrap();
+    let second = volume(puff.bake([40; 3]).unwrap(), transfer, map, 0.02);
+    let volumes = [first, second];
+    let mut everywhere = March::new(&volumes, None).with_skip(SkipEmpty::Never);
+    let mut leaping = March::new(&volumes, None);
+    for stretch in rays(1000) {
+        let [a, b] = [&mut everywhere, &mut leaping].map(|march| march.radiance(&stretch, None));
+        assert_eq!((a.radiance, a.transmittance), (b.radiance, b.transmittance));
+    }
+}
+
+#[test]
+fn the_early_stop_keeps_its_bound() {
+    let smoke = smoke();
+    // Emission over extinction is at most 9 / 20, colour at most 0.9.
+    let brightest = 0.9 + 0.45;
+    for cutoff in [0.3, 1e-2, 1e-7] {
+        let mut short = March::new(&smoke, None).with_cutoff(cutoff);
+        let mut whole = March::new(&smoke, None).with_cutoff(0.0);
+        let mut stopped = 0;
+        for stretch in rays(500) {
+            let (a, b) = (short.radiance(&stretch, None), whole.radiance(&stretch, None));
+            assert_near(a.radiance, b.radiance, cutoff * brightest);
+            assert!((a.transmittance - b.transmittance).abs() <= cutoff);
+            stopped += u32::from(a.sample_count < b.sample_count);
+        }
+        assert!(stopped > 0 || cutoff < 1e-3, "{cutoff}");
+    }
+}
+
+#[test]
+fn a_surface_inside_cuts_a_march_in_two() {
+    let volumes = [slab(
+        [1.0, 3.0],
+        node(1.0, 0.6, PINK, DARK),
+        Thickness::Extinction,
+        0.25,
+    )];
+    let mut march = March::new(&volumes, None);
+    let whole = march.radiance(&along_z(9.0), None);
+    for cut in [0.5, 1.1, 2.0, 2.9, 5.0] {
+        let front = march.radiance(&along_z(cut), None);
+        let back = march.radiance(
+            &Stretch {
+                t_near: cut,
+                ..along_z(9.0)
+            },
+            None,
+        );
+        assert_near(over(&front, over(&back, GREEN)), over(&whole, GREEN), 1e-14);
+    }
+}
+
+#[test]
+fn fog_in_closed_form_is_fog_that_is_marched() {
+    let fog = Fog::new(0.4, PINK, [0.1, 0.2, 0.0], 0.05).unwrap();
+    let closed = March::new(&[], Some(fog)).radiance(&along_z(3.0), None);
+    let alpha = 1.0 - (-1.2f64).exp();
+    assert_near(closed.radiance, [alpha * 1.25, alpha * 1.0, alpha * 0.5], 1e-15);
+    let mut white = |_: &PointLanes| [[1.0; LANES]; 3];
+    for t_far in [3.0, f64::INFINITY] {
+        let closed = March::new(&[], Some(fog)).radiance(&along_z(t_far), None);
+        let marched = March::new(&[], Some(fog)).radiance(&along_z(t_far), Some(&mut white));
+        // At infinity the march stops at the cut-off, 10^-7.
+        let bound = if t_far == 3.0 { 1e-13 } else { 1.3e-7 };
+        assert_near(marched.radiance, closed.radiance, bound);
+        assert!(marched.sample_count > 0 && closed.sample_count == 0);
+    }
+}
+
+#[test]
+fn fog_goes_on_through_volumes_and_between_them() {
+    let fog = Fog::new(0.4, PINK, DARK, 0.1).unwrap();
+    let matter = node(1.0, 1.0, GREEN, DARK);
+    let volumes = [slab([1.0, 3.0], matter, Thickness::Extinction, 0.1)];
+    let mut march = March::new(&volumes, Some(fog));
+    let got = march.radiance(&along_z(4.0), None);
+    assert!((got.transmittance - (-0.4f64 * 4.0 - 2.0).exp()).abs() <= 1e-14);
+    assert_eq!(march.transmittance(&along_z(4.0)), got.transmittance);
+    // The slab and its fog as one matter: 1.4 thick, of the mean colour.
+    let mixed = [0, 1, 2].map(|c| (0.4 * PINK[c] + GREEN[c]) / 1.4);
+    let mut met = composite::Composite::CLEAR;
+    fog.pass(1.0, &mut met);
+    met.push(mixed, 1.0 - (-2.8f64).exp());
+    fog.pass(1.0, &mut met);
+    assert_near(got.radiance, met.color, 1e-14);
+}
+
+#[test]
+fn light_is_asked_for_where_matter_scatters_and_nowhere_else() {
+    let scattering = node(1.0, 1.0, [0.5; 3], [0.0, 0.0, 1.0]);
+    let volumes = [
+        slab([1.0, 2.0], scattering, Thickness::Extinction, 0.1),
+        slab([3.0, 4.0], node(1.0, 1.0, DARK, DARK), Thickness::Extinction, 0.1),
+    ];
+    let mut asked = 0;
+    let mut light = |at: &PointLanes| -> Lanes3<f64> {
+        for l in (0..LANES).filter(|l| at.active >> l & 1 == 1) {
+            let [x, y, z] = [0, 1, 2].map(|axis| at.points[axis][l]);
+            assert_eq!((x, y), (0.25, -0.5));
+            assert!((1.0..2.0).contains(&z));
+            asked += 1;
+        }
+        [[4.0; LANES], [2.0; LANES], [0.0; LANES]]
+    };
+    let marched = March::new(&volumes, None).radiance(&along_z(9.0), Some(&mut light));
+    // Colour times light, emission as it is.
+    let alpha = 1.0 - (-1.0f64).exp();
+    assert_near(marched.radiance, [2.0 * alpha, alpha, alpha], 1e-14);
+    assert_eq!((asked, marched.sample_count), (10, 20));
+}
+
+#[test]
+fn colour_grids_tint_what_the_transfer_function_says() {
+    // Two samples along z: red up to the first, green from the second, linear between.
+    let channel = |samples: [u8; 2]| Grid::new([1, 1, 2], Samples::Bytes(samples.to_vec())).unwrap();
+    let colors = [channel([1, 0]), channel([0, 1]), channel([0, 0])];
+    let description = VolumeDescription {
+        density: Arc::new(constant()),
+        color: Some(Arc::new(colors)),
+        transfer: Transfer::new(&[node(1.0, 1e-6, [0.5; 3], DARK)], Thickness::Extinction).unwrap(),
+        world_from_cube: DAffine3::IDENTITY,
+        step: Some(0.25),
+    };
+    let volumes = [Volume::new(description).unwrap()];
+    let colors = |t_near, t_far| {
+        let stretch = Stretch {
+            origin: DVec3::NEG_Z,
+            t_near,
+            ..along_z(t_far)
+        };
+        March::new(&volumes, None).radiance(&stretch, None).radiance
+    };
+    // Thin: radiance is 10^-6 a unit times the mean colour, but for its square.
+    assert_near(colors(0.0, 0.5), [0.25e-6, 0.0, 0.0], 1e-12);
+    assert_near(colors(1.5, 2.0), [0.0, 0.25e-6, 0.0], 1e-12);
+    assert_near(colors(0.0, 2.0), [0.5e-6, 0.5e-6, 0.0], 1e-11);
+}
+
+#[test]
+fn senseless_volumes_are_refused() {
+    let description = VolumeDescription {
+        density: Arc::new(constant()),
+        color: None,
+        transfer: Transfer::opacity(PINK, 1.0).unwrap(),
+        world_from_cube: DAffine3::IDENTITY,
+        step: None,
+    };
+    let made = Volume::new(description.clone()).unwrap();
+    // Half of the shortest edge, 2/5.
+    assert_eq!(made.step(), 0.2);
+    assert_eq!((made.bounds().min, made.bounds().max), (-DVec3::ONE, DVec3::ONE));
+    for step in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-9] {
+        let step = Some(step);
+        let error = Volume::new(VolumeDescription {
+            step,
+            ..description.clone()
+        })
+        .unwrap_err();
+        assert!(matches!(error, VolumeError::Step { .. }));
+    }
+    let world_from_cube = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
+    let flat = VolumeDescription {
+        world_from_cube,
+        ..description
+    };
+    assert!(matches!(
+        Volume::new(flat).unwrap_err(),
+        VolumeError::Placement(_)
+    ));
+}

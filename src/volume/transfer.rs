@@ -1,0 +1,392 @@
+//! Transfer functions: from the number in a grid to colour, opacity and emission, linear between nodes.
+//!
+//! Below the first node and above the last their values go on. Opacity is either the lecture's alpha(P), over a reference
+//! length, or an extinction per unit of length; emission is radiance per unit of length, so that flames need no opacity.
+//! Colours stand for the share of light that is sent on to the viewer, and are seen only where something is opaque.
+
+use super::VolumeError;
+use super::depth::{OPAQUE, optical_depth};
+use crate::numeric::{LANES, Lanes, Lanes3};
+
+/// What a grid's number means at one node; between nodes all of it is interpolated linearly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TransferNode {
+    /// The grid's number.
+    pub value: f64,
+    /// How densely matter lies there, in the unit that [`Thickness`] says; not negative.
+    pub thickness: f64,
+    /// Linear RGB of the light that the matter scatters, as a share of what it takes away; not negative.
+    pub color: [f64; 3],
+    /// Linear RGB radiance that is sent out per unit of length; not negative.
+    pub emission: [f64; 3],
+}
+
+/// What [`TransferNode::thickness`] means.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Thickness {
+    /// Opacity in [0, 1] over this length, in world units.
+    OpacityOver(f64),
+    /// Extinction per world unit: absorption and scattering together.
+    Extinction,
+}
+
+/// A checked transfer function.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Transfer {
+    thickness: Thickness,
+    pieces: Vec<Piece>,
+    emits: bool,
+}
+
+/// Thickness, colour and emission in one row.
+const FIELDS: usize = 7;
+
+/// From `start` on to the next piece.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Piece {
+    start: f64,
+    /// All fields at the start.
+    base: [f64; FIELDS],
+    /// How they rise per unit of the value.
+    slope: [f64; FIELDS],
+}
+
+/// What sixteen samples do to light over their steps.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Matter {
+    /// Optical depth.
+    pub(super) depth: Lanes<f64>,
+    /// Depth times colour.
+    pub(super) scattering: Lanes3<f64>,
+    /// Length times emission.
+    pub(super) emission: Lanes3<f64>,
+}
+
+impl Matter {
+    /// Nothing at all.
+    pub(super) const NONE: Matter = Matter {
+        depth: [0.0; LANES],
+        scattering: [[0.0; LANES]; 3],
+        emission: [[0.0; LANES]; 3],
+    };
+}
+
+impl Transfer {
+    /// The function through `nodes`, whose values rise; there is at least one.
+    ///
+    /// Refused are values that do not rise, numbers that are negative or not finite, opacities above 1, and a reference
+    /// length that is not positive.
+    pub fn new(nodes: &[TransferNode], thickness: Thickness) -> Result<Transfer, VolumeError> {
+        check(nodes, thickness)?;
+        let mut pieces = Vec::with_capacity(nodes.len() + 1);
+        // Not from -infinity: 0 times the distance from there would be NaN.
+        pieces.push(flat(f64::MIN, fields(&nodes[0])));
+        for pair in nodes.windows(2) {
+            let (base, end) = (fields(&pair[0]), fields(&pair[1]));
+            let width = pair[1].value - pair[0].value;
+            let slope = std::array::from_fn(|i| (end[i] - base[i]) / width);
+            pieces.push(Piece {
+                start: pair[0].value,
+                base,
+                slope,
+            });
+        }
+        let last = &nodes[nodes.len() - 1];
+        pieces.push(flat(last.value, fields(last)));
+        Ok(Transfer {
+            thickness,
+            emits: nodes.iter().any(|node| node.emission != [0.0; 3]),
+            pieces,
+        })
+    }
+
+    /// The grid's number is the opacity itself over the length `over`, in world units, clamped to [0, 1], of the colour
+    /// `color`: the lecture's alpha(P).
+    pub fn opacity(color: [f64; 3], over: f64) -> Result<Transfer, VolumeError> {
+        let node = |value| TransferNode {
+            value,
+            thickness: value,
+            color,
+            emission: [0.0; 3],
+        };
+        Transfer::new(&[node(0.0), node(1.0)], Thickness::OpacityOver(over))
+    }
+
+    /// The highest thickness over values in [low, high], and whether anything is emitted there.
+    ///
+    /// Exact: where it finds nothing, every value of the interval is clear and dark to the last bit.
+    pub fn most(&self, low: f64, high: f64) -> (f64, bool) {
+        let (mut thickness, mut emits) = (0.0f64, false);
+        for i in self.piece_of(low)..=self.piece_of(high) {
+            let piece = &self.pieces[i];
+            let end = self.pieces.get(i + 1).map_or(high, |next| high.min(next.start));
+            // Linear: the ends of what lies in the interval have the most.
+            for value in [low.max(piece.start), end] {
+                let fields: [f64; FIELDS] = std::array::from_fn(|field| {
+                    piece.base[field] + piece.slope[field] * (value - piece.start)
+                });
+                thickness = thickness.max(fields[0]);
+                emits |= fields[4..].iter().any(|&x| x > 0.0);
+            }
+        }
+        (thickness, emits)
+    }
+
+    /// The piece that holds `value`.
+    fn piece_of(&self, value: f64) -> usize {
+        self.pieces
+            .partition_point(|piece| piece.start <= value)
+            .saturating_sub(1)
+    }
+
+    /// Optical depths of sixteen values over steps of `length` world units.
+    #[inline(always)]
+    pub(super) fn depth_lanes(&self, values: &Lanes<f64>, length: &Lanes<f64>) -> Lanes<f64> {
+        let fields: [Lanes<f64>; 1] = self.field_lanes(values);
+        self.depths(&fields[0], length)
+    }
+
+    /// What matter of sixteen values does to light over steps of `length` world units.
+    #[inline(always)]
+    pub(super) fn matter_lanes(&self, values: &Lanes<f64>, length: &Lanes<f64>) -> Matter {
+        let mut matter = Matter::NONE;
+        let colors: &[Lanes<f64>];
+        let (with_emission, without_emission): ([Lanes<f64>; FIELDS], [Lanes<f64>; 4]);
+        if self.emits {
+            with_emission = self.field_lanes(values);
+            for channel in 0..3 {
+                for l in 0..LANES {
+                    matter.emission[channel][l] = with_emission[4 + channel][l] * length[l];
+                }
+            }
+            colors = &with_emission;
+        } else {
+            without_emission = self.field_lanes(values);
+            colors = &without_emission;
+        }
+        matter.depth = self.depths(&colors[0], length);
+        for channel in 0..3 {
+            for l in 0..LANES {
+                matter.scattering[channel][l] = colors[1 + channel][l] * matter.depth[l];
+            }
+        }
+        matter
+    }
+
+    /// The first `COUNT` fields at sixteen values.
+    ///
+    /// Neighbours along a ray have similar values: only the pieces between the lowest and the highest are looked at.
+    #[inline(always)]
+    fn field_lanes<const COUNT: usize>(&self, values: &Lanes<f64>) -> [Lanes<f64>; COUNT] {
+        let (mut low, mut high) = (values[0], values[0]);
+        for l in 1..LANES {
+            low = if values[l] < low { values[l] } else { low };
+            high = if values[l] > high { values[l] } else { high };
+        }
+        let met = &self.pieces[self.piece_of(low)..=self.piece_of(high)];
+        let mut fields = [[0.0; LANES]; COUNT];
+        for piece in met {
+            for i in 0..COUNT {
+                for l in 0..LANES {
+                    let here = piece.base[i] + piece.slope[i] * (values[l] - piece.start);
+                    // A fall to 0 may end a rounding below it.
+                    let here = if here > 0.0 { here } else { 0.0 };
+                    fields[i][l] = if values[l] >= piece.start {
+                        here
+                    } else {
+                        fields[i][l]
+                    };
+                }
+            }
+        }
+        fields
+    }
+
+    /// Optical depths over steps of `length` world units where matter lies this thick.
+    #[inline(always)]
+    fn depths(&self, thickness: &Lanes<f64>, length: &Lanes<f64>) -> Lanes<f64> {
+        let mut depth = [0.0; LANES];
+        match self.thickness {
+            Thickness::Extinction => {
+                for l in 0..LANES {
+                    depth[l] = thickness[l] * length[l];
+                }
+            }
+            Thickness::OpacityOver(reference) => {
+                for l in 0..LANES {
+                    // What is opaque is so over the shortest step too, but not over none.
+                    let here = length[l] / reference * optical_depth(thickness[l]);
+                    let opaque = (thickness[l] >= 1.0) & (length[l] > 0.0);
+                    depth[l] = if opaque { OPAQUE } else { here };
+                }
+            }
+        }
+        depth
+    }
+}
+
+/// A piece on which nothing changes.
+fn flat(start: f64, base: [f64; FIELDS]) -> Piece {
+    Piece {
+        start,
+        base,
+        slope: [0.0; FIELDS],
+    }
+}
+
+fn fields(node: &TransferNode) -> [f64; FIELDS] {
+    let ([r, g, b], [er, eg, eb]) = (node.color, node.emission);
+    [node.thickness, r, g, b, er, eg, eb]
+}
+
+fn check(nodes: &[TransferNode], thickness: Thickness) -> Result<(), VolumeError> {
+    let wrong = |node: usize, fault: &'static str| Err(VolumeError::Transfer { node, fault });
+    if nodes.is_empty() {
+        return wrong(0, "is missing");
+    }
+    let most = match thickness {
+        Thickness::OpacityOver(reference) if !(reference > 0.0 && reference.is_finite()) => {
+            return Err(VolumeError::Reference { reference });
+        }
+        Thickness::OpacityOver(_) => 1.0,
+        Thickness::Extinction => f64::from(f32::MAX),
+    };
+    // Beyond the range of f32 differences could overflow.
+    let in_range = |x: f64, most: f64| (0.0..=most).contains(&x);
+    for (i, node) in nodes.iter().enumerate() {
+        let mut shades = node.color.into_iter().chain(node.emission);
+        if !(node.value.abs() <= f64::from(f32::MAX)) {
+            return wrong(i, "has a value that is no number of f32");
+        }
+        if i > 0 && !(nodes[i - 1].value < node.value) {
+            return wrong(i, "does not lie above the one before");
+        }
+        if !in_range(node.thickness, most) {
+            return wrong(
+                i,
+                "has an opacity outside 0 to 1 or an extinction that is negative or not finite",
+            );
+        }
+        if !shades.all(|x| in_range(x, f64::from(f32::MAX))) {
+            return wrong(i, "has a colour or emission that is negative or not finite");
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(value: f64, thickness: f64, red: f64, glow: f64) -> TransferNode {
+        TransferNode {
+            value,
+            thickness,
+            color: [red, 0.5, 0.25],
+            emission: [glow, 0.0, 0.0],
+        }
+    }
+
+    /// Clear up to 1, rising to 4 at 3, falling to 0 at 5, then clear; glowing from 8 to 10.
+    fn hill() -> Transfer {
+        let nodes = [
+            node(1.0, 0.0, 0.0, 0.0),
+            node(3.0, 4.0, 1.0, 0.0),
+            node(5.0, 0.0, 0.0, 0.0),
+            node(8.0, 0.0, 0.0, 0.0),
+            node(9.0, 0.0, 0.0, 2.0),
+        ];
+        Transfer::new(&nodes, Thickness::Extinction).unwrap()
+    }
+
+    #[test]
+    fn fields_are_linear_between_nodes_and_go_on_outside() {
+        let mut values = [2.0; LANES];
+        values[1..8].copy_from_slice(&[-1e30, 1.0, 3.0, 4.5, 5.0, 8.5, 1e30]);
+        let matter = hill().matter_lanes(&values, &[0.5; LANES]);
+        // Thickness 2, 0, 0, 4, 1, 0, 0, 0 over half a unit.
+        assert_eq!(matter.depth[..8], [1.0, 0.0, 0.0, 2.0, 0.5, 0.0, 0.0, 0.0]);
+        // Red is a quarter of the thickness here.
+        assert_eq!(matter.scattering[0][..5], [0.5, 0.0, 0.0, 2.0, 0.125]);
+        assert_eq!(matter.scattering[1][3], 1.0);
+        assert_eq!(matter.emission[0][..8], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]);
+        assert_eq!(hill().depth_lanes(&values, &[0.5; LANES]), matter.depth);
+    }
+
+    #[test]
+    fn the_most_of_an_interval_is_found_at_nodes_and_ends() {
+        let hill = hill();
+        for (low, high, most) in [
+            (-5.0, 1.0, 0.0),
+            (-5.0, 1.0f64.next_up(), 2.0 * f64::EPSILON),
+            (0.0, 2.0, 2.0),
+            (0.0, 10.0, 4.0),
+            (3.5, 6.0, 3.0),
+            (5.0, 8.0, 0.0),
+            (9.0, 90.0, 0.0),
+        ] {
+            assert_eq!(hill.most(low, high).0, most, "{low} {high}");
+        }
+        assert_eq!(hill.most(5.0, 8.0), (0.0, false));
+        assert_eq!(hill.most(5.0, 8.5), (0.0, true));
+        assert_eq!(hill.most(20.0, 30.0), (0.0, true));
+    }
+
+    #[test]
+    fn what_an_interval_is_said_to_lack_no_value_in_it_has() {
+        let hill = hill();
+        let mut value = 0.5;
+        while value < 12.0 {
+            let [low, high] = [value, value + 0.037];
+            let inside: Lanes<f64> = std::array::from_fn(|l| low + (high - low) * l as f64 / 15.0);
+            let matter = hill.matter_lanes(&inside, &[1.0; LANES]);
+            let (most, emits) = hill.most(low, high);
+            assert!(matter.depth.iter().all(|&depth| depth <= most));
+            assert!(emits || matter.emission[0] == [0.0; LANES]);
+            value += 0.0173;
+        }
+    }
+
+    #[test]
+    fn opacities_hold_over_their_reference_length() {
+        let transfer = Transfer::opacity([1.0; 3], 2.0).unwrap();
+        let mut values = [0.3; LANES];
+        values[1..4].copy_from_slice(&[1.0, 1.5, -3.0]);
+        let whole = transfer.depth_lanes(&values, &[2.0; LANES]);
+        let half = transfer.depth_lanes(&values, &[1.0; LANES]);
+        // -ln 0.7 over the whole length.
+        assert!((whole[0] - 0.356_674_943_938_732_4).abs() <= 2.0 * f64::EPSILON);
+        assert_eq!(half[0], 0.5 * whole[0]);
+        assert_eq!((half[1], half[2], half[3]), (OPAQUE, OPAQUE, 0.0));
+        assert_eq!(transfer.depth_lanes(&values, &[0.0; LANES]), [0.0; LANES]);
+    }
+
+    #[test]
+    fn senseless_nodes_are_refused_by_number() {
+        let good = node(0.0, 0.5, 1.0, 0.0);
+        let over = Thickness::OpacityOver(1.0);
+        let refused = |nodes: &[TransferNode], thickness| Transfer::new(nodes, thickness).unwrap_err();
+        assert!(matches!(
+            refused(&[], over),
+            VolumeError::Transfer { node: 0, .. }
+        ));
+        for bad in [
+            node(0.0, 0.5, 1.0, 0.0),
+            node(f64::NAN, 0.5, 1.0, 0.0),
+            node(1e39, 0.5, 1.0, 0.0),
+            node(1.0, 1.5, 1.0, 0.0),
+            node(1.0, f64::NAN, 1.0, 0.0),
+            node(1.0, 0.5, -1.0, 0.0),
+            node(1.0, 0.5, 1.0, f64::INFINITY),
+        ] {
+            assert!(
+                matches!(refused(&[good, bad], over), VolumeError::Transfer { node: 1, .. }),
+                "{bad:?}"
+            );
+        }
+        for length in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let error = refused(&[good], Thickness::OpacityOver(length));
+            assert!(matches!(error, VolumeError::Reference { .. }));
+        }
+    }
+}

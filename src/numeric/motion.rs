@@ -186,7 +186,7 @@ fn polar(m: &DMat3) -> (DMat3, DMat3) {
         }
     }
     if x.determinant() < 0.0 {
-        x = x * -1.0;
+        x *= -1.0;
     }
     let stretch = x.transpose() * *m;
     (x, (stretch + stretch.transpose()) * 0.5)

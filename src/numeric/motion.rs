@@ -283,8 +283,12 @@ mod tests {
                 assert!(inverse(&map).is_ok());
             }
         }
-        let flip = DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
-        assert_eq!(Motion::new(DAffine3::IDENTITY, flip), Err(MotionError::Mirrored));
+        // Tiny ones too, whose determinants vanish.
+        for size in [1.0, 1e-150] {
+            let flip = DAffine3::from_scale(size * DVec3::new(1.0, -1.0, 1.0));
+            let plain = DAffine3::from_scale(DVec3::splat(size));
+            assert_eq!(Motion::new(plain, flip), Err(MotionError::Mirrored));
+        }
         let flat = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
         assert!(matches!(
             Motion::new(DAffine3::IDENTITY, flat),

@@ -180,7 +180,7 @@ const FURNACE: [u32; 2] = [256, 256];
 fn off_by(exact: (f64, f64), value: impl Fn([f64; 2]) -> f64) -> (f64, f64) {
     let [pixels, spp] = FURNACE;
     let (found, _) = estimate(pixels, spp, Purpose::LOBE, value);
-    // The quadrature's own error, found by halving its steps, is below 2e-6.
+    // The quadrature's own error: with 384 steps it already sums the visible density to 1 within 2e-6.
     let error = (exact.1 / f64::from(pixels * spp)).sqrt().max(2e-6);
     (found, (found - exact.0).abs() / error)
 }

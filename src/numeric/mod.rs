@@ -1,14 +1,18 @@
-//! The stable formulas that everything else is built from: boxes, transforms, roots, spawn points, noise.
+//! The stable formulas that everything else is built from: boxes, transforms and their motion, roots, spawn points,
+//! noise, maps of the unit square.
 //!
 //! Each carries its source and its error bound. Nothing here knows what a scene is.
 
 mod bounds;
+mod motion;
 pub mod noise;
 pub mod roots;
 mod spawn;
 mod transform;
+pub mod warp;
 
 pub use bounds::Bounds;
+pub use motion::{Motion, MotionError};
 pub use spawn::{SpawnError, spawn_point, triangle_spawn_bound, triangle_spawn_error};
 pub use transform::{Ray, SingularMatrix, inverse, object_ray, transform_normal};
 

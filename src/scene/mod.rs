@@ -4,6 +4,7 @@ mod bake;
 mod camera;
 mod effect;
 mod instance;
+mod lens;
 mod light;
 mod material;
 mod normalise;
@@ -13,9 +14,10 @@ mod texture;
 mod validate;
 mod validate_material;
 
-pub use camera::{Camera, CameraView, Projection};
+pub use camera::{Camera, CameraRay, CameraView, Projection};
 pub use effect::{Effect, EffectOverrides, EffectSet};
 pub use instance::Instance;
+pub use lens::{Aperture, Lens, LensError, LensView};
 pub use light::{Falloff, Light, LightKind};
 pub use material::{
     AlphaMode, DEFAULT_IOR, Interior, Lecture, MIRROR_ROUGHNESS, Material, MetallicRoughness, Model,

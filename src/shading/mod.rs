@@ -4,6 +4,9 @@
 //! Everything here is arithmetic on lanes without branches, so that it vectorises; what lanes do not need is masked by
 //! a factor of zero.
 
+mod area_light;
+mod environment;
+mod ggx;
 mod lecture;
 mod light;
 mod material;
@@ -12,6 +15,9 @@ pub mod normal_map;
 pub mod ray_cone;
 mod texture;
 
+pub use area_light::{AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, SphereLight};
+pub use environment::{EnvironmentError, EnvironmentMap, EnvironmentSample};
+pub use ggx::{Ggx, LobeSample};
 pub use lecture::lecture_direct;
 pub use light::{Illumination, illuminate};
 pub use material::{MaterialPacket, RichLanes};

@@ -36,7 +36,7 @@ pub(super) fn nearest_to_origin(o: DVec3, d: DVec3) -> (f64, DVec3) {
 /// Two unit tangents that make a right-handed frame with the unit vector `n` (Duff et al., "Building an Orthonormal
 /// Basis, Revisited", JCGT 6(1), 2017).
 #[inline]
-pub(super) fn tangents(n: DVec3) -> [DVec3; 2] {
+pub(crate) fn tangents(n: DVec3) -> [DVec3; 2] {
     let sign = 1f64.copysign(n.z);
     let a = -1.0 / (sign + n.z);
     let b = n.x * n.y * a;

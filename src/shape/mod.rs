@@ -35,6 +35,7 @@ pub use cone::Cone;
 pub use cube::Cube;
 pub use cylinder::Cylinder;
 pub use disk::Disk;
+pub(crate) use frame::tangents;
 pub use plane::Plane;
 pub use polyhedron::{HalfSpace, Polyhedron, PolyhedronError};
 pub use quad::Quad;

@@ -1,0 +1,159 @@
+//! Triangles that shine: one is chosen in proportion to its area, then a point of it.
+//!
+//! The choice inverts the running sum of the areas, and what the first number has left over within its triangle is used
+//! again: neighbouring numbers give neighbouring points, so evenly spread ones stay so, which an alias table would
+//! scatter.
+
+use glam::DVec3;
+
+use super::{AreaLightError, LightSample, is_density, of_area};
+use crate::numeric::warp;
+
+/// Triangles in world space; their fronts are where their corners run counter-clockwise.
+#[derive(Clone, Debug)]
+pub struct MeshLight {
+    triangles: Vec<[DVec3; 3]>,
+    /// The area of the triangles up to and with each.
+    area_up_to: Vec<f64>,
+}
+
+impl MeshLight {
+    /// The light made of `triangles`, in metres. Those without an area are never chosen.
+    pub fn new(triangles: impl IntoIterator<Item = [DVec3; 3]>) -> Result<MeshLight, AreaLightError> {
+        let triangles: Vec<[DVec3; 3]> = triangles.into_iter().collect();
+        if u32::try_from(triangles.len()).is_err() {
+            return Err(AreaLightError::TooManyTriangles);
+        }
+        let mut area = 0.0;
+        let area_up_to: Vec<f64> = triangles
+            .iter()
+            .map(|[a, b, c]| {
+                area += 0.5 * (b - a).cross(c - a).length();
+                area
+            })
+            .collect();
+        // A NaN area makes the sum one.
+        if !(is_density(area) && is_density(area.recip())) {
+            return Err(AreaLightError::NoArea);
+        }
+        Ok(MeshLight {
+            triangles,
+            area_up_to,
+        })
+    }
+
+    /// The point that `u` in [0, 1)² picks for `p`; `None` in the plane of the triangle that was chosen.
+    ///
+    /// Of the 32 bits of a sampler's number, the choice among n triangles uses about log2 n.
+    #[inline]
+    pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
+        let target = u[0] * self.area();
+        let last = self.triangles.len() - 1;
+        // The first sum beyond the target: never that of a triangle without area, which adds nothing to the one before.
+        let chosen = self.area_up_to.partition_point(|&sum| sum <= target).min(last);
+        let before = if chosen == 0 {
+            0.0
+        } else {
+            self.area_up_to[chosen - 1]
+        };
+        let within = (target - before) / (self.area_up_to[chosen] - before);
+        let [a, b, c] = self.triangles[chosen];
+        let [to_b, to_c] = warp::triangle([within, u[1]]);
+        let across = (b - a).cross(c - a);
+        let sample = of_area(
+            p,
+            a + to_b * (b - a) + to_c * (c - a),
+            across / across.length(),
+            self.area(),
+        )?;
+        Some(LightSample {
+            primitive: chosen as u32,
+            ..sample
+        })
+    }
+
+    /// The density per steradian with which the direction to a point of the light is chosen, which is `distance` away and
+    /// seen at `cosine` to its normal; 0 if edge-on.
+    #[inline(always)]
+    pub fn pdf(&self, distance: f64, cosine: f64) -> f64 {
+        let pdf = distance * distance / (cosine.abs() * self.area());
+        if is_density(pdf) { pdf } else { 0.0 }
+    }
+
+    /// The area of all triangles, of one side, in square metres.
+    #[inline(always)]
+    pub fn area(&self) -> f64 {
+        self.area_up_to[self.area_up_to.len() - 1]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::super::AreaLight;
+    use super::super::tests::mean;
+    use super::*;
+
+    /// The cube of half-width 1 around `center`, its fronts outside, in triangles of two sizes and a flat one.
+    fn cube(center: DVec3) -> Vec<[DVec3; 3]> {
+        let mut triangles = vec![[center, center + DVec3::X, center + 2.0 * DVec3::X]];
+        for (n, u) in [(DVec3::X, DVec3::Y), (DVec3::Y, DVec3::Z), (DVec3::Z, DVec3::X)] {
+            for n in [n, -n] {
+                let v = n.cross(u);
+                let [a, b, c, d] = [-u - v, u - v, u + v, v - u].map(|corner| center + n + corner);
+                let middle = c + 0.25 * (d - c);
+                triangles.extend([[a, b, c], [a, c, middle], [a, middle, d]]);
+            }
+        }
+        triangles
+    }
+
+    #[test]
+    fn inside_a_closed_mesh_light_comes_from_the_whole_sphere() {
+        let light = AreaLight::Mesh(MeshLight::new(cube(DVec3::ZERO)).unwrap());
+        assert!((light.area() - 24.0).abs() < 1e-13);
+        let p = DVec3::new(0.2, -0.1, 0.3);
+        let solid_angle = mean(&light, p, 1024, |s| {
+            assert!(!s.is_front() && s.primitive > 0);
+            s.pdf.recip()
+        });
+        assert!((solid_angle / (4.0 * PI) - 1.0).abs() < 5e-4, "{solid_angle}");
+        let irradiance = mean(&light, p, 1024, |s| s.direction.y.max(0.0) / s.pdf);
+        assert!((irradiance / PI - 1.0).abs() < 1e-3, "{irradiance}");
+    }
+
+    #[test]
+    fn triangles_are_chosen_as_often_as_their_areas_say() {
+        let light = MeshLight::new(cube(DVec3::ZERO)).unwrap();
+        let mut count = vec![0.0; light.triangles.len()];
+        for step in 0..2400 {
+            let u = [(f64::from(step) + 0.5) / 2400.0, 0.5];
+            count[light.sample(DVec3::splat(9.0), u).unwrap().primitive as usize] += 0.01;
+        }
+        // 24 square metres in 2400 steps: each count is the area but for one step.
+        for (triangle, &count) in light.triangles.iter().zip(&count) {
+            let [a, b, c] = *triangle;
+            let area = 0.5 * (b - a).cross(c - a).length();
+            assert!((count - area).abs() < 0.0101, "{count}, not {area}");
+        }
+    }
+
+    #[test]
+    fn the_ends_of_the_numbers_pick_the_first_and_the_last_triangle_with_an_area() {
+        let mut triangles = cube(DVec3::ZERO);
+        triangles.push([DVec3::ONE; 3]);
+        let light = MeshLight::new(triangles).unwrap();
+        let pick = |u: f64| light.sample(DVec3::splat(9.0), [u, 0.5]).unwrap().primitive;
+        assert_eq!((pick(0.0), pick(1.0 - f64::EPSILON / 2.0)), (1, 18));
+    }
+
+    #[test]
+    fn the_density_of_a_sample_is_the_one_that_is_told() {
+        let light = MeshLight::new(cube(DVec3::ZERO)).unwrap();
+        let sample = light.sample(DVec3::new(4.0, 3.0, 2.0), [0.7, 0.1]).unwrap();
+        let told = light.pdf(sample.distance, sample.direction.dot(sample.normal));
+        assert!((told / sample.pdf - 1.0).abs() < 4.0 * f64::EPSILON);
+        assert_eq!(light.pdf(1.0, 0.0), 0.0);
+    }
+}

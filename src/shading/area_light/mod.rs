@@ -1,0 +1,225 @@
+//! Lights with an extent: points of them to send shadow rays to.
+//!
+//! The irradiance from a light of radiance L is ∫ L cos θ dω over the directions in which it is seen. A sample is a
+//! direction with the density `pdf` in which it was chosen, per steradian: L cos θ / pdf, and 0 where the way is blocked,
+//! is right on average, whatever the density. Where the solid angle is known in closed form, directions are chosen
+//! uniformly in it, so that without blockers only the cosine varies; else points are chosen uniformly on the light, with
+//! the density d² / (cos θ' A) of directions (P. Shirley, C. Wang, K. Zimmerman, "Monte Carlo Techniques for Direct Lighting
+//! Calculations", ACM TOG 15(1), 1996). Everything is in world space and f64.
+
+mod disk;
+mod mesh;
+mod quad;
+mod sphere;
+
+use glam::DVec3;
+
+pub use disk::DiskLight;
+pub use mesh::MeshLight;
+pub use quad::QuadLight;
+pub use sphere::SphereLight;
+
+/// A point of a light as it is seen from a point that it lights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightSample {
+    /// Where on the light.
+    pub position: DVec3,
+    /// Unit vector to there.
+    pub direction: DVec3,
+    /// How far away it is, in metres.
+    pub distance: f64,
+    /// The light's unit normal there, away from its front; out of a sphere.
+    pub normal: DVec3,
+    /// Which triangle of a mesh, by its place in what the light was made of; 0 for other lights.
+    pub primitive: u32,
+    /// Density of the direction per steradian: positive and finite.
+    pub pdf: f64,
+}
+
+impl LightSample {
+    /// Whether the light turns its front to the point that it lights. A light that shines from its front only gives nothing
+    /// elsewhere.
+    #[inline(always)]
+    pub fn is_front(&self) -> bool {
+        self.direction.dot(self.normal) < 0.0
+    }
+}
+
+/// A light with an extent, in world space.
+#[derive(Clone, Debug)]
+pub enum AreaLight {
+    /// A parallelogram.
+    Quad(QuadLight),
+    /// An ellipse.
+    Disk(DiskLight),
+    /// A sphere.
+    Sphere(SphereLight),
+    /// Triangles.
+    Mesh(MeshLight),
+}
+
+/// Why something is no light, worded as advice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AreaLightError {
+    /// It has no area that a number could tell.
+    #[error("a light's area is zero or not finite: give it an extent, or make it a point light")]
+    NoArea,
+    /// A mesh has more triangles than can be numbered.
+    #[error("a light's mesh has more than 2^32 triangles: divide it")]
+    TooManyTriangles,
+}
+
+impl AreaLight {
+    /// The point of the light that `u` in [0, 1)² picks for the point `p`; `None` where the light cannot be seen from `p`, as
+    /// in the plane of a flat one, or on the light itself.
+    #[inline]
+    pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
+        match self {
+            AreaLight::Quad(light) => light.sample(p, u),
+            AreaLight::Disk(light) => light.sample(p, u),
+            AreaLight::Sphere(light) => light.sample(p, u),
+            AreaLight::Mesh(light) => light.sample(p, u),
+        }
+    }
+
+    /// The area that shines, of one side, in square metres.
+    pub fn area(&self) -> f64 {
+        match self {
+            AreaLight::Quad(light) => light.area(),
+            AreaLight::Disk(light) => light.area(),
+            AreaLight::Sphere(light) => light.area(),
+            AreaLight::Mesh(light) => light.area(),
+        }
+    }
+}
+
+/// The sample at `position`, chosen uniformly from a flat `area` of unit normal `normal`.
+#[inline(always)]
+fn of_area(p: DVec3, position: DVec3, normal: DVec3, area: f64) -> Option<LightSample> {
+    let to_light = position - p;
+    let distance = to_light.length();
+    let direction = to_light / distance;
+    let pdf = distance * distance / (direction.dot(normal).abs() * area);
+    is_density(pdf).then_some(LightSample {
+        position,
+        direction,
+        distance,
+        normal,
+        primitive: 0,
+        pdf,
+    })
+}
+
+/// Whether a density can be divided by; a NaN cannot.
+#[inline(always)]
+fn is_density(pdf: f64) -> bool {
+    pdf > 0.0 && pdf < f64::INFINITY
+}
+
+/// Area and unit normal of a parallelogram of sides `a` and `b`.
+fn area_and_normal(a: DVec3, b: DVec3) -> Result<(f64, DVec3), AreaLightError> {
+    let across = a.cross(b);
+    let area = across.length();
+    if !(is_density(area) && is_density(area.recip())) {
+        return Err(AreaLightError::NoArea);
+    }
+    Ok((area, across / area))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Mean of `value` over the samples of `cells` by `cells` middles; 0 where there is none.
+    pub(super) fn mean(light: &AreaLight, p: DVec3, cells: u32, value: impl Fn(&LightSample) -> f64) -> f64 {
+        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
+        let sum: f64 = (0..cells * cells)
+            .filter_map(|i| light.sample(p, [middle(i % cells), middle(i / cells)]))
+            .map(|sample| value(&sample))
+            .sum();
+        sum / f64::from(cells * cells)
+    }
+
+    pub(super) fn lights() -> [AreaLight; 4] {
+        let (u, v) = (DVec3::new(1.0, 0.0, 0.5), DVec3::new(-0.3, 0.8, 0.6));
+        let center = DVec3::new(0.5, -1.0, 3.0);
+        let triangle = [center, center + u, center + v];
+        [
+            AreaLight::Quad(QuadLight::new(center, u, v).unwrap()),
+            AreaLight::Disk(DiskLight::new(center, u, v).unwrap()),
+            AreaLight::Sphere(SphereLight::new(center, 0.7).unwrap()),
+            AreaLight::Mesh(MeshLight::new([triangle]).unwrap()),
+        ]
+    }
+
+    #[test]
+    fn every_sample_says_the_same_thing_in_all_its_fields() {
+        for light in lights() {
+            for p in [
+                DVec3::ZERO,
+                DVec3::new(-20.0, 3.0, 1.0),
+                DVec3::new(0.5, -1.1, 2.0),
+            ] {
+                mean(&light, p, 16, |sample| {
+                    assert!((sample.direction.length() - 1.0).abs() < 4.0 * f64::EPSILON);
+                    assert!((sample.normal.length() - 1.0).abs() < 8.0 * f64::EPSILON);
+                    let there = p + sample.distance * sample.direction;
+                    assert!((there - sample.position).length() < 1e-13, "{light:?} {p}");
+                    assert!(sample.pdf > 0.0 && sample.pdf.is_finite());
+                    0.0
+                });
+            }
+        }
+    }
+
+    #[test]
+    fn the_area_seen_through_the_samples_is_the_area() {
+        for light in lights()
+            .iter()
+            .filter(|light| !matches!(light, AreaLight::Sphere(_)))
+        {
+            let p = DVec3::new(0.2, 4.0, -1.0);
+            // dA = d² dω / cos.
+            let area = mean(light, p, 256, |s| {
+                s.distance * s.distance / (s.pdf * s.direction.dot(s.normal).abs())
+            });
+            assert!((area / light.area() - 1.0).abs() < 1e-5, "{light:?}: {area}");
+        }
+    }
+
+    #[test]
+    fn a_point_on_the_light_or_in_its_plane_gets_no_bad_number() {
+        for light in lights() {
+            let p = DVec3::new(0.5, -1.0, 3.0);
+            for p in [
+                p,
+                p + DVec3::new(10.0, 0.0, 5.0),
+                p + DVec3::new(1e-300, 0.0, 0.0),
+                DVec3::splat(1e200),
+            ] {
+                mean(&light, p, 8, |sample| {
+                    assert!(sample.pdf > 0.0 && sample.pdf.is_finite() && sample.direction.is_finite());
+                    0.0
+                });
+            }
+        }
+    }
+
+    #[test]
+    fn lights_without_an_area_are_refused() {
+        let tall = DVec3::new(0.0, f64::NAN, 0.0);
+        for (u, v) in [
+            (DVec3::X, 2.0 * DVec3::X),
+            (DVec3::X, DVec3::ZERO),
+            (DVec3::X, tall),
+        ] {
+            assert!(QuadLight::new(DVec3::ZERO, u, v).is_err());
+            assert!(DiskLight::new(DVec3::ZERO, u, v).is_err());
+            assert!(MeshLight::new([[DVec3::ZERO, u, v]]).is_err());
+        }
+        for radius in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(SphereLight::new(DVec3::ZERO, radius).is_err());
+        }
+        assert!(MeshLight::new([]).is_err());
+    }
+}

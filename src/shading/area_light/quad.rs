@@ -1,0 +1,297 @@
+//! A light in the shape of a parallelogram: directions uniform in its solid angle where it is a rectangle seen from
+//! near, else points uniform in area.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+use super::{AreaLightError, LightSample, area_and_normal, is_density, of_area};
+
+/// The points `center` + x `half_u` + y `half_v` with |x|, |y| <= 1; its front is to the side of `half_u` × `half_v`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QuadLight {
+    center: DVec3,
+    half_u: DVec3,
+    half_v: DVec3,
+    normal: DVec3,
+    area: f64,
+    is_rectangle: bool,
+}
+
+/// How far from 90 degrees the sides of a rectangle may be: what the rounding of the sides makes of a right angle.
+const SQUARENESS: f64 = 16.0 * f64::EPSILON;
+
+/// Solid angles below this are sampled by area. They come as a difference of angles of up to 2π, so to some 2^-50, and
+/// the point within with the same error: 2^-37 of 2^-13. So small a rectangle is seen at nearly one distance and angle,
+/// which is when the two ways agree.
+const LEAST_SOLID_ANGLE: f64 = 1.0 / 8192.0;
+
+impl QuadLight {
+    /// The parallelogram of these half sides around `center`, in metres.
+    pub fn new(center: DVec3, half_u: DVec3, half_v: DVec3) -> Result<QuadLight, AreaLightError> {
+        let (quarter, normal) = area_and_normal(half_u, half_v)?;
+        Ok(QuadLight {
+            center,
+            half_u,
+            half_v,
+            normal,
+            area: 4.0 * quarter,
+            is_rectangle: half_u.dot(half_v).abs() <= SQUARENESS * half_u.length() * half_v.length(),
+        })
+    }
+
+    /// The point that `u` in [0, 1)² picks for `p`; `None` in the plane of the parallelogram.
+    #[inline(always)]
+    pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
+        if self.is_rectangle {
+            let seen = SphericalRectangle::new(self, p);
+            if seen.solid_angle > LEAST_SOLID_ANGLE {
+                return seen.sample(p, self, u);
+            }
+        }
+        let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
+        let position = self.center + x * self.half_u + y * self.half_v;
+        of_area(p, position, self.normal, self.area)
+    }
+
+    /// The area of one side in square metres.
+    pub fn area(&self) -> f64 {
+        self.area
+    }
+}
+
+/// A rectangle as it is seen from a point (C. Ureña, M. Fajardo, A. King, "An Area-Preserving Parametrization for
+/// Spherical Rectangles", EGSR 2013), in coordinates along its sides, with the point as the origin.
+struct SphericalRectangle {
+    axes: [DVec3; 3],
+    x: [f64; 2],
+    y: [f64; 2],
+    /// Distance of the rectangle's plane; positive, against the third axis.
+    height: f64,
+    /// The third components of the normals of the planes through the point and the edges at y[0] and y[1].
+    b: [f64; 2],
+    /// 2π less the two angles of the spherical rectangle that end the count.
+    k: f64,
+    /// In steradian.
+    solid_angle: f64,
+}
+
+impl SphericalRectangle {
+    #[inline(always)]
+    fn new(quad: &QuadLight, p: DVec3) -> SphericalRectangle {
+        let to_center = quad.center - p;
+        let [length_u, length_v] = [quad.half_u.length(), quad.half_v.length()];
+        let side = if to_center.dot(quad.normal) > 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
+        let axes = [quad.half_u / length_u, quad.half_v / length_v, side * quad.normal];
+        let height = -to_center.dot(axes[2]);
+        let [across, up] = [to_center.dot(axes[0]), to_center.dot(axes[1])];
+        let (x, y) = (
+            [across - length_u, across + length_u],
+            [up - length_v, up + length_v],
+        );
+        // The planes through the edges at y[0], x[1], y[1], x[0] have normals in the plane of one axis and the third.
+        let [n0, n2] = y.map(|y| height.hypot(y));
+        let [n3, n1] = x.map(|x| height.hypot(x));
+        let b = [-y[0] / n0, y[1] / n2];
+        let c = [x[1] / n1, -x[0] / n3];
+        // The angles at the corners: the dot products of neighbouring normals are those of their third components.
+        let angle = |a: f64, b: f64| (-a * b).clamp(-1.0, 1.0).acos();
+        let g = [
+            angle(b[0], c[0]),
+            angle(c[0], b[1]),
+            angle(b[1], c[1]),
+            angle(c[1], b[0]),
+        ];
+        let k = TAU - g[2] - g[3];
+        SphericalRectangle {
+            axes,
+            x,
+            y,
+            height,
+            b,
+            k,
+            solid_angle: g[0] + g[1] - k,
+        }
+    }
+
+    #[inline(always)]
+    fn sample(&self, p: DVec3, quad: &QuadLight, u: [f64; 2]) -> Option<LightSample> {
+        let angle = u[0] * self.solid_angle + self.k;
+        let f = (angle.cos() * self.b[0] - self.b[1]) / angle.sin();
+        // The direction cosine of the third axis' plane, and from it x: c / sqrt(1 - c²) with c = ±1 / sqrt(f² + b²).
+        let squared = (f * f + self.b[0] * self.b[0] - 1.0).max(0.0);
+        let x = (self.height / squared.sqrt())
+            .copysign(f)
+            .clamp(self.x[0], self.x[1]);
+        let d = x.hypot(self.height);
+        let [h0, h1] = self.y.map(|y| y / d.hypot(y));
+        let h = h0 + u[1] * (h1 - h0);
+        let y = (h * d / ((1.0 - h) * (1.0 + h)).sqrt()).clamp(self.y[0], self.y[1]);
+        let to_light = x * self.axes[0] + y * self.axes[1] - self.height * self.axes[2];
+        let distance = to_light.length();
+        let pdf = self.solid_angle.recip();
+        (is_density(pdf) && distance > 0.0 && distance < f64::INFINITY).then(|| LightSample {
+            position: p + to_light,
+            direction: to_light / distance,
+            distance,
+            normal: quad.normal,
+            primitive: 0,
+            pdf,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::super::AreaLight;
+    use super::super::tests::mean;
+    use super::*;
+
+    /// A window of 3 by 1 metres in a skew place.
+    fn window() -> QuadLight {
+        let u = DVec3::new(0.48, 0.6, 0.64) * 1.5;
+        let v = DVec3::new(-0.8, 0.0, 0.6) * 0.5;
+        QuadLight::new(DVec3::new(0.3, 0.1, 2.0), u, v).unwrap()
+    }
+
+    /// Points at the side, in front, behind, near, very near.
+    const PLACES: [DVec3; 6] = [
+        DVec3::ZERO,
+        DVec3::new(3.0, -1.0, 1.0),
+        DVec3::new(-1.0, 2.0, 4.0),
+        DVec3::new(0.3, 0.5, 1.8),
+        DVec3::new(0.35, 0.11, 2.0),
+        DVec3::new(6.0, 5.0, -7.0),
+    ];
+
+    fn corners(quad: &QuadLight) -> [DVec3; 4] {
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+            .map(|(x, y)| quad.center + x * quad.half_u + y * quad.half_v)
+    }
+
+    /// The solid angle of a triangle: tan(Ω/2) = |a·(b×c)| / (1 + a·b + b·c + c·a) for unit vectors (A. van Oosterom,
+    /// J. Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983).
+    fn triangle_solid_angle(p: DVec3, triangle: [DVec3; 3]) -> f64 {
+        let [a, b, c] = triangle.map(|corner| (corner - p).normalize());
+        let below = 1.0 + a.dot(b) + b.dot(c) + c.dot(a);
+        2.0 * a.dot(b.cross(c)).abs().atan2(below)
+    }
+
+    fn quad_solid_angle(quad: &QuadLight, p: DVec3) -> f64 {
+        let [a, b, c, d] = corners(quad);
+        triangle_solid_angle(p, [a, b, c]) + triangle_solid_angle(p, [a, c, d])
+    }
+
+    /// ∫ ω dω over the quad: half the sum over the edges of their angle times the normal of their plane (J. Lambert, 1760).
+    fn light_vector(quad: &QuadLight, p: DVec3) -> DVec3 {
+        let seen = corners(quad).map(|corner| (corner - p).normalize());
+        let sum: DVec3 = (0..4)
+            .map(|i| {
+                let across = seen[i].cross(seen[(i + 1) % 4]);
+                across.normalize() * across.length().atan2(seen[i].dot(seen[(i + 1) % 4]))
+            })
+            .sum();
+        let vector = 0.5 * sum;
+        vector * vector.dot(quad.center - p).signum()
+    }
+
+    #[test]
+    fn a_rectangle_is_seen_in_its_solid_angle() {
+        let quad = window();
+        assert!(quad.is_rectangle);
+        for p in PLACES {
+            let exact = quad_solid_angle(&quad, p);
+            let sample = quad.sample(p, [0.2, 0.7]).unwrap();
+            assert!(
+                (sample.pdf * exact - 1.0).abs() < 1e-11,
+                "{p}: {}, not {}",
+                sample.pdf.recip(),
+                exact
+            );
+        }
+        // From the axis of a square at its half side: a sixth of the sphere.
+        let side = QuadLight::new(DVec3::Z, DVec3::X, DVec3::Y).unwrap();
+        let sixth = side.sample(DVec3::ZERO, [0.5; 2]).unwrap().pdf.recip();
+        assert!((sixth - 4.0 * PI / 6.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn the_directions_to_a_rectangle_add_up_to_lamberts_vector() {
+        let quad = window();
+        for p in PLACES {
+            let exact = light_vector(&quad, p);
+            for axis in 0..3 {
+                let found = mean(&AreaLight::Quad(quad), p, 512, |s| s.direction[axis] / s.pdf);
+                assert!(
+                    (found - exact[axis]).abs() < 5e-5 * exact.length(),
+                    "{p}: {found}, not {exact}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn all_samples_lie_within_the_rectangle() {
+        let quad = window();
+        for p in PLACES {
+            mean(&AreaLight::Quad(quad), p, 64, |s| {
+                let from_center = s.position - quad.center;
+                assert!(from_center.dot(quad.normal).abs() < 1e-14, "{p}");
+                for half in [quad.half_u, quad.half_v] {
+                    assert!(
+                        from_center.dot(half).abs() <= half.length_squared() * (1.0 + 1e-12),
+                        "{p}"
+                    );
+                }
+                0.0
+            });
+        }
+    }
+
+    #[test]
+    fn a_parallelogram_is_sampled_by_area_and_gives_its_solid_angle_and_vector() {
+        let quad = QuadLight {
+            half_u: window().half_u + 0.6 * window().half_v,
+            is_rectangle: false,
+            ..window()
+        };
+        for p in PLACES.into_iter().filter(|p| p.distance(quad.center) > 0.5) {
+            let light = AreaLight::Quad(quad);
+            let exact = quad_solid_angle(&quad, p);
+            let found = mean(&light, p, 1024, |s| s.pdf.recip());
+            assert!((found / exact - 1.0).abs() < 1e-5, "{p}: {found}, not {exact}");
+            let vector = light_vector(&quad, p);
+            let found = mean(&light, p, 1024, |s| s.direction.x / s.pdf);
+            assert!((found - vector.x).abs() < 1e-5 * vector.length(), "{p}");
+        }
+        assert!(
+            !QuadLight::new(quad.center, quad.half_u, quad.half_v)
+                .unwrap()
+                .is_rectangle
+        );
+    }
+
+    #[test]
+    fn the_two_ways_agree_where_one_takes_over_from_the_other() {
+        let quad = window();
+        // 3 square metres at 2^-13 sr: a distance of about 157 metres.
+        let toward = (quad.normal + 0.3 * quad.half_u).normalize();
+        for distance in [100.0, 140.0, 150.0, 160.0, 200.0, 1e4, 1e9] {
+            let p = quad.center + distance * toward;
+            let found = mean(&AreaLight::Quad(quad), p, 64, |s| s.pdf.recip());
+            let exact = light_vector(&quad, p).length();
+            // The vector is shorter than the solid angle by some Ω / 8π; the closed form has lost 2^-50 / Ω.
+            let bound = 1e-4 * (100.0 / distance).powi(2) + 1e-15 / exact;
+            assert!(
+                (found / exact - 1.0).abs() < bound.max(1e-5),
+                "{distance}: {found}, not {exact}"
+            );
+        }
+    }
+}

@@ -1,0 +1,523 @@
+//! Light from all around, as an image: looked up by direction, and sampled where it is bright.
+//!
+//! The image is equirectangular. Its rows run from +y at the top to -y at the bottom, evenly in the angle from +y; its
+//! columns run evenly around +y, the middle of the image at -z and +x to the right of it, as a camera that looks along -z
+//! sees them. Texels are points in the middles of their cells, and between them radiance is bilinear, across the seam
+//! too; beyond the first and last row it keeps to them.
+//!
+//! Directions are drawn with a density in proportion to the luminance of that same bilinear image: first a row and then a
+//! column of the cells between texel middles, by inverting running sums (M. Pharr, W. Jakob, G. Humphreys, "Physically
+//! Based Rendering", 4th ed. 2023, A.4 and A.5), then a place within the cell by inverting its linear densities. What the
+//! inversion has left over of a number is used for the place, so evenly spread numbers give evenly spread directions. The
+//! density is positive wherever anything shines, and L / pdf is constant within a row of cells but for colour and sin θ.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec3;
+
+use crate::image::LinearImage;
+use crate::numeric::warp;
+
+/// An environment map. Beside the image it takes 8 bytes a texel.
+#[derive(Clone, Debug)]
+pub struct EnvironmentMap {
+    width: usize,
+    height: usize,
+    texels: Vec<[f32; 3]>,
+    /// Sine and cosine of the rotation.
+    turned: [f64; 2],
+    /// Running sums, along each row of cells, of luminance times solid angle (but for a factor).
+    cell_up_to: Vec<f64>,
+    /// Running sums of the rows.
+    row_up_to: Vec<f64>,
+}
+
+/// Light from a direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EnvironmentSample {
+    /// Unit vector to where it comes from, in world space.
+    pub direction: DVec3,
+    /// Linear RGB.
+    pub radiance: [f32; 3],
+    /// Density of the direction per steradian: positive and finite.
+    pub pdf: f64,
+}
+
+/// Why an image is no environment, worded as advice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum EnvironmentError {
+    /// There are no pixels, or not as many as the size says.
+    #[error(
+        "the environment map of {width}x{height} has {pixels} pixels: give as many as its size says, at least one"
+    )]
+    Size {
+        /// Pixels a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// How many there are.
+        pixels: usize,
+    },
+    /// A pixel is infinite or not a number.
+    #[error("the environment map's pixel in column {x}, row {y} is not finite: repair the image")]
+    NotFinite {
+        /// Column from the left.
+        x: u32,
+        /// Row from the top.
+        y: u32,
+    },
+    /// The rotation is infinite or not a number.
+    #[error("the environment map's rotation is not finite: give an angle in radians")]
+    Rotation,
+}
+
+/// Of linear RGB, by ITU-R BT.709.
+const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
+
+/// A place in the image: the cell between four texels, and where in it.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    /// Cells count from 0 at the first texel's middle; the last one lies across the seam.
+    column: usize,
+    /// Rows of cells count from 0 above the first texels' middles to `height` below the last ones'.
+    row: usize,
+    /// Part of the cell to the left of the place, and above it.
+    part: [f64; 2],
+}
+
+impl EnvironmentMap {
+    /// The map of `image`, in linear RGB radiance, turned by `rotation` radians about +y, counter-clockwise as seen from
+    /// above. Negative values, which filters leave in images, count as 0.
+    pub fn new(image: LinearImage, rotation: f64) -> Result<EnvironmentMap, EnvironmentError> {
+        let LinearImage {
+            width,
+            height,
+            mut pixels,
+        } = image;
+        if pixels.is_empty() || pixels.len() as u64 != u64::from(width) * u64::from(height) {
+            let pixels = pixels.len();
+            return Err(EnvironmentError::Size {
+                width,
+                height,
+                pixels,
+            });
+        }
+        if !rotation.is_finite() {
+            return Err(EnvironmentError::Rotation);
+        }
+        if let Some(bad) = pixels.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+            let (x, y) = (bad % width as usize, bad / width as usize);
+            return Err(EnvironmentError::NotFinite {
+                x: x as u32,
+                y: y as u32,
+            });
+        }
+        for pixel in &mut pixels {
+            *pixel = pixel.map(|c| c.max(0.0));
+        }
+        let mut map = EnvironmentMap {
+            width: width as usize,
+            height: height as usize,
+            texels: pixels,
+            turned: [rotation.sin(), rotation.cos()],
+            cell_up_to: Vec::new(),
+            row_up_to: Vec::new(),
+        };
+        map.add_up();
+        Ok(map)
+    }
+
+    fn add_up(&mut self) {
+        let mut cell_up_to = Vec::with_capacity(self.width * (self.height + 1));
+        let mut row_up_to = Vec::with_capacity(self.height + 1);
+        let mut total = 0.0;
+        for row in 0..=self.height {
+            let weight = self.row_weight(row);
+            let mut sum = 0.0;
+            for column in 0..self.width {
+                sum += weight * self.corners(column, row).into_iter().sum::<f64>();
+                cell_up_to.push(sum);
+            }
+            total += sum;
+            row_up_to.push(total);
+        }
+        (self.cell_up_to, self.row_up_to) = (cell_up_to, row_up_to);
+    }
+
+    /// Radiance from `direction`, a unit vector in world space.
+    #[inline]
+    pub fn radiance(&self, direction: DVec3) -> [f32; 3] {
+        self.radiance_at(self.place(direction))
+    }
+
+    /// The direction that `u` in [0, 1)² picks; `None` if the map is black, and at the very pole.
+    #[inline]
+    pub fn sample(&self, u: [f64; 2]) -> Option<EnvironmentSample> {
+        let total = self.total();
+        if !(total > 0.0) {
+            return None;
+        }
+        let (row, down) = invert(&self.row_up_to, u[1]);
+        let cells = &self.cell_up_to[row * self.width..(row + 1) * self.width];
+        let (column, across) = invert(cells, u[0]);
+        let [a, b, c, d] = self.corners(column, row);
+        let t = warp::linear(a + b, c + d, down);
+        let s = warp::linear(a + t * (c - a), b + t * (d - b), across);
+        let place = Place {
+            column,
+            row,
+            part: [s, t],
+        };
+        let (direction, sin) = self.direction(place);
+        let radiance = self.radiance_at(place);
+        let pdf = self.pdf_at(row, sin, radiance);
+        (pdf > 0.0 && pdf < f64::INFINITY).then_some(EnvironmentSample {
+            direction,
+            radiance,
+            pdf,
+        })
+    }
+
+    /// The density per steradian with which [`EnvironmentMap::sample`] picks `direction`, a unit vector; 0 where nothing
+    /// shines and at the very pole.
+    #[inline]
+    pub fn pdf(&self, direction: DVec3) -> f64 {
+        let place = self.place(direction);
+        let pdf = self.pdf_at(place.row, direction.x.hypot(direction.z), self.radiance_at(place));
+        if pdf < f64::INFINITY { pdf } else { 0.0 }
+    }
+
+    /// Four times the sum over all cells of mean luminance times [`EnvironmentMap::row_weight`].
+    #[inline(always)]
+    fn total(&self) -> f64 {
+        self.row_up_to[self.height]
+    }
+
+    /// Per unit of the cell's square the density is weight · L / (total / 4); a unit of it is Δφ Δθ sin θ steradian.
+    #[inline(always)]
+    fn pdf_at(&self, row: usize, sin: f64, radiance: [f32; 3]) -> f64 {
+        let [above, below] = self.row_angles(row);
+        let steradian = TAU / self.width as f64 * (below - above) * sin;
+        let shining = luminance(radiance);
+        if shining > 0.0 {
+            4.0 * self.row_weight(row) * shining / (self.total() * steradian)
+        } else {
+            0.0
+        }
+    }
+
+    /// The angles from +y between which a row of cells lies.
+    #[inline(always)]
+    fn row_angles(&self, row: usize) -> [f64; 2] {
+        let angle = |middle: f64| PI * (middle / self.height as f64).clamp(0.0, 1.0);
+        [angle(row as f64 - 0.5), angle(row as f64 + 0.5)]
+    }
+
+    /// The solid angle of a row of cells over 2π: cos - cos, as a product.
+    #[inline(always)]
+    fn row_weight(&self, row: usize) -> f64 {
+        let [above, below] = self.row_angles(row);
+        2.0 * (0.5 * (above + below)).sin() * (0.5 * (below - above)).sin()
+    }
+
+    /// The indices of a cell's texels: left and right above, left and right below.
+    #[inline(always)]
+    fn corner_indices(&self, column: usize, row: usize) -> [usize; 4] {
+        let right = if column + 1 == self.width { 0 } else { column + 1 };
+        let above = row.saturating_sub(1) * self.width;
+        let below = row.min(self.height - 1) * self.width;
+        [above + column, above + right, below + column, below + right]
+    }
+
+    /// The luminances of a cell's texels.
+    #[inline(always)]
+    fn corners(&self, column: usize, row: usize) -> [f64; 4] {
+        self.corner_indices(column, row)
+            .map(|index| luminance(self.texels[index]))
+    }
+
+    #[inline(always)]
+    fn radiance_at(&self, place: Place) -> [f32; 3] {
+        let [a, b, c, d] = self
+            .corner_indices(place.column, place.row)
+            .map(|index| self.texels[index]);
+        let [s, t] = place.part;
+        std::array::from_fn(|channel| {
+            let [a, b, c, d] = [a, b, c, d].map(|texel| f64::from(texel[channel]));
+            ((1.0 - t) * ((1.0 - s) * a + s * b) + t * ((1.0 - s) * c + s * d)) as f32
+        })
+    }
+
+    #[inline(always)]
+    fn place(&self, direction: DVec3) -> Place {
+        let [sin, cos] = self.turned;
+        let x = cos * direction.x - sin * direction.z;
+        let z = sin * direction.x + cos * direction.z;
+        // Counted from the first texel's middle; what lies before it belongs to the last cell.
+        let across = (0.5 + x.atan2(-z) / TAU) * self.width as f64 - 0.5;
+        let across = if across < 0.0 {
+            across + self.width as f64
+        } else {
+            across
+        };
+        let column = (across as usize).min(self.width - 1);
+        let angle = x.hypot(z).atan2(direction.y);
+        let row = ((angle / PI * self.height as f64 + 0.5) as usize).min(self.height);
+        let [above, below] = self.row_angles(row);
+        let part = [across - column as f64, (angle - above) / (below - above)];
+        Place {
+            column,
+            row,
+            part: part.map(|part| part.clamp(0.0, 1.0)),
+        }
+    }
+
+    /// The unit vector to a place, and the sine of its angle from +y.
+    #[inline(always)]
+    fn direction(&self, place: Place) -> (DVec3, f64) {
+        let [above, below] = self.row_angles(place.row);
+        let (sin_angle, cos_angle) = (above + place.part[1] * (below - above)).sin_cos();
+        let across = (place.column as f64 + 0.5 + place.part[0]) / self.width as f64;
+        let (sin_turn, cos_turn) = (TAU * (across - 0.5)).sin_cos();
+        let (x, z) = (sin_angle * sin_turn, -sin_angle * cos_turn);
+        let [sin, cos] = self.turned;
+        (
+            DVec3::new(cos * x + sin * z, cos_angle, cos * z - sin * x),
+            sin_angle,
+        )
+    }
+}
+
+#[inline(always)]
+fn luminance(color: [f32; 3]) -> f64 {
+    (0..3)
+        .map(|channel| LUMINANCE[channel] * f64::from(color[channel]))
+        .sum()
+}
+
+/// The step of the running sums that lies at the share `u` of the last one, and how far into it that is, in [0, 1]. A step
+/// of nothing is never chosen; the last sum is positive.
+#[inline(always)]
+fn invert(up_to: &[f64], u: f64) -> (usize, f64) {
+    let last = up_to.len() - 1;
+    let target = u * up_to[last];
+    let mut chosen = up_to.partition_point(|&sum| sum <= target).min(last);
+    // Rounding may carry the target to the end, behind which steps of nothing may lie.
+    while chosen > 0 && up_to[chosen] == up_to[chosen - 1] {
+        chosen -= 1;
+    }
+    let before = if chosen == 0 { 0.0 } else { up_to[chosen - 1] };
+    (
+        chosen,
+        ((target - before) / (up_to[chosen] - before)).clamp(0.0, 1.0),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(width: u32, height: u32, rotation: f64, texel: impl Fn(u32, u32) -> [f32; 3]) -> EnvironmentMap {
+        let pixels = (0..width * height).map(|i| texel(i % width, i / width)).collect();
+        EnvironmentMap::new(
+            LinearImage {
+                width,
+                height,
+                pixels,
+            },
+            rotation,
+        )
+        .unwrap()
+    }
+
+    /// Dark but for some texels, one of them at the seam and one at each pole.
+    fn speckled() -> EnvironmentMap {
+        map(12, 7, 0.7, |x, y| match (x, y) {
+            (0, 3) => [5.0, 0.0, 0.0],
+            (11, 2) | (4, 0) => [0.0, 0.1, 2.0],
+            (7, 6) => [1.0; 3],
+            (5, 4) => [100.0, 90.0, 80.0],
+            _ => [0.0; 3],
+        })
+    }
+
+    fn middles(cells: u32) -> impl Iterator<Item = [f64; 2]> {
+        let middle = move |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
+        (0..cells * cells).map(move |i| [middle(i % cells), middle(i / cells)])
+    }
+
+    /// ∫ value dω by the midpoint rule in the angles, `cells` by `cells` of them.
+    fn integral(cells: u32, value: impl Fn(DVec3) -> f64) -> f64 {
+        let steradian = PI * TAU / f64::from(cells * cells);
+        middles(cells)
+            .map(|[a, b]| {
+                let ((sin, cos), (sin_turn, cos_turn)) = ((PI * b).sin_cos(), (TAU * a).sin_cos());
+                value(DVec3::new(sin * cos_turn, cos, sin * sin_turn)) * sin * steradian
+            })
+            .sum()
+    }
+
+    #[test]
+    fn the_axes_lie_where_the_convention_says() {
+        let sides = map(4, 2, 0.0, |x, y| [x as f32, y as f32, 0.0]);
+        // Columns 0 to 3 have their middles at 1/8, 3/8, 5/8, 7/8; -z is at 1/2, between 1 and 2; +x at 3/4.
+        let close = |d: DVec3, r: f32| assert!((sides.radiance(d)[0] - r).abs() < 1e-6, "{d}");
+        close(DVec3::NEG_Z, 1.5);
+        close(DVec3::X, 2.5);
+        close(DVec3::NEG_X, 0.5);
+        // The seam: halfway from 3 back to 0.
+        close(DVec3::Z, 1.5);
+        assert_eq!(
+            (sides.radiance(DVec3::Y)[1], sides.radiance(DVec3::NEG_Y)[1]),
+            (0.0, 1.0)
+        );
+    }
+
+    #[test]
+    fn a_rotation_turns_what_is_ahead_to_the_left() {
+        let (plain, turned) = (
+            speckled(),
+            map(12, 7, 0.0, |x, y| speckled().texels[(y * 12 + x) as usize]),
+        );
+        for [a, b] in middles(20) {
+            let d = warp::direction(2.0 * a, b);
+            let rotated = glam::DQuat::from_rotation_y(0.7) * d;
+            let (there, here) = (plain.radiance(rotated), turned.radiance(d));
+            assert!((0..3).all(|c| (there[c] - here[c]).abs() < 1e-4), "{d}");
+        }
+    }
+
+    #[test]
+    fn the_density_integrates_to_one() {
+        for map in [
+            speckled(),
+            map(1, 1, 0.0, |_, _| [2.0; 3]),
+            map(5, 1, 1.0, |x, _| [x as f32; 3]),
+        ] {
+            let found = integral(2000, |d| map.pdf(d));
+            // Kinks at cell borders: the midpoint rule is off by the square of (cells of the map / cells), and by a cell in
+            // θ where the density jumps from row to row.
+            assert!((found - 1.0).abs() < 1e-3, "{found}");
+        }
+    }
+
+    #[test]
+    fn every_sample_has_the_radiance_and_density_of_its_direction() {
+        let map = speckled();
+        let mut count = 0;
+        for u in middles(100) {
+            let sample = map.sample(u).unwrap();
+            assert!((sample.direction.length() - 1.0).abs() < 4.0 * f64::EPSILON);
+            let radiance = map.radiance(sample.direction);
+            // A direction knows its place to 2^-50 or so of a cell, and colours change by 100 in one.
+            assert!((0..3).all(|c| (radiance[c] - sample.radiance[c]).abs() <= 1e-6 * radiance[c] + 1e-9));
+            let pdf = map.pdf(sample.direction);
+            count += u32::from((pdf / sample.pdf - 1.0).abs() > 1e-6);
+        }
+        assert_eq!(count, 0);
+    }
+
+    #[test]
+    fn sampled_moments_are_those_of_the_light() {
+        let map = speckled();
+        let exact =
+            |value: &dyn Fn(DVec3) -> f64| integral(1600, |d| f64::from(map.radiance(d)[2]) * value(d));
+        // Roberts' R2 sequence: where a number picks a row, an even grid would be off by a whole row of its points.
+        let count = 500_000;
+        let point = |i: u32| {
+            [0.754_877_666_246_692_7, 0.569_840_290_998_053_2].map(|step| (f64::from(i) * step).fract())
+        };
+        let drawn = |value: &dyn Fn(DVec3) -> f64| {
+            let sum: f64 = (0..count)
+                .filter_map(|i| map.sample(point(i)))
+                .map(|s| f64::from(s.radiance[2]) * value(s.direction) / s.pdf)
+                .sum();
+            sum / f64::from(count)
+        };
+        let all = exact(&|_| 1.0);
+        let values: [&dyn Fn(DVec3) -> f64; 4] = [&|_| 1.0, &|d| d.x, &|d| d.y, &|d| d.z];
+        for (index, value) in values.into_iter().enumerate() {
+            let (exact, found) = (exact(value), drawn(value));
+            assert!(
+                (found - exact).abs() < 1e-3 * all,
+                "{index}: {found}, not {exact}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_even_map_is_sampled_evenly() {
+        let map = map(64, 32, 0.3, |_, _| [1.0, 2.0, 3.0]);
+        for u in middles(32) {
+            let sample = map.sample(u).unwrap();
+            // Within a row of cells sin θ varies, by half a cell's cotangent; the outermost rows reach the pole.
+            let sin = sample.direction.x.hypot(sample.direction.z);
+            let bound = 0.5 * PI / 32.0 / sin * 1.1;
+            assert!(
+                (sample.pdf * 4.0 * PI - 1.0).abs() < bound + 0.01,
+                "{u:?} {}",
+                sample.pdf * 4.0 * PI
+            );
+            assert_eq!(sample.radiance, [1.0, 2.0, 3.0]);
+        }
+    }
+
+    #[test]
+    fn a_black_map_gives_no_samples_and_a_single_bright_texel_all_of_them() {
+        let black = map(8, 4, 0.0, |_, _| [0.0, -3.0, 0.0]);
+        assert!(black.sample([0.5; 2]).is_none());
+        assert_eq!((black.pdf(DVec3::X), black.radiance(DVec3::X)), (0.0, [0.0; 3]));
+        for value in [1e-45, 1.0, f32::MAX] {
+            let lamp = map(
+                64,
+                32,
+                0.0,
+                |x, y| if (x, y) == (48, 8) { [value; 3] } else { [0.0; 3] },
+            );
+            // Its middle: column 48.5 of 64, row 8.5 of 32.
+            let (turn, angle) = (TAU * (48.5 / 64.0 - 0.5), PI * 8.5 / 32.0);
+            let toward = DVec3::new(angle.sin() * turn.sin(), angle.cos(), -angle.sin() * turn.cos());
+            for u in middles(16).chain([[0.0, 0.0], [1.0 - f64::EPSILON / 2.0; 2]]) {
+                // The tent reaches to the next middles: 2π/64 around and π/32 down; its foot has no light.
+                let Some(sample) = lamp.sample(u) else { continue };
+                assert!(sample.direction.dot(toward) > (0.15f64).cos(), "{value}: {u:?}");
+                assert!(sample.pdf.is_finite() && sample.pdf > 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn maps_that_are_none_are_refused_with_the_place_of_the_fault() {
+        let image = |width, height, pixels: Vec<[f32; 3]>| LinearImage {
+            width,
+            height,
+            pixels,
+        };
+        let error = |image, rotation| EnvironmentMap::new(image, rotation).unwrap_err();
+        assert_eq!(
+            error(image(0, 0, vec![]), 0.0),
+            EnvironmentError::Size {
+                width: 0,
+                height: 0,
+                pixels: 0
+            }
+        );
+        let short = image(u32::MAX, u32::MAX, vec![[0.0; 3]]);
+        assert!(matches!(
+            error(short, 0.0),
+            EnvironmentError::Size { pixels: 1, .. }
+        ));
+        for bad in [f32::NAN, f32::INFINITY] {
+            let mut pixels = vec![[0.0; 3]; 12];
+            pixels[7][1] = bad;
+            assert_eq!(
+                error(image(4, 3, pixels), 0.0),
+                EnvironmentError::NotFinite { x: 3, y: 1 }
+            );
+        }
+        assert_eq!(
+            error(image(1, 1, vec![[1.0; 3]]), f64::NAN),
+            EnvironmentError::Rotation
+        );
+    }
+}

@@ -1,0 +1,431 @@
+//! The GGX lobe by rays: reflection and refraction by microfacets, chosen among those that the viewer sees.
+//!
+//! It is the lobe that `direct` answers lights with: alpha = roughness², D of Trowbridge and Reitz, and Smith's masking
+//! G1 for the viewer times that for the light (glTF 2.0, Appendix B). Microfacets are drawn with the density of those
+//! visible, G1(o) D(m) (o·m) / (n·o), by J. Dupuy and A. Benyoub ("Sampling Visible GGX Normals with Spherical Caps", HPG
+//! 2023; the density is E. Heitz's, JCGT 7(4), 2018). A mirrored or refracted ray (B. Walter et al., "Microfacet Models for
+//! Refraction through Rough Surfaces", EGSR 2007) then has the weight G1(i) times Fresnel's share at the microfacet, which
+//! is the caller's to give: it may be coloured, and decides which of the two rays is sent. What G1 takes away is light that
+//! would meet another microfacet; the model drops it.
+//!
+//! Vectors are unit, in the surface's frame: +z is the normal, on the viewer's side. `wo` points to the viewer, `wi` to
+//! where the light comes from. Transmission is that of power, or of radiance over the squared index: radiance itself gains
+//! by the square of the viewer's index over the other one. Everything is f64: the hot part is some forty operations, and
+//! f32 would leave a lobe of roughness 0.05 (alpha = 0.0025) four digits.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use crate::numeric::warp;
+use crate::optics;
+
+/// A GGX lobe of one width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ggx {
+    alpha: f64,
+}
+
+/// A direction drawn from the lobe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LobeSample {
+    /// Unit vector to where light comes from.
+    pub wi: DVec3,
+    /// The unit normal of the microfacet, on the viewer's side of it. Fresnel's share is that at the cosine `wo`·m.
+    pub m: DVec3,
+    /// What the radiance from there counts, before Fresnel's share: within [0, 1]. It is the lobe times n·wi over its
+    /// density.
+    pub weight: f64,
+}
+
+impl Ggx {
+    /// The lobe of a perceptual roughness, 0 (a mirror) to 1: alpha is its square.
+    pub fn from_roughness(roughness: f64) -> Ggx {
+        Ggx {
+            alpha: roughness * roughness,
+        }
+    }
+
+    /// Whether the lobe has no width: it then reflects and refracts as a smooth surface does, and has no density.
+    pub fn is_smooth(&self) -> bool {
+        self.alpha * self.alpha == 0.0
+    }
+
+    /// D: the area of microfacets of normal `m` per steradian and per area of the surface.
+    #[inline(always)]
+    pub fn distribution(&self, m: DVec3) -> f64 {
+        let squared = self.alpha * self.alpha;
+        // sin² + α² cos² has no cancellation.
+        let below = m.x * m.x + m.y * m.y + squared * m.z * m.z;
+        if m.z > 0.0 && squared > 0.0 {
+            squared / (PI * below * below)
+        } else {
+            0.0
+        }
+    }
+
+    /// G1: the share of the microfacets facing `w` that are visible from there; the same on both sides of the surface.
+    #[inline(always)]
+    pub fn visible_share(&self, w: DVec3) -> f64 {
+        let cosine = w.z.abs();
+        let root = (self.alpha * self.alpha * (w.x * w.x + w.y * w.y) + w.z * w.z).sqrt();
+        // At least the cosine, also where squares vanish.
+        let root = root.max(cosine);
+        if cosine > 0.0 {
+            2.0 * cosine / (cosine + root)
+        } else {
+            0.0
+        }
+    }
+
+    /// The density of [`Ggx::visible_normal`] per steradian, for `wo` above the surface.
+    #[inline(always)]
+    pub fn visible_density(&self, wo: DVec3, m: DVec3) -> f64 {
+        if wo.z <= 0.0 {
+            return 0.0;
+        }
+        self.visible_share(wo) * self.distribution(m) * wo.dot(m).max(0.0) / wo.z
+    }
+
+    /// A microfacet's normal among those visible from `wo`, which is above the surface, picked by `u` in [0, 1)².
+    #[inline(always)]
+    pub fn visible_normal(&self, wo: DVec3, u: [f64; 2]) -> DVec3 {
+        // Stretched so that the microfacets make a hemisphere, what is seen of it is mirrored into a spherical cap.
+        // Scaled first, so that the square of neither a narrow lobe nor a grazing view vanishes.
+        let scale = self.alpha.max(wo.z);
+        let alpha = self.alpha / scale;
+        let seen = DVec3::new(alpha * wo.x, alpha * wo.y, wo.z / scale).normalize();
+        let cap = warp::direction(u[1] * (1.0 + seen.z), u[0]);
+        // The half vector: its z is (1 - u)(1 + z), without cancellation.
+        let z = (1.0 - u[1]) * (1.0 + seen.z);
+        DVec3::new(self.alpha * (cap.x + seen.x), self.alpha * (cap.y + seen.y), z).normalize()
+    }
+
+    /// The lobe of reflection, D G / (4 |n·wo| |n·wi|), without Fresnel's share: symmetric, per steradian.
+    #[inline(always)]
+    pub fn reflection(&self, wo: DVec3, wi: DVec3) -> f64 {
+        if wo.z <= 0.0 || wi.z <= 0.0 {
+            return 0.0;
+        }
+        let masking = self.visible_share(wo) * self.visible_share(wi);
+        self.distribution((wo + wi).normalize()) * masking / (4.0 * wo.z * wi.z)
+    }
+
+    /// The density of [`Ggx::sample_reflection`] per steradian.
+    #[inline(always)]
+    pub fn reflection_pdf(&self, wo: DVec3, wi: DVec3) -> f64 {
+        let half = wo + wi;
+        // For unit vectors the cosine with the half vector is half its length.
+        let m = half.normalize_or_zero();
+        let cosine = 0.5 * half.length();
+        if cosine > 0.0 && m.z > 0.0 {
+            self.visible_density(wo, m) / (4.0 * cosine)
+        } else {
+            0.0
+        }
+    }
+
+    /// A mirrored direction, picked by `u` in [0, 1)²; `None` where it would go into the surface, which counts as nothing.
+    #[inline(always)]
+    pub fn sample_reflection(&self, wo: DVec3, u: [f64; 2]) -> Option<LobeSample> {
+        let m = self.visible_normal(wo, u);
+        let wi = optics::reflect(-wo, m);
+        (wi.z > 0.0).then(|| LobeSample {
+            wi,
+            m,
+            weight: self.visible_share(wi),
+        })
+    }
+
+    /// The lobe of refraction without Fresnel's share, per steradian; `wi` is below the surface and `eta` is the index
+    /// there over that on the viewer's side. Divided by `eta` it is symmetric.
+    ///
+    /// Walter's equation 21 over the squared ratio of indices. The denominator (o·m + eta i·m)² is |o + eta i|², as m
+    /// has that direction.
+    #[inline(always)]
+    pub fn transmission(&self, wo: DVec3, wi: DVec3, eta: f64) -> f64 {
+        let Some((m, below)) = self.refracting(wo, wi, eta) else {
+            return 0.0;
+        };
+        let masking = self.visible_share(wo) * self.visible_share(wi);
+        let cosines = wo.dot(m) * -wi.dot(m) / (wo.z * -wi.z);
+        cosines * eta * eta * self.distribution(m) * masking / below
+    }
+
+    /// The density of [`Ggx::sample_transmission`] per steradian of `wi` (Walter, equation 17).
+    #[inline(always)]
+    pub fn transmission_pdf(&self, wo: DVec3, wi: DVec3, eta: f64) -> f64 {
+        let Some((m, below)) = self.refracting(wo, wi, eta) else {
+            return 0.0;
+        };
+        self.visible_density(wo, m) * eta * eta * -wi.dot(m) / below
+    }
+
+    /// The microfacet that refracts `wi` to `wo`, and |wo + eta wi|²; `None` if none does.
+    #[inline(always)]
+    fn refracting(&self, wo: DVec3, wi: DVec3, eta: f64) -> Option<(DVec3, f64)> {
+        let across = wo + eta * wi;
+        let below = across.length_squared();
+        // It points to the side of the lower index.
+        let m = across * (below.sqrt().recip() * if eta > 1.0 { -1.0 } else { 1.0 });
+        let faces = wo.z > 0.0 && wi.z < 0.0 && below > 0.0 && m.z > 0.0;
+        (faces && wo.dot(m) > 0.0 && wi.dot(m) < 0.0).then_some((m, below))
+    }
+
+    /// A refracted direction, picked by `u` in [0, 1)²; `eta` is the index on the far side over that on the viewer's.
+    ///
+    /// `None` where all light is reflected at the microfacet, or where the ray would not get below the surface, which counts
+    /// as nothing. Equal indices bend no ray, but the lobe still masks: pass such boundaries by.
+    #[inline(always)]
+    pub fn sample_transmission(&self, wo: DVec3, eta: f64, u: [f64; 2]) -> Option<LobeSample> {
+        let m = self.visible_normal(wo, u);
+        let wi = optics::refract(-wo, m, 1.0, eta)?.direction;
+        (wi.z < 0.0).then(|| LobeSample {
+            wi,
+            m,
+            weight: self.visible_share(wi),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::numeric::LANES;
+    use crate::shading::{MaterialPacket, direct};
+
+    const ROUGHNESSES: [f64; 6] = [0.05, 0.1, 0.25, 0.5, 0.8, 1.0];
+    const INDICES: [f64; 4] = [1.5, 1.0 / 1.5, 1.01, 2.4];
+
+    fn at(degrees: f64) -> DVec3 {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        DVec3::new(sin, 0.0, cos)
+    }
+
+    /// Roberts' R4 sequence: evenly spread numbers for two directions.
+    fn quadruples(count: u32) -> impl Iterator<Item = [f64; 4]> {
+        const STEP: [f64; 4] = [
+            0.856_674_883_854_502_8,
+            0.733_891_856_627_126,
+            0.628_706_720_775_458_5,
+            0.538_596_859_579_463_9,
+        ];
+        (0..count).map(|i| STEP.map(|step| (0.5 + f64::from(i) * step).fract()))
+    }
+
+    /// A direction of the upper hemisphere.
+    fn upper(u: f64, turn: f64) -> DVec3 {
+        warp::direction(u, turn)
+    }
+
+    #[test]
+    fn the_weights_are_the_lobe_times_the_cosine_over_the_density() {
+        for roughness in ROUGHNESSES {
+            let lobe = Ggx::from_roughness(roughness);
+            let mut checked = 0;
+            for [a, b, c, d] in quadruples(10_000) {
+                let wo = upper(a, b);
+                let check = |name: &str, s: LobeSample, value: f64, pdf: f64| {
+                    let found = value * s.wi.z.abs() / pdf;
+                    assert!(
+                        (found / s.weight - 1.0).abs() < 1e-6,
+                        "{name} {roughness} {wo} {}: {found}",
+                        s.wi
+                    );
+                };
+                if let Some(s) = lobe.sample_reflection(wo, [c, d]) {
+                    check(
+                        "reflection",
+                        s,
+                        lobe.reflection(wo, s.wi),
+                        lobe.reflection_pdf(wo, s.wi),
+                    );
+                    checked += 1;
+                }
+                for eta in INDICES {
+                    if let Some(s) = lobe.sample_transmission(wo, eta, [c, d]) {
+                        let pdf = lobe.transmission_pdf(wo, s.wi, eta);
+                        check("transmission", s, lobe.transmission(wo, s.wi, eta), pdf);
+                        checked += 1;
+                    }
+                }
+            }
+            assert!(checked > 30_000, "{checked}");
+        }
+    }
+
+    #[test]
+    fn the_lobe_is_the_one_that_lights_are_answered_with() {
+        for roughness in ROUGHNESSES {
+            let material = MaterialPacket {
+                base_color: [[1.0; LANES]; 3],
+                metallic: [1.0; LANES],
+                roughness: [roughness as f32; LANES],
+                ..MaterialPacket::BLACK
+            };
+            let lobe = Ggx::from_roughness(f64::from(roughness as f32));
+            let up = [[0.0; LANES], [0.0; LANES], [1.0; LANES]];
+            for [a, b, c, d] in quadruples(10_000) {
+                let wo = upper(a, b);
+                let Some(sample) = lobe.sample_reflection(wo, [c, d]) else {
+                    continue;
+                };
+                let [wo, wi] = [wo, sample.wi].map(|w| w.as_vec3());
+                let lanes = |w: glam::Vec3| w.to_array().map(|axis| [axis; LANES]);
+                let shaded = f64::from(direct(&material, &up, &lanes(wo), &lanes(wi))[0][0]);
+                let (wo, wi) = (wo.as_dvec3(), wi.as_dvec3());
+                let exact = lobe.reflection(wo, wi) * wi.z;
+                // f32: h is off by 2^-24 of the vectors, so sin by 2^-23 / |h| beside alpha, and D by four times that over
+                // alpha; at roundings 2^-24 some twenty operations follow. Rounded inputs are unit to 2^-23.
+                let unit = f64::from(f32::EPSILON);
+                let alpha = (roughness * roughness).min(1.0);
+                let bound = unit * (16.0 + 8.0 / (alpha * (wo + wi).length()));
+                assert!(
+                    (shaded / exact - 1.0).abs() < bound,
+                    "{roughness} {wo} {wi}: {shaded}, not {exact}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_microfacets_fill_the_surface_and_those_visible_what_the_viewer_sees() {
+        for roughness in ROUGHNESSES {
+            let lobe = Ggx::from_roughness(roughness);
+            for degrees in [0.0, 30.0, 60.0, 85.0] {
+                let wo = at(degrees);
+                let (mut surface, mut seen) = (0.0, 0.0);
+                over_microfacets(&lobe, 512, |m, dm| {
+                    surface += lobe.distribution(m) * m.z * dm;
+                    seen += lobe.visible_density(wo, m) * dm;
+                });
+                assert!((surface - 1.0).abs() < 1e-9, "{roughness}: {surface}");
+                assert!((seen - 1.0).abs() < 2e-5, "{roughness} {degrees}: {seen}");
+            }
+        }
+    }
+
+    /// Calls `add` with `cells` by `cells` normals m and the solid angle dm of each.
+    ///
+    /// With tan² = alpha² x / (1 - x) all of an even grid of x would have the same D cos dm; 1 - x = (1 - y)² takes away the
+    /// singularity that a grazing view makes of the far tail.
+    fn over_microfacets(lobe: &Ggx, cells: u32, mut add: impl FnMut(DVec3, f64)) {
+        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
+        for i in 0..cells * cells {
+            let (y, turn) = (middle(i % cells), TAU * middle(i / cells));
+            let tan = lobe.alpha * (y * (2.0 - y)).sqrt() / (1.0 - y);
+            let cos = tan.hypot(1.0).recip();
+            let m = DVec3::new(tan * cos * turn.cos(), tan * cos * turn.sin(), cos);
+            add(
+                m,
+                2.0 * (1.0 - y) / (f64::from(cells * cells) * lobe.distribution(m) * cos),
+            );
+        }
+    }
+
+    #[test]
+    fn drawn_microfacets_have_the_mean_of_those_visible() {
+        for roughness in ROUGHNESSES {
+            let lobe = Ggx::from_roughness(roughness);
+            for degrees in [0.0, 50.0, 85.0] {
+                let wo = at(degrees);
+                let mut exact = DVec3::ZERO;
+                over_microfacets(&lobe, 512, |m, dm| exact += lobe.visible_density(wo, m) * dm * m);
+                let cells = 512;
+                let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
+                // The far tail is where u[1] nears 1: finer steps there.
+                let drawn: DVec3 = (0..cells * cells)
+                    .map(|i| {
+                        let rest = 1.0 - middle(i / cells);
+                        2.0 * rest * lobe.visible_normal(wo, [middle(i % cells), 1.0 - rest * rest])
+                    })
+                    .sum();
+                let found = drawn / f64::from(cells * cells);
+                assert!(
+                    (found - exact).length() < 1e-5,
+                    "{roughness} {degrees}: {found}, not {exact}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn reflection_is_the_same_both_ways_and_refraction_too_but_for_the_indices() {
+        for [a, b, c, d] in quadruples(2000) {
+            let (wo, wi) = (upper(a, b), upper(c, d));
+            for roughness in ROUGHNESSES {
+                let lobe = Ggx::from_roughness(roughness);
+                let same =
+                    |there: f64, back: f64| assert!((there - back).abs() <= 1e-9 * there, "{there} {back}");
+                same(lobe.reflection(wo, wi), lobe.reflection(wi, wo));
+                for eta in INDICES {
+                    // Seen from the other side, what was above is below.
+                    let there = lobe.transmission(wo, -wi, eta) / eta;
+                    let back = lobe.transmission(wi, -wo, eta.recip()) * eta;
+                    same(there, back);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn without_roughness_the_rays_are_those_of_a_smooth_surface() {
+        let mirror = Ggx::from_roughness(0.0);
+        assert!(mirror.is_smooth());
+        for (u, degrees) in [([0.0, 0.0], 0.0), ([0.3, 0.99], 40.0), ([0.7, 0.5], 89.9)] {
+            let wo = at(degrees);
+            let reflected = mirror.sample_reflection(wo, u).unwrap();
+            assert_eq!((reflected.m, reflected.weight), (DVec3::Z, 1.0));
+            assert_eq!(reflected.wi, DVec3::new(-wo.x, 0.0, wo.z));
+            let refracted = mirror.sample_transmission(wo, 1.5, u).unwrap();
+            assert_eq!(refracted.weight, 1.0);
+            assert!((refracted.wi.x + wo.x / 1.5).abs() < 4.0 * f64::EPSILON);
+        }
+        assert!(
+            mirror
+                .sample_transmission(at(60.0), 1.0 / 1.5, [0.5; 2])
+                .is_none()
+        );
+    }
+
+    #[test]
+    fn grazing_views_and_extreme_numbers_stay_numbers() {
+        let last = 1.0 - 2f64.powi(-32);
+        for roughness in [0.0, 1e-4, 0.05, 1.0] {
+            let lobe = Ggx::from_roughness(roughness);
+            for z in [1e-300, 1e-12, 1e-3, 1.0] {
+                let wo = DVec3::new((1.0f64 - z * z).max(0.0).sqrt(), 0.0, z);
+                for u in [
+                    [0.0, 0.0],
+                    [0.5, last],
+                    [last, 0.0],
+                    [0.0, last],
+                    [last, last],
+                    [0.25, 0.5],
+                ] {
+                    let m = lobe.visible_normal(wo, u);
+                    assert!(
+                        (m.length() - 1.0).abs() < 4.0 * f64::EPSILON && m.z > 0.0,
+                        "{roughness} {z} {u:?}"
+                    );
+                    // Where the cap's point and the view cancel, f64::EPSILON of them remains over 1 - u[1].
+                    assert!(
+                        wo.dot(m) >= -f64::EPSILON * 2f64.powi(32),
+                        "{roughness} {z} {u:?}"
+                    );
+                    for s in [
+                        lobe.sample_reflection(wo, u),
+                        lobe.sample_transmission(wo, 1.5, u),
+                    ]
+                    .into_iter()
+                    .flatten()
+                    {
+                        assert!((0.0..=1.0).contains(&s.weight) && s.wi.is_finite());
+                    }
+                }
+            }
+        }
+    }
+}

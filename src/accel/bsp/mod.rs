@@ -56,10 +56,10 @@ impl Walker<'_> {
 impl<'s> BspAccel<'s> {
     /// Builds the trees of a validated scene.
     pub fn build(scene: &'s Scene, options: &AccelOptions) -> Result<BspAccel<'s>, AccelError> {
-        BspAccel::build_with_spheres(scene, options, Spheres::Chosen)
+        BspAccel::build_with_spheres(scene, options, Spheres::Always)
     }
 
-    /// [`BspAccel::build`], which takes [`Spheres::Chosen`], with other spheres. The answers are the same.
+    /// [`BspAccel::build`], which takes [`Spheres::Always`], with or without spheres. The answers are the same.
     pub fn build_with_spheres(
         scene: &'s Scene,
         options: &AccelOptions,
@@ -67,7 +67,9 @@ impl<'s> BspAccel<'s> {
     ) -> Result<BspAccel<'s>, AccelError> {
         let levels = in_pool(options.threads, || -> Result<_, AccelError> {
             let mut levels: Levels<WideTree> = Levels::build(scene, options)?;
-            levels.spheres = spheres_of_shapes(scene, spheres);
+            if spheres == Spheres::Always {
+                levels.spheres = spheres_of_shapes(scene);
+            }
             Ok(levels)
         })?;
         let mut report = report(&levels);

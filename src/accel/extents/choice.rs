@@ -14,7 +14,7 @@ use super::guard::Guard;
 use super::hull::Hull;
 use super::rays::RayLanes;
 use super::shape::{BoxExtent, SphereExtent};
-use super::{Ball, ExtentKind, Object, Offers, Spheres, surface};
+use super::{Ball, ExtentKind, Object, Offers, surface};
 use crate::accel::brute::nearest_of;
 use crate::accel::{LANES, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch};
@@ -86,45 +86,12 @@ impl Costs {
     }
 }
 
-/// By this much a sphere before a shape must shorten the time to be taken, so that noise decides little.
-const LEAST_GAIN: f64 = 0.95;
-
-/// By geometry, whether a tree's rays find hits sooner with a sphere before the shape.
-///
-/// What a tree lets through goes through the box of the shape, evenly: such rays are timed, with the sphere and without.
-pub(super) fn where_spheres_pay(scene: &Scene, hulls: &[Option<Hull>], spheres: Spheres) -> Vec<bool> {
-    let mut pays = vec![spheres == Spheres::Always; scene.geometries.len()];
-    if spheres != Spheres::Chosen {
-        return pays;
-    }
-    let mut is_known = vec![false; scene.geometries.len()];
-    for instance in &scene.instances {
-        let geometry = instance.geometry as usize;
-        let (false, Some(hull)) = (is_known[geometry], &hulls[geometry]) else {
-            continue;
-        };
-        is_known[geometry] = true;
-        let Some((offers, _)) = Offers::of(scene, instance, hull) else {
-            continue;
-        };
-        let object = alone(&scene.geometries[geometry], instance);
-        let bounds = hull.object_bounds().transformed(&instance.world_from_object());
-        let rays = rays_towards(&bounds);
-        let without = nearest_ns(&object, &rays, |_| true);
-        let with = nearest_ns(&object, &rays, |ray| offers.tight.may_meet(ray));
-        pays[geometry] = with < LEAST_GAIN * without;
-    }
-    pays
-}
-
-/// Nanoseconds for one ray and the only object of a scene, if `lets_through` says so.
-fn nearest_ns(scene: &Scene, rays: &[Ray], lets_through: impl Fn(&Ray) -> bool) -> f64 {
+/// Nanoseconds for one ray and the only object of a scene.
+fn nearest_ns(scene: &Scene, rays: &[Ray]) -> f64 {
     let ns = shortest(|| {
         for ray in rays {
             let mut best = None;
-            if lets_through(ray) {
-                nearest_of(scene, 0, ray, &mut best);
-            }
+            nearest_of(scene, 0, ray, &mut best);
             black_box(best);
         }
     });
@@ -214,7 +181,7 @@ fn object_cost(geometry: &Geometry, instance: &Instance, hull: &Hull) -> f64 {
         _ => (geometry.clone(), 1.0),
     };
     let bounds = hull.object_bounds().transformed(&instance.world_from_object());
-    scale * nearest_ns(&alone(&sample, instance), &rays_towards(&bounds), |_| true)
+    scale * nearest_ns(&alone(&sample, instance), &rays_towards(&bounds))
 }
 
 /// Rays from around a box to places all over it, by the golden ratio's multiples.

@@ -128,12 +128,13 @@ mod tests {
     #[test]
     fn extreme_placements_and_planes_have_no_guard() {
         let sphere = Geometry::Shape(Shape::Sphere(Sphere::UNIT));
-        let turn = DAffine3::from_rotation_z(0.5);
+        let turn = DAffine3::from_rotation_x(0.5);
         let placed = |map| Instance::new("", 0, 0, map).unwrap();
         let guard = |map, geometry: &Geometry| Guard::of(&placed(map), geometry, &geometry.bounds());
         let flat = DAffine3::from_scale(DVec3::new(1.0, 1.0, 1e-3));
         assert!(guard(flat, &sphere).is_some());
-        assert!(guard(turn * flat, &sphere).is_none());
+        assert!(guard(turn * flat, &sphere).is_some());
+        assert!(guard(flat * turn, &sphere).is_none());
         assert!(guard(DAffine3::from_scale(DVec3::splat(1e19)), &sphere).is_none());
         assert!(guard(turn, &Geometry::Shape(Shape::Plane)).is_none());
     }

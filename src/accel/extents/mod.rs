@@ -76,14 +76,12 @@ impl std::fmt::Display for ExtentKind {
     }
 }
 
-/// Which shapes in a tree get the smallest sphere around them, tested before them.
+/// Whether shapes in a tree get the smallest sphere around them, tested before them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spheres {
-    /// None.
+    /// None has one.
     Never,
-    /// Those for which it was measured to save time.
-    Chosen,
-    /// All.
+    /// All have.
     Always,
 }
 
@@ -215,9 +213,10 @@ fn hulls_of(scene: &Scene) -> Vec<Option<Hull>> {
     scene.geometries.par_iter().map(Hull::of).collect()
 }
 
-/// The smallest spheres around shapes, by instance, for a tree that asks them; absent where `spheres` wants none, where
-/// none is safe, and for meshes.
-pub(crate) fn spheres_of_shapes(scene: &Scene, spheres: Spheres) -> Vec<Option<SphereExtent>> {
+/// The smallest spheres around shapes, by instance, for a tree that asks them; absent where none is safe, and for meshes.
+///
+/// A cell of a tree holds several shapes, so many rays that come to a cell pass a shape by.
+pub(crate) fn spheres_of_shapes(scene: &Scene) -> Vec<Option<SphereExtent>> {
     let hulls: Vec<Option<Hull>> = scene
         .geometries
         .par_iter()
@@ -226,10 +225,8 @@ pub(crate) fn spheres_of_shapes(scene: &Scene, spheres: Spheres) -> Vec<Option<S
             Geometry::Mesh(_) => None,
         })
         .collect();
-    let pays = choice::where_spheres_pay(scene, &hulls, spheres);
     let sphere_of = |instance: &Instance| {
-        let geometry = instance.geometry as usize;
-        let hull = hulls[geometry].as_ref().filter(|_| pays[geometry])?;
+        let hull = hulls[instance.geometry as usize].as_ref()?;
         Some(Offers::of(scene, instance, hull)?.0.tight)
     };
     scene.instances.par_iter().map(sphere_of).collect()

@@ -17,12 +17,12 @@ use crate::scene::{CameraView, Geometry, Scene};
 
 /// Fewest tiles along a side.
 const FEWEST_TILES: usize = 16;
-/// Most tiles along a side: of 4 pixels each in a picture of 1024.
-const MOST_TILES: usize = 256;
+/// Most tiles along a side: of 8 pixels each in a picture of 1024.
+const MOST_TILES: usize = 128;
 /// Most entries of all lists together, 64 MB.
 const MOST_ENTRIES: usize = 1 << 24;
-/// Packets whose rays are farther apart than this many tiles are not worth looking up.
-const MOST_TILES_OF_PACKET: usize = 4;
+/// Packets that touch more tiles are not worth looking up: blocks of 4 pixels in a picture of 256 touch 3 by 3.
+const MOST_TILES_OF_PACKET: usize = 9;
 
 /// A backend whose camera rays skip objects by projection extents.
 pub struct ProjectedAccel<'a, 's> {

@@ -85,7 +85,9 @@ fn both_kinds_of_instancing_are_measured_where_meshes_are_placed_and_only_there(
     assert_eq!(chosen(&["--precision", "fast"]), "native");
     assert_eq!(chosen(&["--instancing", "native"]), "native");
 
-    let run = whit(&[&["bench", &first_light()], &flags[..]].concat());
+    fs::write(path("plain.toml"), "[[object]]\nshape = \"sphere\"\n").unwrap();
+    let run = whit(&[&["bench", &path("plain.toml")], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(!run.stdout.contains("instancing"), "{}", run.stdout);
 }
 

@@ -27,9 +27,10 @@ impl Folder {
         self.0.path().join(name)
     }
 
-    /// A PNG with 16 bits a channel, all of this code.
+    /// A PNG with 16 bits a channel, all of this code but the last, so that it is no image of one colour.
     fn wide_png(&self, name: &str, code: u16) {
-        let codes = [code; 12];
+        let mut codes = [code; 12];
+        codes[11] = code / 2;
         let bytes = bytemuck::cast_slice(&codes);
         image::save_buffer_with_format(
             self.path(name),

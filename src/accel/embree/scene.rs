@@ -4,6 +4,7 @@
 mod speed;
 
 use std::any::Any;
+use std::collections::HashSet;
 use std::ffi::c_void;
 use std::marker::PhantomData;
 use std::panic::{self, AssertUnwindSafe};
@@ -128,7 +129,7 @@ pub(super) fn build<'s>(
 }
 
 /// Makes every placed mesh that Embree may place itself an instance of Embree's own, under the scene's number, and counts
-/// them.
+/// them; of several in the same place only the first.
 fn attach_instances(
     scene: &Scene,
     device: &Device,
@@ -137,8 +138,14 @@ fn attach_instances(
     instancing: Instancing,
 ) -> Result<usize, AccelError> {
     let mut count = 0;
+    let mut taken = HashSet::new();
     for (number, instance) in (0u32..).zip(&scene.instances) {
         if placed_mesh(scene, instance).is_none() || !native::takes(instance, instancing) {
+            continue;
+        }
+        // Of instances of one mesh in one place the lowest is hit; Embree would answer with any.
+        let place = native::columns(&instance.world_from_object()).map(f32::to_bits);
+        if !taken.insert((instance.geometry, place)) {
             continue;
         }
         if let Some(part) = user.part(instance.geometry) {

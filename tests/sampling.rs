@@ -284,7 +284,8 @@ const TARGETS: [f64; 3] = [0.01, 0.005, 0.0025];
 #[ignore = "a measurement of some minutes"]
 fn adaptive_sampling_takes_fewer_samples_for_the_same_error() {
     let (mut savings, mut misses) = (0, Vec::new());
-    for (name, scene, settings) in &measured_scenes() {
+    let scenes = measured_scenes();
+    for (name, scene, settings) in &scenes {
         let mut judge = Judge::new(scene, Backend::default(), *settings, REFERENCE_SIDE);
         let mut ratios = Vec::new();
         for error in TARGETS {

@@ -20,7 +20,7 @@
 //! are sampled evenly. The forecast also knows of things too small to be met. By Good and Turing's estimate (I. J. Good, "The
 //! population frequencies of species", Biometrika 40, 1953) what no sample has met covers about as much as what a single
 //! sample has met: for every pixel with one sample that differs from all its others and from its neighbours', as much lies
-//! hidden elsewhere. While that is more than the target, rounds go on.
+//! hidden elsewhere. While its root mean square over the picture is more than the target, rounds go on.
 //!
 //! A thing smaller than a sixteenth of a pixel that has neither a larger neighbour nor its like elsewhere may be missed: no
 //! later round looks where the first saw nothing. `tests/sampling.rs` measures what all of this saves.
@@ -223,9 +223,12 @@ impl Picture {
         let counts = || self.looks.iter().map(|look| look.count);
         let least = counts().min().unwrap_or(self.spp);
         let missed = self.missed[level(least)];
-        let goes_on = self.wanted.contains(&true)
-            || missed > self.target.error * self.target.error * self.looks.len() as f64;
-        if goes_on && least < self.spp && !self.forecast(missed, least).is_worth_it() {
+        let least_join = if self.wanted.contains(&true) {
+            !self.forecast(missed, least).is_worth_it()
+        } else {
+            missed > self.target.error * self.target.error * self.looks.len() as f64
+        };
+        if least_join && least < self.spp {
             for (wanted, look) in self.wanted.iter_mut().zip(&self.looks) {
                 *wanted |= look.count == least && look.error.is_finite();
             }

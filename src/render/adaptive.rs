@@ -20,7 +20,7 @@
 //! are sampled evenly. The forecast also knows of things too small to be met. By Good and Turing's estimate (I. J. Good, "The
 //! population frequencies of species", Biometrika 40, 1953) what no sample has met covers about as much as what a single
 //! sample has met: for every pixel with one sample that differs from all its others and from its neighbours', as much lies
-//! hidden elsewhere. While that is more than the target, rounds go on.
+//! hidden elsewhere. While its root mean square over the picture is more than the target, rounds go on.
 //!
 //! A thing smaller than a sixteenth of a pixel that has neither a larger neighbour nor its like elsewhere may be missed: no
 //! later round looks where the first saw nothing. `tests/sampling.rs` measures what all of this saves.
@@ -185,8 +185,35 @@ struct Picture {
     looks: Vec<Look>,
     /// Which pixels are in the round.
     wanted: Vec<bool>,
-    /// Squared error of what was missed by all pixels when they had 16 samples, 32 and so on, by [`level`].
-    missed: [f64; LEVELS],
+    /// What was missed by all pixels when they had 16 samples, 32 and so on, by [`level`].
+    missed: [Missed; LEVELS],
+}
+
+/// What no sample has met, by what single samples did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Missed {
+    /// Of squared errors.
+    sum: f64,
+    /// Of their squares.
+    squares: f64,
+}
+
+impl Missed {
+    fn add(&mut self, square: f64) {
+        self.sum += square;
+        self.squares += square * square;
+    }
+
+    fn merge(&mut self, other: Missed) {
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
+
+    /// The squared error of all pixels together, less its own standard error: one find alone, like a lamp's image in a far
+    /// mirror, says nothing about the rest of the picture.
+    fn square(&self) -> f64 {
+        (self.sum - self.squares.sqrt()).max(0.0)
+    }
 }
 
 /// How often a pixel's samples can double.
@@ -208,7 +235,7 @@ impl Picture {
             estimates: vec![Estimate::NONE; width * height],
             looks: Vec::new(),
             wanted: vec![true; width * height],
-            missed: [0.0; LEVELS],
+            missed: [Missed::default(); LEVELS],
         }
     }
 
@@ -222,10 +249,13 @@ impl Picture {
         self.wanted = (0..this.height).into_par_iter().flat_map_iter(wants).collect();
         let counts = || self.looks.iter().map(|look| look.count);
         let least = counts().min().unwrap_or(self.spp);
-        let missed = self.missed[level(least)];
-        let goes_on = self.wanted.contains(&true)
-            || missed > self.target.error * self.target.error * self.looks.len() as f64;
-        if goes_on && least < self.spp && !self.forecast(missed, least).is_worth_it() {
+        let missed = self.missed[level(least)].square();
+        let least_join = if self.wanted.contains(&true) {
+            !self.forecast(missed, least).is_worth_it()
+        } else {
+            missed > self.target.error * self.target.error * self.looks.len() as f64
+        };
+        if least_join && least < self.spp {
             for (wanted, look) in self.wanted.iter_mut().zip(&self.looks) {
                 *wanted |= look.count == least && look.error.is_finite();
             }
@@ -355,18 +385,18 @@ impl Picture {
             .map(|estimate| Look::of(estimate, gain))
             .collect_into_vec(&mut self.looks);
         let missed_in = |row: usize| {
-            let mut missed = [0.0; LEVELS];
+            let mut missed = [Missed::default(); LEVELS];
             for column in 0..self.width {
                 let index = row * self.width + column;
                 if self.wanted[index] {
-                    missed[level(self.looks[index].count)] += self.missed_like(column, row);
+                    missed[level(self.looks[index].count)].add(self.missed_like(column, row));
                 }
             }
             missed
         };
-        let rows: Vec<[f64; LEVELS]> = (0..self.height).into_par_iter().map(missed_in).collect();
+        let rows: Vec<[Missed; LEVELS]> = (0..self.height).into_par_iter().map(missed_in).collect();
         for row in rows {
-            (0..LEVELS).for_each(|level| self.missed[level] += row[level]);
+            (0..LEVELS).for_each(|level| self.missed[level].merge(row[level]));
         }
     }
 }
@@ -415,7 +445,7 @@ mod tests {
             estimates,
             looks: Vec::new(),
             wanted: vec![true; 9],
-            missed: [0.0; LEVELS],
+            missed: [Missed::default(); LEVELS],
         };
         picture.look();
         picture
@@ -510,15 +540,20 @@ mod tests {
         let picture = around(&speck, 0.0, 16, 0.01);
         // One of seventeen samples that sees white.
         let square = display_value(1.0 / 17.0).powi(2);
-        assert!((picture.missed[0] / square - 1.0).abs() < 1e-12);
+        assert!((picture.missed[0].sum / square - 1.0).abs() < 1e-12);
+        assert_eq!(picture.missed[0].square(), 0.0);
+        // Four of them: less a half, the root of four in four.
+        let mut four = Missed::default();
+        (0..4).for_each(|_| four.add(square));
+        assert!((four.square() / (2.0 * square) - 1.0).abs() < 1e-12);
         // Two samples of a pixel, or neighbours that see it, tell of a larger thing.
         speck[4] = 1.0;
-        assert_eq!(around(&speck, 0.0, 16, 0.01).missed[0], 0.0);
+        assert_eq!(around(&speck, 0.0, 16, 0.01).missed[0].sum, 0.0);
         let mut beside = around(&speck[..4], 0.0, 4, 0.01);
         beside.estimates[5] = beside.estimates[4];
-        beside.missed = [0.0; LEVELS];
+        beside.missed = [Missed::default(); LEVELS];
         beside.look();
-        assert_eq!(beside.missed[0], 0.0);
+        assert_eq!(beside.missed[0].sum, 0.0);
     }
 
     #[test]

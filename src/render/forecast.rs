@@ -11,26 +11,31 @@ pub(super) struct Forecast {
     pixel_count: f64,
     /// Σ m.
     samples: f64,
+    /// Σ v.
+    squares_now: f64,
     /// Σ v (n/m)^1.5.
     squares: f64,
     /// Σ v n^1.5.
     scaled_squares: f64,
 }
 
-/// Part of the squared error that a round must save: errors are estimates themselves.
-const LEAST_SAVING: f64 = 0.1;
+/// How many times more of the squared error a round must take away than its samples shared out evenly: errors are estimates
+/// themselves.
+const LEAST_ADVANTAGE: f64 = 1.1;
 
 impl Forecast {
     /// Counts a pixel of this squared error, which has `count` samples and will have `next`.
     pub(super) fn add(&mut self, square: f64, count: u32, next: u32) {
         self.pixel_count += 1.0;
         self.samples += f64::from(next);
+        self.squares_now += square;
         self.squares += square * power(count.into()) / power(next.into());
         self.scaled_squares += square * power(count.into());
     }
 
     /// Counts the squared error of what pixels with `count` samples missed, which get no more of them.
     pub(super) fn add_missed(&mut self, square: f64, count: u32) {
+        self.squares_now += square;
         self.squares += square;
         self.scaled_squares += square * power(count.into());
     }
@@ -39,14 +44,15 @@ impl Forecast {
     pub(super) fn merge(&mut self, other: &Forecast) {
         self.pixel_count += other.pixel_count;
         self.samples += other.samples;
+        self.squares_now += other.squares_now;
         self.squares += other.squares;
         self.scaled_squares += other.scaled_squares;
     }
 
-    /// Whether the round does more than its samples shared out evenly.
+    /// Whether the round does more than its samples, and all earlier ones, shared out evenly.
     pub(super) fn is_worth_it(&self) -> bool {
         let evenly = self.scaled_squares / power(self.samples / self.pixel_count);
-        self.squares <= (1.0 - LEAST_SAVING) * evenly
+        self.squares_now - self.squares >= LEAST_ADVANTAGE * (self.squares_now - evenly)
     }
 }
 
@@ -71,6 +77,7 @@ mod tests {
         let expected = Forecast {
             pixel_count: 2.0,
             samples: 80.0,
+            squares_now: 6.0,
             squares: 4.25,
             scaled_squares: 384.0,
         };
@@ -79,8 +86,8 @@ mod tests {
 
     #[test]
     fn a_round_for_the_few_uncertain_pixels_is_worth_it_and_one_for_some_of_many_like_them_is_not() {
-        // One pixel of ten is doubled: of the error 1/10 is left by a tenth more samples (1.1^-1.5 = 0.87), or all but a
-        // tenth.
+        // One pixel of ten is doubled, which takes away 1 - 2^-1.5 = 0.65; a tenth more samples for all take away
+        // 1 - 1.1^-1.5 = 0.13 of everything, which is 1 or 10.
         let forecast = |certain: f64| {
             let mut forecast = Forecast::default();
             forecast.add(1.0, 16, 32);
@@ -96,7 +103,7 @@ mod tests {
         let mut forecast = Forecast::default();
         forecast.add(1.0, 16, 32);
         forecast.add(0.0, 16, 16);
-        // 0.35 are left, against 1.5^-1.5 = 0.54; with 1 missed, 1.35 against 1.09.
+        // It takes away 0.65, against 1 - 1.5^-1.5 = 0.46; with 1 missed that is 0.91.
         assert!(forecast.is_worth_it());
         forecast.add_missed(1.0, 16);
         assert!(!forecast.is_worth_it());

@@ -135,7 +135,15 @@ fn statistics_have_every_key_that_scripts_rely_on() {
     let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
     let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
-    for key in ["triangles", "shapes", "instances", "lights", "textures"] {
+    for key in [
+        "triangles",
+        "shapes",
+        "instances",
+        "lights",
+        "textures",
+        "volumes",
+        "volume_bytes",
+    ] {
         assert!(stats["scene"][key].is_u64(), "scene.{key} in {stats}");
     }
     for key in ["load", "build", "render", "write", "total", "trace"] {

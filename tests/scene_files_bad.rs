@@ -426,3 +426,66 @@ fn files_that_are_no_scene_at_all() {
         &["no lights or cameras to bring"],
     );
 }
+
+#[test]
+fn volumes_and_fog_that_mean_nothing() {
+    let with = |lines: &str| format!("{BALL}[[volume]]\nname = 'v'\n{lines}\n");
+    let cloud = "cloud = { shape = 'puff', size = [4, 4, 4] }";
+    let transfer = "transfer = [{ value = 0, extinction = 1 }]";
+    refused(with(transfer), ":3:", &["volume 1", "exactly one of `file`"]);
+    refused(with(cloud), ":3:", &["lacks `transfer`"]);
+    refused(
+        with(&format!("{cloud}\nfile = 'a.npy'\n{transfer}")),
+        ":3:",
+        &["exactly one of `file`, `raw` and `cloud`"],
+    );
+    refused(
+        with(&format!("file = 'a.vdb'\n{transfer}")),
+        ":5:",
+        &["volume 1.file", "OpenVDB", "convert it"],
+    );
+    refused(
+        with(&format!("file = 'none.npy'\n{transfer}")),
+        ":5:",
+        &["none.npy", "check the path"],
+    );
+    refused(
+        with(&format!(
+            "raw = {{ file = 'none.raw', size = [0, 4, 4], type = 'u8' }}\n{transfer}"
+        )),
+        ":5:",
+        &["volume 1.raw"],
+    );
+    refused(
+        with(&format!("{cloud}\ntransfer = [{{ value = 0, opacity = 1 }}]")),
+        ":6:",
+        &["node 1", "add `opacity_over`"],
+    );
+    refused(
+        with(&format!("{cloud}\ntransfer = []")),
+        ":6:",
+        &["transfer", "is missing"],
+    );
+    refused(
+        with(&format!("{cloud}\n{transfer}\ntransform = [{{ scale = 0 }}]")),
+        ":7:",
+        &["volume 1.transform 1", "singular"],
+    );
+    refused(
+        with(&format!("{cloud}\n{transfer}\nstep = 0")),
+        ":3:",
+        &["volume 1", "positive step"],
+    );
+    refused(
+        with(&format!(
+            "cloud = {{ shape = 'puff', size = [9999999, 9999999, 9] }}\n{transfer}"
+        )),
+        ":5:",
+        &["give fewer samples"],
+    );
+    refused(
+        format!("{BALL}[fog]\nextinction = -1\n"),
+        ":3:",
+        &["fog", "negative"],
+    );
+}

@@ -1,6 +1,6 @@
 //! The scenes of the folder `scenes` are as the textbook has them, by every backend, in small pictures of one sample a pixel.
 //!
-//! All of them are compared. Of what a scene shows, the textbook says nothing of mipmaps, which are off here, and of
+//! All of them are compared but those of volumes ([`UNSAID`]). Of what a scene shows, the textbook says nothing of mipmaps, which are off here, and of
 //! adaptive sampling and the filters of pixels, which one sample has no use for.
 //!
 //! The large scenes: `cargo test --release --test scenes_textbook -- --ignored --nocapture`.
@@ -109,6 +109,9 @@ const ENTRIES: [Entry; 20] = [
     small("whitted_1980"),
 ];
 
+/// Scenes whose subject the textbook knows nothing of: volumes and fog are held to closed forms by tests/volumes.rs.
+const UNSAID: [&str; 4] = ["fire", "fog_beam", "scan", "smoke"];
+
 /// The scene with its images mixed bilinearly at a point: of mipmaps the textbook says nothing.
 fn without_mipmaps(mut filed: FiledScene) -> FiledScene {
     for texture in &mut filed.scene.textures {
@@ -125,6 +128,10 @@ fn without_mipmaps(mut filed: FiledScene) -> FiledScene {
 fn compare(cost: Cost) {
     for file in files() {
         let filed = without_mipmaps(load(&file));
+        if UNSAID.contains(&filed.name.as_str()) {
+            assert!(filed.scene.has_matter(), "{} has no volume", filed.name);
+            continue;
+        }
         let entry = ENTRIES.iter().find(|entry| entry.name == filed.name);
         let entry = entry.unwrap_or_else(|| panic!("{} is new: add it to the list", filed.name));
         if entry.cost != cost {

@@ -24,6 +24,7 @@ mod texturing;
 mod tinted;
 mod transparent;
 mod travel;
+mod volumes;
 mod wave;
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -49,6 +50,7 @@ use crate::optics::{Body, MediaStack, SpectralSampler};
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
 use crate::scene::{Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, Scene};
 use crate::shading::ray_cone::Cone;
+use crate::volume::SkipEmpty;
 use adaptive::ROUND;
 use estimate::Estimate;
 use film::Tile;
@@ -90,6 +92,8 @@ pub struct RenderSettings {
     pub wavelengths: u32,
     /// A reflected ray is not traced if its weight in every channel is under this.
     pub weight_cutoff: f32,
+    /// Whether marches through volumes leap over what is empty. It changes no bit of the picture.
+    pub skip_empty: SkipEmpty,
     /// Effects that are wanted other than the scene calls for.
     pub effects: EffectOverrides,
 }
@@ -107,6 +111,7 @@ impl Default for RenderSettings {
             depth: DEFAULT_DEPTH,
             wavelengths: DEFAULT_WAVELENGTHS,
             weight_cutoff: 1.0 / 512.0,
+            skip_empty: SkipEmpty::default(),
             effects: EffectOverrides::default(),
         }
     }

@@ -11,6 +11,7 @@ use super::queue::{Feelers, Generation, Paths, Sent};
 use super::surface::Surfaces;
 use super::texturing::Widths;
 use super::travel::{Travel, TravelPacket};
+use super::volumes::Marches;
 use super::{Frame, shade};
 use crate::accel::{NO_HIT, RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
@@ -28,6 +29,8 @@ pub(super) struct Outcome<'f, 's> {
     pub(super) losses: TileLosses,
     /// Surfaces that feelers meet, in scenes where light goes through some.
     pub(super) sheets: Option<Box<Surfaces>>,
+    /// In scenes with volumes or fog.
+    pub(super) marches: Option<Box<Marches<'s>>>,
 }
 
 /// What the rays of a batch have in common.
@@ -62,6 +65,7 @@ impl<'f, 's> Outcome<'f, 's> {
                 .effects()
                 .has(Effect::TransparentShadow)
                 .then(|| Box::new(Surfaces::new(frame.effects()))),
+            marches: frame.marches().then(|| Box::new(Marches::new(frame))),
         }
     }
 
@@ -86,10 +90,15 @@ impl<'f, 's> Outcome<'f, 's> {
             let dimmed = travels
                 .filter(|_| self.frame.effects().has(Effect::Absorption))
                 .map(|travels| self.dimmed(packet, path, travels));
+            let weight = dimmed.as_ref().unwrap_or(&path.weight);
+            let marched = self
+                .frame
+                .marches()
+                .then(|| self.march(packet, (path, travels), weight, stage.order));
             let traced = Traced {
                 packet,
                 pixel: &path.pixel,
-                weight: dimmed.as_ref().unwrap_or(&path.weight),
+                weight: marched.as_ref().unwrap_or(weight),
                 travels,
             };
             let any_hit = packet.instance.iter().any(|&instance| instance != NO_HIT);
@@ -253,6 +262,9 @@ impl<'f, 's> Outcome<'f, 's> {
         for (packet, feeler) in packets.iter().zip(feelers) {
             if casts {
                 shade::block(packet, &mut feeler.radiance);
+            }
+            if let Some(marches) = &mut self.marches {
+                marches.dim(packet, &packet.t_far, &mut feeler.radiance);
             }
             self.film.add(&feeler.pixel, &feeler.radiance);
         }

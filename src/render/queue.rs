@@ -5,6 +5,7 @@
 use super::travel::{MediaColumn, Travel, TravelPacket, Travels};
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+use crate::optics::MediaStack;
 use crate::scene::EffectSet;
 
 /// Packets that are traced and shaded together: 24 KB of rays, half of a first-level cache.
@@ -197,6 +198,13 @@ impl Feelers {
     pub(super) fn keep_media(&mut self, travels: TravelPacket) {
         for l in 0..LANES {
             self.media.set(self.count - 1, l, &travels.media(l));
+        }
+    }
+
+    /// Says what bodies are around all points of the packet that is kept next.
+    pub(super) fn keep_medium(&mut self, media: &MediaStack) {
+        for l in 0..LANES {
+            self.media.set(self.count, l, media);
         }
     }
 

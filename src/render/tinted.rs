@@ -5,6 +5,7 @@
 //! equations reflect there and multiplies by its colour, each body on the way swallows its part. A feeler goes on as the
 //! same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
 
+use super::ledger::Ledger;
 use super::outcome::{Outcome, timed};
 use super::queue::{BATCH, Feeler};
 use super::surface::Surfaces;
@@ -20,50 +21,71 @@ use crate::scene::Effect;
 /// Surfaces after which a feeler counts as blocked: no light is left behind so many of any real material.
 const MOST_SHEETS: usize = 256;
 
+/// Feelers that wait, what they bring, and the bodies around the points that feel.
+type Waiting<'a> = (&'a mut [RayPacket], &'a mut [Feeler], &'a mut MediaColumn);
+
 impl Outcome<'_, '_> {
     /// Lets in the light that reaches the waiting feelers' points, in whatever colour is left of it.
     pub(super) fn answer_through_sheets(&mut self, order: RayOrder) {
-        let frame = self.frame;
         let Some(sheets) = &mut self.sheets else { return };
         let (packets, feelers, media) = self.feelers.take_with_media();
-        // The memory is that of earlier feelers, which have left where they went.
-        for packet in packets.iter_mut() {
-            packet.t_near = [0.0; LANES];
-            (0..LANES).for_each(|l| packet.forget_hit(l));
-        }
-        let mut reaches = [[0.0; LANES]; BATCH];
-        for (reach, packet) in reaches.iter_mut().zip(packets.iter()) {
-            *reach = packet.t_far;
-        }
-        for _ in 0..MOST_SHEETS {
-            if !packets.iter().any(RayPacket::any_active) {
-                break;
+        let waiting = (&mut *packets, &mut *feelers, media);
+        let reaches = through_sheets(self.frame, waiting, sheets, &mut self.ledger, order);
+        for ((packet, feeler), reach) in packets.iter().zip(feelers).zip(&reaches) {
+            if let Some(marches) = &mut self.marches {
+                marches.dim(packet, reach, &mut feeler.radiance);
             }
-            self.ledger.shadow += timed(packets, |packets| frame.accel.intersect(packets, order));
-            for (index, packet) in packets.iter_mut().enumerate() {
-                if packet.any_active() {
-                    let way = Way {
-                        reach: &reaches[index],
-                        media,
-                        index,
-                    };
-                    way.pass_next(frame, packet, &mut feelers[index], sheets);
-                }
-            }
-        }
-        for (packet, feeler) in packets.iter_mut().zip(feelers) {
-            // Whoever is still on the way counts as blocked.
-            for l in 0..LANES {
-                packet.t_far[l] = if packet.active[l] != 0 {
-                    f32::NEG_INFINITY
-                } else {
-                    0.0
-                };
-            }
-            shade::block(packet, &mut feeler.radiance);
             self.film.add(&feeler.pixel, &feeler.radiance);
         }
     }
+}
+
+/// Leaves of the light that feelers bring what the surfaces and bodies on their way let through. Returns how far away, as
+/// ray parameters, the lights are.
+pub(super) fn through_sheets(
+    frame: &Frame,
+    (packets, feelers, media): Waiting,
+    sheets: &mut Surfaces,
+    ledger: &mut Ledger,
+    order: RayOrder,
+) -> [Lanes<f32>; BATCH] {
+    // The memory is that of earlier feelers, which have left where they went.
+    for packet in packets.iter_mut() {
+        packet.t_near = [0.0; LANES];
+        (0..LANES).for_each(|l| packet.forget_hit(l));
+    }
+    let mut reaches = [[0.0; LANES]; BATCH];
+    for (reach, packet) in reaches.iter_mut().zip(packets.iter()) {
+        *reach = packet.t_far;
+    }
+    for _ in 0..MOST_SHEETS {
+        if !packets.iter().any(RayPacket::any_active) {
+            break;
+        }
+        ledger.shadow += timed(packets, |packets| frame.accel.intersect(packets, order));
+        for (index, packet) in packets.iter_mut().enumerate() {
+            if packet.any_active() {
+                let way = Way {
+                    reach: &reaches[index],
+                    media,
+                    index,
+                };
+                way.pass_next(frame, packet, &mut feelers[index], sheets);
+            }
+        }
+    }
+    for (packet, feeler) in packets.iter_mut().zip(feelers) {
+        // Whoever is still on the way counts as blocked.
+        for l in 0..LANES {
+            packet.t_far[l] = if packet.active[l] != 0 {
+                f32::NEG_INFINITY
+            } else {
+                0.0
+            };
+        }
+        shade::block(packet, &mut feeler.radiance);
+    }
+    reaches
 }
 
 /// The rest of the way of sixteen feelers.

@@ -12,6 +12,8 @@ use crate::scene::{EffectOverrides, Geometry, LightKind, Material, Model, Projec
 use crate::shape::Shape;
 
 use super::memory::{self, MemoryForecast};
+use super::volumes_info;
+pub use super::volumes_info::{FogInfo, VolumeInfo};
 
 /// A scene in numbers and names.
 #[derive(Clone, Debug, Serialize)]
@@ -46,6 +48,12 @@ pub struct SceneInfo {
     pub images: usize,
     /// Bytes of the decoded images.
     pub image_bytes: u64,
+    /// In the order of the file.
+    pub volumes: Vec<VolumeInfo>,
+    /// Bytes of their grids.
+    pub volume_bytes: u64,
+    /// What fills all space; null if nothing does.
+    pub fog: Option<FogInfo>,
     /// In the order of the file.
     pub lights: Vec<LightInfo>,
     /// Linear RGB radiance of the surroundings.
@@ -230,6 +238,9 @@ impl SceneInfo {
             textures: scene.textures.len(),
             images: scene.images.len(),
             image_bytes: memory::image_bytes(scene),
+            volumes: volumes_info::volumes(scene),
+            volume_bytes: memory::volume_bytes(scene),
+            fog: volumes_info::fog(scene),
             lights: lights(scene),
             ambient: scene.ambient,
             cameras: cameras(scene),
@@ -375,6 +386,12 @@ impl fmt::Display for SceneInfo {
                 words(self.image_bytes)
             ),
         )?;
+        for (number, volume) in self.volumes.iter().enumerate() {
+            line(&format!("volume {number}"), volume.to_string())?;
+        }
+        if let Some(fog) = &self.fog {
+            line("fog", fog.to_string())?;
+        }
         for (number, light) in self.lights.iter().enumerate() {
             let [r, g, b] = light.intensity;
             let unit = if light.kind == "directional" { "lx" } else { "cd" };

@@ -32,7 +32,7 @@ fn kilobytes_of(text: &str, key: &str) -> Option<u64> {
 /// What rendering a scene will take, in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct MemoryForecast {
-    /// Meshes and images as loaded.
+    /// Meshes, images and volumes as loaded.
     pub scene_bytes: u64,
     /// Embree's structure while it is built, which is when it is largest.
     pub embree_bytes: u64,
@@ -52,7 +52,7 @@ impl MemoryForecast {
     pub fn of(scene: &Scene) -> MemoryForecast {
         let triangles: u64 = scene.geometries.iter().map(|g| g.primitive_count() as u64).sum();
         MemoryForecast {
-            scene_bytes: mesh_bytes(scene) + image_bytes(scene),
+            scene_bytes: mesh_bytes(scene) + image_bytes(scene) + volume_bytes(scene),
             embree_bytes: EMBREE_BYTES_PER_TRIANGLE * triangles,
             bsp_bytes: BSP_BYTES_PER_TRIANGLE * triangles,
             film_bytes: film_bytes(1024, 1024),
@@ -75,6 +75,11 @@ pub fn mesh_bytes(scene: &Scene) -> u64 {
 /// Bytes of all decoded images.
 pub fn image_bytes(scene: &Scene) -> u64 {
     scene.images.iter().map(|image| image.texels.byte_count()).sum()
+}
+
+/// Bytes of all volumes' grids; those that are shared count each time.
+pub fn volume_bytes(scene: &Scene) -> u64 {
+    scene.volumes.iter().map(|volume| volume.memory() as u64).sum()
 }
 
 /// A number of bytes for a person, such as `12.3 MB`.

@@ -62,6 +62,12 @@ pub struct SceneStats {
     pub lights: usize,
     /// Textures of materials.
     pub textures: usize,
+    /// Volumes, without fog.
+    pub volumes: usize,
+    /// Bytes of their grids.
+    pub volume_bytes: u64,
+    /// Whether fog fills all space.
+    pub fog: bool,
 }
 
 impl SceneStats {
@@ -75,6 +81,9 @@ impl SceneStats {
             instances: scene.instances.len(),
             lights: scene.lights.len(),
             textures: scene.textures.len(),
+            volumes: scene.volumes.len(),
+            volume_bytes: super::memory::volume_bytes(scene),
+            fog: scene.fog.is_some(),
         }
     }
 }

@@ -49,11 +49,13 @@ pub enum Effect {
     Ambient,
     /// Something is seen behind everything.
     Background,
+    /// Smoke, fire and fog on the way of light.
+    Volume,
 }
 
 impl Effect {
     /// All of them, in the order of reports.
-    pub const ALL: [Effect; 20] = [
+    pub const ALL: [Effect; 21] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -74,6 +76,7 @@ impl Effect {
         Effect::Emission,
         Effect::Ambient,
         Effect::Background,
+        Effect::Volume,
     ];
 
     /// What the command line and reports call it.
@@ -99,6 +102,7 @@ impl Effect {
             Effect::Emission => "emission",
             Effect::Ambient => "ambient",
             Effect::Background => "background",
+            Effect::Volume => "volume",
         }
     }
 
@@ -134,6 +138,7 @@ impl Effect {
             Effect::Emission => "nothing shines by itself",
             Effect::Ambient => "no light comes from all around",
             Effect::Background => "black is behind everything",
+            Effect::Volume => "the air is clear of smoke, fire and fog",
         }
     }
 

@@ -13,6 +13,7 @@ pub(crate) mod survey;
 mod texture;
 mod validate;
 mod validate_material;
+mod volumes;
 
 pub use camera::{Camera, CameraRay, CameraView, Projection};
 pub use effect::{Effect, EffectOverrides, EffectSet};
@@ -34,6 +35,7 @@ pub(crate) use validate_material::check_procedural;
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::shape::{Implicit, Shape};
+use crate::volume::{Fog, Volume};
 
 /// Everything that is rendered. Lengths are metres unless a file says otherwise, colours linear RGB.
 #[derive(Clone, Debug, Default)]
@@ -52,6 +54,10 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Cameras, in world space; the first is the default one.
     pub cameras: Vec<Camera>,
+    /// Smoke, fire and scans, in world space; they may overlap.
+    pub volumes: Vec<Volume>,
+    /// What fills all space.
+    pub fog: Option<Fog>,
     /// The lecture's ambient light Ia: what surfaces get from all around, linear RGB.
     pub ambient: [f32; 3],
     /// What a ray sees that hits nothing.

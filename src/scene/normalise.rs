@@ -111,7 +111,7 @@ impl Scene {
     ///
     /// The scene's indices must be in range.
     pub fn normalise(&mut self) {
-        let bounds = self.bounds();
+        let bounds = self.bounds().union(self.volume_bounds());
         self.apply_normalisation(Normalisation::fitting(&bounds));
     }
 
@@ -123,6 +123,7 @@ impl Scene {
         self.move_instances(&normalisation);
         self.move_cameras(&normalisation);
         self.move_lights(&normalisation);
+        self.move_volumes(&normalisation);
         self.scale_interiors(normalisation.scale);
         self.normalisation = self.normalisation.then(&normalisation);
     }

@@ -60,6 +60,8 @@ impl Scene {
                 .map_err(|fault| error(named("material", index, &material.name), fault))?;
         }
         self.check_images()?;
+        self.check_volumes()
+            .map_err(|(index, fault)| error(named("volume", index, self.volumes[index].name()), fault))?;
         for (index, light) in self.lights.iter().enumerate() {
             check_light(light).map_err(|fault| error(named("light", index, &light.name), fault))?;
         }

@@ -151,7 +151,10 @@ fn read_images(path: &Path, uses: Uses, max_texels: u64) -> Result<(Image, Optio
     Ok((color, differs.then_some(data)))
 }
 
+/// Bytes of a texel of the budget.
+pub(super) const TEXEL_BYTES: u64 = size_of::<[u8; 4]>() as u64;
+
 /// What an image takes of a budget of texels of 4 bytes.
 pub(super) fn budget_of(image: &Image) -> u64 {
-    image.texels.byte_count() / size_of::<[u8; 4]>() as u64
+    image.texels.byte_count() / TEXEL_BYTES
 }

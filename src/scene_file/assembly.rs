@@ -10,12 +10,13 @@ use std::sync::Arc;
 use glam::DAffine3;
 
 use super::SceneFileError;
-use super::appearance::budget_of;
+use super::appearance::{TEXEL_BYTES, budget_of};
 use super::document::{Document, ObjectForm};
 use super::fault::{Fault, Source, file_error, suggestion};
 use super::placement::{Copies, map_of};
 use super::shape::{PlacedShape, ShapeForm, ShapeRef};
 use super::value::At;
+use super::volume::{MadeVolume, VolumeForm};
 use crate::gltf::{self, LoadOptions};
 use crate::scene::{Camera, Geometry, Layer, Light, Scene, Texture};
 
@@ -25,8 +26,17 @@ pub(super) struct Assembly {
     pub(super) nodes: Vec<Node>,
     pub(super) lights: Vec<Light>,
     pub(super) cameras: Vec<Camera>,
-    /// Instances in all.
+    pub(super) volumes: Vec<PlacedVolume>,
+    /// Instances and volumes in all.
     pub(super) count: u64,
+}
+
+/// A volume and where messages say it is.
+#[derive(Debug)]
+pub(super) struct PlacedVolume {
+    pub(super) made: MadeVolume,
+    pub(super) source: Rc<Source>,
+    pub(super) span: std::ops::Range<usize>,
 }
 
 /// One object.
@@ -140,7 +150,29 @@ impl Assembler {
         let mut assembly = self.objects(&mut unit, &objects)?;
         assembly.lights = lights(&unit)?;
         assembly.cameras = cameras(&unit)?;
+        assembly.volumes = self.volumes(&unit)?;
+        assembly.count = assembly.count.saturating_add(assembly.volumes.len() as u64);
         Ok((assembly, unit.document, source))
+    }
+
+    /// The volumes of a file. Their bytes are taken from the budget of images.
+    fn volumes(&mut self, unit: &Unit) -> Result<Vec<PlacedVolume>, SceneFileError> {
+        let forms = &unit.document.volume;
+        let fail = |fault| unit.source.error(fault);
+        check_names(forms.iter().map(|form| form.name.as_ref()), "volume").map_err(fail)?;
+        let mut volumes = Vec::with_capacity(forms.len());
+        for (number, form) in forms.iter().enumerate() {
+            let max_bytes = self.texels_left.saturating_mul(TEXEL_BYTES);
+            let made = VolumeForm::volume(form, number, &unit.folder, max_bytes).map_err(fail)?;
+            let texels = made.bytes().div_ceil(TEXEL_BYTES);
+            self.texels_left -= texels.min(self.texels_left);
+            volumes.push(PlacedVolume {
+                made,
+                source: unit.source.clone(),
+                span: form.span.clone(),
+            });
+        }
+        Ok(volumes)
     }
 
     fn named_shapes(&mut self, unit: &mut Unit) -> Result<(), SceneFileError> {
@@ -428,6 +460,7 @@ impl Assembler {
             nodes,
             lights: part.lights,
             cameras: part.cameras,
+            volumes: Vec::new(),
         }
     }
 

@@ -12,6 +12,7 @@ use super::placement::{Repeat, Scatter, Step};
 use super::shape::{ShapeForm, ShapeRef};
 use super::texture::TextureForm;
 use super::value::{At, Color, OneOrMany};
+use super::volume::{FogForm, VolumeForm};
 use crate::scene::picture::{
     DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS, FilterKind, Pattern,
 };
@@ -32,6 +33,11 @@ pub(super) struct Document {
     #[serde(default)]
     #[schemars(with = "Option<OneOrMany<CameraForm>>")]
     pub(super) camera: OneOrMany<CameraForm>,
+    /// What fills all space.
+    pub(super) fog: Option<At<FogForm>>,
+    /// Smoke, fire and scans.
+    #[serde(default)]
+    pub(super) volume: Vec<At<VolumeForm>>,
     /// Lights.
     #[serde(default)]
     pub(super) light: Vec<At<LightForm>>,

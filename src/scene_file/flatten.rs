@@ -57,6 +57,7 @@ fn place_assembly(
             .cameras
             .extend(cameras.filter_map(|camera| moved_camera(camera, &inherited.world)));
     }
+    place_volumes(scene, assembly, &inherited.world)?;
     for node in &assembly.nodes {
         let count = node.copies.as_ref().map_or(1, Copies::count);
         for number in 0..count {
@@ -72,6 +73,23 @@ fn place_assembly(
             };
             place_node(scene, node, inside)?;
         }
+    }
+    Ok(())
+}
+
+/// Most volumes of a scene: every ray asks each.
+const MAX_VOLUMES: usize = 4096;
+
+fn place_volumes(scene: &mut Scene, assembly: &Assembly, world: &DAffine3) -> Result<(), SceneFileError> {
+    for volume in &assembly.volumes {
+        let fail = |sentence: String| volume.source.error_at(volume.span.clone(), sentence);
+        if scene.volumes.len() == MAX_VOLUMES {
+            return Err(fail(format!(
+                "is one of more than {MAX_VOLUMES} volumes in all: make fewer copies"
+            )));
+        }
+        let placed = volume.made.placed(world).map_err(|e| fail(e.to_string()))?;
+        scene.volumes.push(placed);
     }
     Ok(())
 }
@@ -157,7 +175,8 @@ fn moved_camera(camera: &Camera, world: &DAffine3) -> Option<Camera> {
 /// Places everything well, bakes what stands once, and supplies a camera where there is none.
 pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileError> {
     let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
-    scene.apply_normalisation(Normalisation::fitting(&scene.bounds_from(&bounds)));
+    let around = scene.bounds_from(&bounds).union(scene.volume_bounds());
+    scene.apply_normalisation(Normalisation::fitting(&around));
     scene.normalise_object_spaces(&bounds);
     for (name, dropped) in scene.bake_single_uses() {
         scene
@@ -165,7 +184,7 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
             .push(format!("{name} {}", dropped_sentence(dropped)));
     }
     scene.remove_empty_meshes();
-    if scene.instances.is_empty() {
+    if scene.instances.is_empty() && scene.volumes.is_empty() {
         return Err(file_error(
             path,
             "has only triangles without area: make its objects larger",
@@ -173,7 +192,7 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
     }
     if scene.cameras.is_empty() {
         let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
-        let finite = scene.bounds_from(&bounds);
+        let finite = scene.bounds_from(&bounds).union(scene.volume_bounds());
         if finite.is_empty() {
             return Err(file_error(
                 path,

@@ -51,6 +51,10 @@
 //! * **Objects** have exactly one of `shape` (a word, `[shape.NAME]`, or `{ KIND = { ... } }` in place), `group`
 //!   (`[[group.NAME.object]]`, which may hold groups), `gltf` and `include` (files, looked up beside the file that names
 //!   them; names in an include are its own). A `material` goes to every member that has none; it replaces a glTF file's.
+//! * **Volumes** (`[[volume]]`) fill the cube [-1, 1]³, which a `transform` places, with the numbers of a `file` (.npy,
+//!   .nrrd), of `raw = { file = "a.raw", size = [64, 64, 32], type = "u8" }`, or of a `cloud = { shape = "plume" }`;
+//!   `transfer = [{ value = 0, extinction = 0 }, { value = 1, extinction = 9, color = 0.8, emission = 0 }]` says what the
+//!   numbers mean. `[fog]` has an `extinction` and a `color`, and is everywhere; that of an include is left out.
 //! * **Copies**: `repeat = { count = [10, 1, 10], step = [2, 0, 2], jitter = 0.3, seed = 7 }` or `scatter = { count = 99,
 //!   min = [...], max = [...] }`, each with random `turn` and `scale`, happen after the object's own transforms.
 //!
@@ -72,6 +76,7 @@ mod schema;
 mod shape;
 mod texture;
 mod value;
+mod volume;
 
 use std::path::Path;
 
@@ -163,7 +168,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileEr
     let [include_count, gltf_count] = assembler.file_counts();
     let group_count = assembler.group_count;
     let mut scene = assembler.scene;
-    surround(&mut scene, &document);
+    surround(&mut scene, &document, &source)?;
     flatten::flatten(&mut scene, &assembly, default_material)?;
     if scene.instances.iter().all(|i| i.material != default_material) {
         // It is the last one, so no index changes.
@@ -179,12 +184,19 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileEr
     })
 }
 
-fn surround(scene: &mut Scene, document: &Document) {
+fn surround(scene: &mut Scene, document: &Document, source: &Source) -> Result<(), SceneFileError> {
     scene.ambient = document.ambient.map_or([0.0; 3], |color| color.0);
     scene.background = match &document.background {
         Some(form) => form.background(),
         None => Background::Uniform(scene.ambient),
     };
+    if let Some(form) = &document.fog {
+        let fog = form
+            .fog()
+            .map_err(|sentence| source.error(form.fault(sentence)))?;
+        scene.fog = Some(fog);
+    }
+    Ok(())
 }
 
 fn output(form: Option<&At<OutputForm>>, source: &Source) -> Result<Output, SceneFileError> {

@@ -1,8 +1,8 @@
 //! Homogeneous fog: what a stretch of it does has a closed form.
 
-use super::VolumeError;
 use super::composite::Composite;
 use super::depth::opacity;
+use super::{MOST_STEPS, VolumeError};
 
 /// A medium that is the same everywhere.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,12 +31,26 @@ impl Fog {
         if !(step > 0.0 && step.is_finite()) {
             return wrong("has a step that is not positive");
         }
+        if extinction > 0.0 && !(extinction * step * MOST_STEPS >= 1.0) {
+            return wrong("has steps so short that a march through it would hardly end");
+        }
         Ok(Fog {
             extinction,
             color,
             emission,
             step,
         })
+    }
+
+    /// The same where lengths are `scale`, a power of two, times as large: exact.
+    #[must_use]
+    pub fn rescaled(&self, scale: f64) -> Fog {
+        Fog {
+            extinction: self.extinction / scale,
+            color: self.color,
+            emission: self.emission.map(|emission| emission / scale),
+            step: self.step * scale,
+        }
     }
 
     /// Extinction per world unit.
@@ -116,6 +130,7 @@ mod tests {
             (1.0, -1.0, 1.0),
             (1.0, 0.0, 0.0),
             (1.0, 0.0, f64::NAN),
+            (1.0, 0.0, 1e-9),
         ] {
             assert!(Fog::new(extinction, [1.0; 3], [emission; 3], step).is_err());
         }

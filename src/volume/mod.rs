@@ -58,6 +58,7 @@ pub struct VolumeDescription {
 /// A placed volume, ready to be marched through.
 #[derive(Clone, Debug)]
 pub struct Volume {
+    name: Arc<str>,
     density: Arc<Grid>,
     color: Option<Arc<[Grid; 3]>>,
     transfer: Transfer,
@@ -120,7 +121,9 @@ pub enum VolumeError {
         least: f64,
     },
     /// A fog's numbers have no meaning.
-    #[error("fog {fault}: give numbers that are not negative, and an extinction to what glows")]
+    #[error(
+        "fog {fault}: give numbers that are not negative, an extinction to what glows, and a longer step"
+    )]
     Fog {
         /// What is wrong.
         fault: &'static str,
@@ -152,6 +155,7 @@ impl Volume {
             });
         }
         Ok(Volume {
+            name: "".into(),
             empty: EmptySpace::new(&density, &transfer),
             density,
             color,
@@ -160,6 +164,47 @@ impl Volume {
             cube_from_world,
             step,
         })
+    }
+
+    /// The same under a name that messages call it.
+    #[must_use]
+    pub fn named(self, name: impl Into<Arc<str>>) -> Volume {
+        Volume {
+            name: name.into(),
+            ..self
+        }
+    }
+
+    /// What messages call it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The same in coordinates that are `scale`, a power of two, times as large, its cube placed by `world_from_cube`:
+    /// what lies in a unit of length changes with the unit.
+    pub fn rescaled(&self, scale: f64, world_from_cube: DAffine3) -> Result<Volume, VolumeError> {
+        Ok(Volume {
+            transfer: self.transfer.rescaled(scale),
+            cube_from_world: inverse(&world_from_cube)?,
+            world_from_cube,
+            step: self.step * scale,
+            ..self.clone()
+        })
+    }
+
+    /// Places the cube [-1, 1]³ that the grids fill.
+    pub fn world_from_cube(&self) -> &DAffine3 {
+        &self.world_from_cube
+    }
+
+    /// Samples along x, y, z.
+    pub fn size(&self) -> [usize; 3] {
+        self.density.size()
+    }
+
+    /// Whether it neither takes light away nor sends any out, anywhere.
+    pub fn is_clear(&self) -> bool {
+        self.empty.share() == 1.0
     }
 
     /// The box around it in the world.

@@ -112,6 +112,27 @@ impl Transfer {
         Transfer::new(&[node(0.0), node(1.0)], Thickness::OpacityOver(over))
     }
 
+    /// The same where lengths are `scale`, a power of two, times as large: exact.
+    pub(super) fn rescaled(&self, scale: f64) -> Transfer {
+        let (thickness, thinner) = match self.thickness {
+            Thickness::OpacityOver(length) => (Thickness::OpacityOver(length * scale), 1.0),
+            Thickness::Extinction => (Thickness::Extinction, scale.recip()),
+        };
+        let dimmer = scale.recip();
+        let factors = [thinner, 1.0, 1.0, 1.0, dimmer, dimmer, dimmer];
+        let scaled = |fields: &[f64; FIELDS]| std::array::from_fn(|i| fields[i] * factors[i]);
+        let piece = |piece: &Piece| Piece {
+            start: piece.start,
+            base: scaled(&piece.base),
+            slope: scaled(&piece.slope),
+        };
+        Transfer {
+            thickness,
+            emits: self.emits,
+            pieces: self.pieces.iter().map(piece).collect(),
+        }
+    }
+
     /// The highest thickness over values in [low, high], and whether anything is emitted there.
     ///
     /// Exact: where it finds nothing, every value of the interval is clear and dark to the last bit.

@@ -1,6 +1,8 @@
 //! Small random scenes: a few objects, materials, lights and textures of every kind, most effects absent from most of
 //! them.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DVec3};
 use whit::mesh::Mesh;
 use whit::optics::{Absorption, Cauchy, Dispersion};
@@ -9,6 +11,7 @@ use whit::scene::{
     Light, LightKind, Material, MetallicRoughness, Model, Parameter, Pattern, Procedural, Projection,
     Sampler, Scene, Space, Texels, Texture, TextureUse, Wrap,
 };
+use whit::volume::{Fog, Grid, Samples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
 use super::meshes::{Shading, ball, textured_panel};
 use super::scenes::{Random, all_shapes};
@@ -55,6 +58,18 @@ pub fn scene(seed: u64) -> Scene {
     }
     for number in 0..r.below(3) {
         scene.lights.push(light(number, r));
+    }
+    if r.below(8) == 0 {
+        scene.volumes = (0..1 + r.below(2)).map(|_| volume(r)).collect();
+    }
+    if r.below(16) == 0 {
+        let extinction = [0.0, 0.2, 0.4][r.below(3)];
+        let emission = if extinction > 0.0 {
+            [0.0, 0.05, 0.1]
+        } else {
+            [0.0; 3]
+        };
+        scene.fog = Some(Fog::new(extinction, [0.9, 0.8, 0.7], emission, 0.5).unwrap());
     }
     scene.validate().unwrap();
     scene
@@ -319,4 +334,31 @@ fn light(number: usize, r: &mut Random) -> Light {
         intensity: [3.0, 2.5, 2.0],
         kind,
     }
+}
+
+/// A few voxels, some of them empty, at times all.
+fn volume(r: &mut Random) -> Volume {
+    let fullness = [0.0, 0.3, 1.0][r.below(3)];
+    let samples = (0..60).map(|_| if r.next() < fullness { r.next() as f32 } else { 0.0 });
+    let grid = Grid::new([3, 4, 5], Samples::Floats(samples.collect())).unwrap();
+    let glow = sometimes(r, 0.5, [0.5, 0.2, 0.0]);
+    let node = |value: f64, emission: [f64; 3]| TransferNode {
+        value,
+        thickness: value,
+        color: [0.9, 0.8, 0.7],
+        emission,
+    };
+    let thickness = [Thickness::Extinction, Thickness::OpacityOver(0.7)][r.below(2)];
+    let place = DAffine3::from_translation(r.in_cube())
+        * DAffine3::from_axis_angle(r.on_sphere(), 6.0 * r.next())
+        * DAffine3::from_scale(DVec3::new(1.0, 0.5 + r.next(), -0.8));
+    Volume::new(VolumeDescription {
+        density: Arc::new(grid),
+        color: None,
+        transfer: Transfer::new(&[node(0.0, [0.0; 3]), node(1.0, glow)], thickness).unwrap(),
+        world_from_cube: place,
+        step: Some(0.2),
+    })
+    .unwrap()
+    .named("cloud")
 }

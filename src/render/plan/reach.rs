@@ -60,7 +60,13 @@ pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightReach> {
     scene
         .lights
         .iter()
-        .map(|light| of_light(light, &objects))
+        .map(|light| {
+            let reach = of_light(light, &objects);
+            if reach.casts {
+                return reach;
+            }
+            beam_of(light, &objects, scene).unwrap_or(reach)
+        })
         .collect()
 }
 
@@ -88,6 +94,28 @@ fn of_light(light: &Light, objects: &[Object]) -> LightReach {
         }
     }
     LightReach::none("nothing stands between it and what it lights")
+}
+
+/// Whether an object may throw its shadow into what a light lights of volumes and fog.
+fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightReach> {
+    if light.intensity == [0.0; 3] {
+        return None;
+    }
+    let filled = scene.volumes.iter().filter(|volume| !volume.is_clear());
+    for volume in filled.filter(|volume| light.lights(&volume.bounds())) {
+        let swept = light.swept(&volume.bounds());
+        if let Some(other) = objects.iter().find(|other| touch(&swept, &other.bounds)) {
+            let reason = format!("`{}` may hide it from volume `{}`", other.name, volume.name());
+            return Some(LightReach::some(reason));
+        }
+    }
+    // Fog is everywhere: also behind whatever the light gets to.
+    let hiding = objects.iter().find(|object| light.lights(&object.bounds));
+    let hiding = hiding.filter(|_| scene.has_fog())?;
+    Some(LightReach::some(format!(
+        "`{}` may hide it from fog",
+        hiding.name
+    )))
 }
 
 impl<'s> Object<'s> {

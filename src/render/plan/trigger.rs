@@ -163,6 +163,18 @@ pub const TRIGGERS: &[Trigger] = &[
             Background::Gradient { .. } => "the background is a gradient".into(),
         })
     }),
+    trigger(Effect::Volume, "a volume", |facts| {
+        let mut filled = facts.scene.volumes.iter().filter(|volume| !volume.is_clear());
+        let first = filled.next()?;
+        Some(match filled.count() {
+            0 => format!("volume `{}` is not empty", first.name()),
+            more => format!("volume `{}` is not empty, nor are {more} more", first.name()),
+        })
+    }),
+    trigger(Effect::Volume, "fog", |facts| {
+        let fog = facts.scene.fog.filter(|_| facts.scene.has_fog())?;
+        Some(format!("fog of extinction {}", fog.extinction()))
+    }),
 ];
 
 /// Why an effect is off that nothing calls for.
@@ -191,6 +203,7 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::Emission => "nothing shines by itself".into(),
         Effect::Ambient => "there is no ambient light".into(),
         Effect::Background => "the background is black".into(),
+        Effect::Volume => "there is no fog, and no volume with anything in it".into(),
     }
 }
 

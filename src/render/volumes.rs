@@ -1,0 +1,234 @@
+//! Rays through smoke, fire and fog: what these send to the viewer, and what they leave of all light on its way.
+//!
+//! A traced ray's stretch, from where it begins to what it hits, is marched before the hit is shaded: radiance goes to the
+//! film, and the path goes on with what is left of its weight. Samples are lit by every lamp (single scattering, evenly in
+//! all directions: the phase function is 1 / 4 pi) through shadow feelers, and by the ambient light from all around. All
+//! feelers, those of surfaces too, lose what lies on their way.
+//!
+//! Lane by lane and in f64: a march takes many samples a ray, and its packets are those of neighbours along the ray. Light
+//! that a volume sends through a body is not dimmed by that body.
+
+use std::f64::consts::PI;
+
+use super::ledger::Ledger;
+use super::outcome::{Outcome, timed};
+use super::queue::{Feelers, PathPacket};
+use super::surface::Surfaces;
+use super::tinted::through_sheets;
+use super::travel::TravelPacket;
+use super::{Frame, shade};
+use crate::accel::{RayOrder, RayPacket};
+use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::optics::MediaStack;
+use crate::scene::{Effect, Light, LightKind};
+use crate::shading::illuminate;
+use crate::volume::{March, PointLanes, Stretch};
+
+/// The phase function of matter that scatters evenly: the share of light that goes into a unit of solid angle.
+const PHASE: f32 = (0.25 / PI) as f32;
+
+/// The working memory of one thread for marches.
+pub(super) struct Marches<'f> {
+    /// Along traced rays.
+    seen: March<'f>,
+    /// Along feelers, while the other is on its way.
+    shadow: March<'f>,
+    /// From the samples of a march to one light at a time.
+    feelers: Box<Feelers>,
+}
+
+impl<'f> Marches<'f> {
+    pub(super) fn new(frame: &Frame<'f>) -> Marches<'f> {
+        let fog = frame.scene.fog.filter(|_| frame.scene.has_fog());
+        let march = || March::new(&frame.scene.volumes, fog).with_skip(frame.settings.skip_empty);
+        Marches {
+            seen: march(),
+            shadow: march(),
+            feelers: Feelers::new(frame.effects()),
+        }
+    }
+
+    /// Takes what lies on the way to the light from the radiance that the feelers of `packet` bring, each of which is as
+    /// long as `reach` says.
+    pub(super) fn dim(&mut self, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) {
+        dim(&mut self.shadow, packet, reach, radiance);
+    }
+}
+
+fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) {
+    for l in 0..LANES {
+        if (0..3).all(|channel| radiance[channel][l] == 0.0) {
+            continue;
+        }
+        let ray = packet.ray(l);
+        let left = march.transmittance(&Stretch {
+            origin: ray.origin.as_dvec3(),
+            direction: ray.direction.as_dvec3(),
+            t_near: 0.0,
+            t_far: f64::from(reach[l]),
+        });
+        for channel in 0..3 {
+            radiance[channel][l] *= left as f32;
+        }
+    }
+}
+
+impl Outcome<'_, '_> {
+    /// Adds what the rays of a packet see on their way to the film, and returns their weights at its end; `weight` is what
+    /// these would be in clear air.
+    pub(super) fn march(
+        &mut self,
+        packet: &RayPacket,
+        (path, travels): (&PathPacket, Option<TravelPacket>),
+        weight: &Lanes3<f32>,
+        order: RayOrder,
+    ) -> Lanes3<f32> {
+        let mut left = *weight;
+        let Some(marches) = &mut self.marches else {
+            return left;
+        };
+        let mut radiance = [[0.0; LANES]; 3];
+        for l in 0..LANES {
+            let is_dark = (0..3).all(|channel| path.weight[channel][l] == 0.0);
+            if packet.active[l] == 0 || is_dark {
+                continue;
+            }
+            let mut lamps = Lamps {
+                frame: self.frame,
+                shadow: &mut marches.shadow,
+                feelers: &mut marches.feelers,
+                sheets: self.sheets.as_deref_mut(),
+                ledger: &mut self.ledger,
+                media: travels.map_or(MediaStack::EMPTY, |travels| travels.media(l)),
+                order,
+            };
+            let ray = packet.ray(l);
+            let stretch = Stretch {
+                origin: ray.origin.as_dvec3(),
+                direction: ray.direction.as_dvec3(),
+                t_near: f64::from(ray.t_near),
+                t_far: f64::from(ray.t_far),
+            };
+            let marched = marches
+                .seen
+                .radiance(&stretch, Some(&mut |points| lamps.light(points)));
+            for channel in 0..3 {
+                radiance[channel][l] = path.weight[channel][l] * marched.radiance[channel] as f32;
+                left[channel][l] *= marched.transmittance as f32;
+            }
+        }
+        if radiance.as_flattened().iter().any(|&value| value != 0.0) {
+            self.film.add(&path.pixel, &radiance);
+        }
+        left
+    }
+}
+
+/// The light at the samples of a march.
+struct Lamps<'a, 'f, 's> {
+    frame: &'a Frame<'s>,
+    shadow: &'a mut March<'f>,
+    feelers: &'a mut Feelers,
+    sheets: Option<&'a mut Surfaces>,
+    ledger: &'a mut Ledger,
+    /// The bodies around the ray.
+    media: MediaStack,
+    order: RayOrder,
+}
+
+impl Lamps<'_, '_, '_> {
+    /// The radiance that matter of colour 1 sends to the viewer from `points`.
+    fn light(&mut self, points: &PointLanes) -> Lanes3<f64> {
+        let frame = self.frame;
+        let mut arriving = frame.ambient.map(|ambient| [f64::from(ambient); LANES]);
+        for (light, &casts) in frame.scene.lights.iter().zip(&frame.plan.casting) {
+            let (packet, feeler) = self.feelers.next();
+            if !feel(light, points, packet, &mut feeler.radiance) {
+                continue;
+            }
+            let radiance = self.answer(casts);
+            for channel in 0..3 {
+                for l in 0..LANES {
+                    arriving[channel][l] += f64::from(radiance[channel][l]);
+                }
+            }
+        }
+        arriving
+    }
+
+    /// What of the light arrives that the packet of feelers written last asks for.
+    fn answer(&mut self, casts: bool) -> Lanes3<f32> {
+        let reach = self.feelers.next().0.t_far;
+        if casts {
+            self.feelers.keep_medium(&self.media);
+            self.feelers.keep();
+            let (packets, feelers, media) = self.feelers.take_with_media();
+            match &mut self.sheets {
+                Some(sheets) => {
+                    through_sheets(
+                        self.frame,
+                        (&mut *packets, &mut *feelers, media),
+                        sheets,
+                        self.ledger,
+                        self.order,
+                    );
+                }
+                None => {
+                    let accel = self.frame.accel;
+                    self.ledger.shadow += timed(packets, |packets| accel.occluded(packets, self.order));
+                    shade::block(&packets[0], &mut feelers[0].radiance);
+                }
+            }
+        }
+        // The memory is still that of the packet that was answered.
+        let (packet, feeler) = self.feelers.next();
+        dim(self.shadow, packet, &reach, &mut feeler.radiance);
+        feeler.radiance
+    }
+}
+
+/// Makes the feelers from `points` to one light and what that sends to the viewer where they meet nothing. Returns whether
+/// there is any.
+fn feel(light: &Light, points: &PointLanes, packet: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
+    let arriving = illuminate(light, &points.points);
+    let mut any = 0;
+    for l in 0..LANES {
+        let is_asked = points.active >> l & 1 == 1;
+        let share = if is_asked {
+            PHASE * arriving.attenuation[l]
+        } else {
+            0.0
+        };
+        let mut largest = 0.0f32;
+        for channel in 0..3 {
+            radiance[channel][l] = light.intensity[channel] * share;
+            largest = largest.max(radiance[channel][l]);
+        }
+        packet.active[l] = -i32::from(largest > 0.0);
+        any |= packet.active[l];
+        for axis in 0..3 {
+            let origin = points.points[axis][l] as f32;
+            packet.origin[axis][l] = origin;
+            packet.direction[axis][l] = match light.kind {
+                LightKind::Directional { .. } => arriving.wi[axis][l],
+                LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
+                    (position[axis] - f64::from(origin)) as f32
+                }
+            };
+        }
+        packet.t_far[l] = match light.kind {
+            LightKind::Directional { .. } => f32::INFINITY,
+            // The light is at t = 1 exactly.
+            LightKind::Point { .. } | LightKind::Spot { .. } => 1.0,
+        };
+    }
+    any != 0
+}
+
+impl Frame<'_> {
+    /// Whether rays are marched.
+    #[inline(always)]
+    pub(super) fn marches(&self) -> bool {
+        self.effects().has(Effect::Volume)
+    }
+}

@@ -1,0 +1,129 @@
+//! What a scene does with its volumes and fog as with all that stands in it: boxes, normalisation, checks.
+
+use glam::DAffine3;
+
+use super::{Normalisation, Scene};
+use crate::numeric::{Bounds, Ray};
+use crate::volume::Volume;
+
+impl Scene {
+    /// Whether there is anything that fills space: a volume with something in it, or fog.
+    pub fn has_matter(&self) -> bool {
+        self.has_fog() || self.volumes.iter().any(|volume| !volume.is_clear())
+    }
+
+    /// Whether fog takes light away.
+    pub fn has_fog(&self) -> bool {
+        self.fog.is_some_and(|fog| fog.extinction() > 0.0)
+    }
+
+    /// The box around all volumes, in world space.
+    pub fn volume_bounds(&self) -> Bounds {
+        let bounds = self.volumes.iter().map(Volume::bounds);
+        bounds.fold(Bounds::EMPTY, Bounds::union)
+    }
+
+    /// Moves volumes and fog, so that the picture stays the same.
+    pub(super) fn move_volumes(&mut self, normalisation: &Normalisation) {
+        let scale = normalisation.scale;
+        for volume in &mut self.volumes {
+            let old = volume.world_from_cube();
+            let place = DAffine3 {
+                matrix3: old.matrix3 * scale,
+                translation: normalisation.point(old.translation),
+            };
+            // The factor is a power of two: a map that had an inverse keeps one.
+            match volume.rescaled(scale, place) {
+                Ok(moved) => *volume = moved,
+                Err(fault) => debug_assert!(false, "{fault}"),
+            }
+        }
+        self.fog = self.fog.map(|fog| fog.rescaled(scale));
+    }
+
+    /// What is wrong with the place of a volume, with the volume's number.
+    pub(super) fn check_volumes(&self) -> Result<(), (usize, String)> {
+        let is_near = |volume: &Volume| volume.bounds().magnitude() < f64::from(Ray::LIMIT);
+        match self.volumes.iter().position(|volume| !is_near(volume)) {
+            None => Ok(()),
+            Some(far) => Err((
+                far,
+                "leaves the range of coordinates: normalise the scene or make it smaller".into(),
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::volume::{
+        Fog, Grid, March, Samples, Stretch, Thickness, Transfer, TransferNode, VolumeDescription,
+    };
+
+    fn volume(thickness: Thickness) -> Volume {
+        let node = |value: f64, thickness: f64| TransferNode {
+            value,
+            thickness,
+            color: [0.5; 3],
+            emission: [0.25, 0.0, 0.0],
+        };
+        let grid = Grid::new([2, 1, 1], Samples::Floats(vec![0.25, 1.0])).unwrap();
+        Volume::new(VolumeDescription {
+            density: Arc::new(grid),
+            color: None,
+            transfer: Transfer::new(&[node(0.0, 0.0), node(1.0, 0.75)], thickness).unwrap(),
+            world_from_cube: DAffine3::from_translation(DVec3::new(1e6, 0.0, 0.0)),
+            step: Some(0.125),
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn normalisation_changes_nothing_that_a_ray_through_volumes_and_fog_sees() {
+        for thickness in [Thickness::Extinction, Thickness::OpacityOver(0.5)] {
+            let fog = Fog::new(0.125, [0.5; 3], [0.0, 0.25, 0.0], 0.25).unwrap();
+            let mut scene = Scene {
+                volumes: vec![volume(thickness)],
+                fog: Some(fog),
+                ..Scene::default()
+            };
+            let seen = |scene: &Scene, x: f64, scale: f64| {
+                let stretch = Stretch {
+                    origin: DVec3::new(x, 0.25 * scale, 0.5 * scale),
+                    direction: DVec3::X,
+                    t_near: 0.0,
+                    t_far: 6.0 * scale,
+                };
+                March::new(&scene.volumes, scene.fog).radiance(&stretch, None)
+            };
+            let before = seen(&scene, 1e6 - 3.0, 1.0);
+            scene.apply_normalisation(Normalisation {
+                center: DVec3::new(1e6, 0.0, 0.0),
+                scale: 16.0,
+            });
+            assert!(before.transmittance < 0.8);
+            // Powers of two: only the translation may round, and here it does not.
+            assert_eq!(before, seen(&scene, -48.0, 16.0));
+        }
+    }
+
+    #[test]
+    fn a_volume_out_of_range_is_refused_by_number() {
+        let far = DAffine3::from_translation(DVec3::new(1e30, 0.0, 0.0));
+        let volumes = vec![
+            volume(Thickness::Extinction),
+            volume(Thickness::Extinction).rescaled(1.0, far).unwrap(),
+        ];
+        let scene = Scene {
+            volumes,
+            ..Scene::default()
+        };
+        let fault = scene.validate().unwrap_err().to_string();
+        assert!(fault.starts_with("volume 1"), "{fault}");
+    }
+}

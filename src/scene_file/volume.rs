@@ -1,0 +1,399 @@
+//! Volumes and fog: `[[volume]]` and `[fog]`.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::DAffine3;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::fault::Fault;
+use super::placement::{Step, map_of};
+use super::value::{At, Color};
+use crate::volume::cloud::{Cloud, CloudShape};
+use crate::volume::read::{ByteOrder, Element, RawHeader, ReadVolume, read, read_raw};
+use crate::volume::{Fog, Grid, Thickness, Transfer, TransferNode, Volume, VolumeDescription, VolumeError};
+
+/// Matter in the cube [-1, 1]³: exactly one of `file`, `raw` and `cloud`, what its numbers mean, and where it stands.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct VolumeForm {
+    /// What messages call it.
+    pub(super) name: Option<At<String>>,
+    /// A .npy, .nrrd or .nhdr file, beside this one, with one number a sample (density) or four (red, green, blue,
+    /// density).
+    file: Option<At<String>>,
+    /// Whether the cube is first placed where an NRRD file says.
+    #[serde(default)]
+    file_placement: bool,
+    /// A file of raw numbers, beside this one, and what they are.
+    raw: Option<At<RawForm>>,
+    /// Procedural noise.
+    cloud: Option<At<CloudForm>>,
+    /// What is done to the cube, in the order written: the first first.
+    #[serde(default)]
+    transform: Vec<At<Step>>,
+    /// Length of a step of the march in metres; half the shortest edge of a voxel if absent.
+    step: Option<f64>,
+    /// What the numbers mean: nodes with rising values, between which everything is mixed.
+    transfer: At<Vec<NodeForm>>,
+    /// The length in metres that the nodes' `opacity` holds over; only with `opacity`.
+    opacity_over: Option<f64>,
+}
+
+/// What a number of a volume means.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct NodeForm {
+    /// The number.
+    value: f64,
+    /// Share of the light that is taken away on each metre, for thin matter: exp(-extinction) is left.
+    extinction: Option<f64>,
+    /// In its place the share of the light that is taken away on the length `opacity_over`, 0 to 1.
+    opacity: Option<f64>,
+    /// Share of the light taken away that is scattered.
+    #[serde(default = "white")]
+    #[schemars(extend("default" = 1.0))]
+    color: Color,
+    /// Radiance that each metre sends out.
+    #[serde(default = "black")]
+    #[schemars(extend("default" = 0.0))]
+    emission: Color,
+}
+
+/// A file of raw numbers, x fastest.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct RawForm {
+    /// Its path, beside this file.
+    file: String,
+    /// Samples along x, y and z.
+    size: [usize; 3],
+    /// The type of a number.
+    r#type: ElementForm,
+    /// Numbers a sample: 1 (density) or 4 (red, green, blue, density).
+    #[serde(default = "one")]
+    #[schemars(extend("default" = 1))]
+    channels: usize,
+    /// The order of a number's bytes.
+    #[serde(default)]
+    order: OrderForm,
+    /// Bytes before the first number.
+    #[serde(default)]
+    skip: u64,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum ElementForm {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F16,
+    F32,
+    F64,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum OrderForm {
+    #[default]
+    Little,
+    Big,
+}
+
+/// Fractal noise in a shape, with densities from 0 to 1.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct CloudForm {
+    /// What the noise roughens: the whole cube, a ball, or a column of smoke that rises along +y.
+    shape: CloudShapeForm,
+    /// Samples along x, y and z.
+    #[schemars(extend("default" = CLOUD_SIZE))]
+    size: Option<[usize; 3]>,
+    /// Cells of the coarsest noise along half the cube's side.
+    #[schemars(extend("default" = Cloud::SMOKE.frequency))]
+    frequency: Option<f64>,
+    /// Octaves of noise, 1 to 16.
+    #[schemars(extend("default" = Cloud::SMOKE.octaves))]
+    octaves: Option<u32>,
+    /// How much of the density is the noise's; 0 is the plain shape.
+    #[schemars(extend("default" = Cloud::SMOKE.roughness))]
+    roughness: Option<f64>,
+    /// Density at which the cloud begins, 0 to 1.
+    #[schemars(extend("default" = Cloud::SMOKE.threshold))]
+    threshold: Option<f64>,
+    /// Another number makes another cloud.
+    #[schemars(extend("default" = Cloud::SMOKE.seed))]
+    seed: Option<u32>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum CloudShapeForm {
+    Layer,
+    Puff,
+    Plume,
+}
+
+/// Fog that is the same everywhere.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FogForm {
+    /// Share of the light that is taken away on each metre, for thin fog: exp(-extinction) is left.
+    extinction: f64,
+    /// Share of the light taken away that is scattered.
+    #[serde(default = "white")]
+    #[schemars(extend("default" = 1.0))]
+    color: Color,
+    /// Radiance that each metre sends out.
+    #[serde(default = "black")]
+    #[schemars(extend("default" = 0.0))]
+    emission: Color,
+    /// Length of a step of the march in metres; a quarter of 1 / extinction if absent.
+    step: Option<f64>,
+}
+
+fn white() -> Color {
+    Color::WHITE
+}
+
+fn black() -> Color {
+    Color([0.0; 3])
+}
+
+fn one() -> usize {
+    1
+}
+
+/// Samples of a cloud a side where a file does not say it.
+const CLOUD_SIZE: [usize; 3] = [64; 3];
+/// Most octaves of noise, as of patterns.
+const MAX_OCTAVES: u32 = 16;
+/// Steps of fog to the length that leaves 1 / e of the light, where a file does not say it.
+const FOG_STEPS: f64 = 4.0;
+
+/// A volume of a file that has not been placed yet.
+#[derive(Clone, Debug)]
+pub(super) struct MadeVolume {
+    pub(super) name: Arc<str>,
+    pub(super) description: VolumeDescription,
+}
+
+impl MadeVolume {
+    /// Of its grids.
+    pub(super) fn bytes(&self) -> u64 {
+        let colors = self.description.color.iter().flat_map(|color| color.iter());
+        let bytes = self.description.density.memory() + colors.map(Grid::memory).sum::<usize>();
+        bytes as u64
+    }
+
+    /// The volume where `world` puts it.
+    pub(super) fn placed(&self, world: &DAffine3) -> Result<Volume, VolumeError> {
+        let description = VolumeDescription {
+            world_from_cube: *world * self.description.world_from_cube,
+            ..self.description.clone()
+        };
+        Ok(Volume::new(description)?.named(self.name.clone()))
+    }
+}
+
+impl VolumeForm {
+    /// The volume of number `number` in the file within `folder`, of at most `max_bytes`.
+    pub(super) fn volume(
+        form: &At<VolumeForm>,
+        number: usize,
+        folder: &Path,
+        max_bytes: u64,
+    ) -> Result<MadeVolume, Fault> {
+        let map = map_of(form.transform.iter().map(|step| &**step))
+            .map_err(|(step, sentence)| form.transform[step].fault(sentence))?;
+        let transfer = form
+            .transfer()
+            .map_err(|sentence| form.transfer.fault(sentence))?;
+        let read = VolumeForm::samples(form, folder, max_bytes)?;
+        let placed = match (form.file_placement, read.world_from_cube) {
+            (false, _) => DAffine3::IDENTITY,
+            (true, Some(map)) => map,
+            (true, None) => {
+                let sentence = "has no place in its file: take `file_placement` away and give a `transform`";
+                return Err(form.fault(sentence));
+            }
+        };
+        let (density, color) = channels(read.channels).map_err(|sentence| form.fault(sentence))?;
+        let name = form.name.as_ref();
+        Ok(MadeVolume {
+            name: name.map_or_else(|| format!("volume {}", number + 1).into(), |n| n.as_str().into()),
+            description: VolumeDescription {
+                density,
+                color,
+                transfer,
+                world_from_cube: map * placed,
+                step: form.step,
+            },
+        })
+    }
+
+    fn samples(form: &At<VolumeForm>, folder: &Path, max_bytes: u64) -> Result<ReadVolume, Fault> {
+        match (&form.file, &form.raw, &form.cloud) {
+            (Some(file), None, None) => {
+                read(&folder.join(&**file), max_bytes).map_err(|error| file.fault(error.to_string()))
+            }
+            (None, Some(raw), None) => read_raw(&folder.join(&raw.file), &raw.header(), max_bytes)
+                .map_err(|error| raw.fault(error.to_string())),
+            (None, None, Some(cloud)) => {
+                let grid = cloud.grid(max_bytes).map_err(|sentence| cloud.fault(sentence))?;
+                Ok(ReadVolume {
+                    channels: vec![grid],
+                    world_from_cube: None,
+                })
+            }
+            _ => Err(form.fault("is not one thing: give exactly one of `file`, `raw` and `cloud`")),
+        }
+    }
+
+    fn transfer(&self) -> Result<Transfer, String> {
+        let thickness = match self.opacity_over {
+            Some(length) => Thickness::OpacityOver(length),
+            None => Thickness::Extinction,
+        };
+        let mut nodes = Vec::with_capacity(self.transfer.len());
+        for (number, form) in self.transfer.iter().enumerate() {
+            let number = number + 1;
+            let amount = match (thickness, form.extinction, form.opacity) {
+                (Thickness::Extinction, Some(extinction), None) => extinction,
+                (Thickness::OpacityOver(_), None, Some(opacity)) => opacity,
+                (Thickness::Extinction, None, Some(_)) => {
+                    return Err(format!(
+                        "node {number} has an opacity over no length: add `opacity_over` to the volume"
+                    ));
+                }
+                (Thickness::Extinction, ..) => {
+                    return Err(format!("node {number} is not one thing: give `extinction`"));
+                }
+                (Thickness::OpacityOver(_), ..) => {
+                    return Err(format!(
+                        "node {number} is not one thing: give `opacity`, or take `opacity_over` away"
+                    ));
+                }
+            };
+            nodes.push(TransferNode {
+                value: form.value,
+                thickness: amount,
+                color: form.color.0.map(f64::from),
+                emission: form.emission.0.map(f64::from),
+            });
+        }
+        Transfer::new(&nodes, thickness).map_err(|fault| fault.to_string())
+    }
+}
+
+/// A volume's grids.
+type Grids = (Arc<Grid>, Option<Arc<[Grid; 3]>>);
+
+/// Density, and colours if there are any.
+fn channels(mut grids: Vec<Grid>) -> Result<Grids, String> {
+    let count = grids.len();
+    let density = grids.pop();
+    match (density, <[Grid; 3]>::try_from(grids)) {
+        (Some(density), Err(others)) if others.is_empty() => Ok((Arc::new(density), None)),
+        (Some(density), Ok(colors)) => Ok((Arc::new(density), Some(Arc::new(colors)))),
+        _ => Err(format!(
+            "has {count} numbers a sample: give 1 (density) or 4 (red, green, blue, density)"
+        )),
+    }
+}
+
+impl RawForm {
+    fn header(&self) -> RawHeader {
+        let element = match self.r#type {
+            ElementForm::U8 => Element::U8,
+            ElementForm::I8 => Element::I8,
+            ElementForm::U16 => Element::U16,
+            ElementForm::I16 => Element::I16,
+            ElementForm::U32 => Element::U32,
+            ElementForm::I32 => Element::I32,
+            ElementForm::U64 => Element::U64,
+            ElementForm::I64 => Element::I64,
+            ElementForm::F16 => Element::F16,
+            ElementForm::F32 => Element::F32,
+            ElementForm::F64 => Element::F64,
+        };
+        let order = match self.order {
+            OrderForm::Little => ByteOrder::Little,
+            OrderForm::Big => ByteOrder::Big,
+        };
+        RawHeader {
+            size: self.size,
+            channels: self.channels,
+            element,
+            order,
+            skip: self.skip,
+        }
+    }
+}
+
+impl CloudForm {
+    fn grid(&self, max_bytes: u64) -> Result<Grid, String> {
+        let size = self.size.unwrap_or(CLOUD_SIZE);
+        let bytes = size.iter().try_fold(size_of::<f32>() as u64, |bytes, &side| {
+            bytes.checked_mul(side as u64)
+        });
+        if bytes.is_none_or(|bytes| bytes > max_bytes) {
+            return Err(format!(
+                "its size is {size:?}, which takes more than the {max_bytes} bytes that are allowed: give fewer samples"
+            ));
+        }
+        let cloud = self.cloud();
+        if !(1..=MAX_OCTAVES).contains(&cloud.octaves) {
+            return Err(format!(
+                "its octaves are {}: give 1 to {MAX_OCTAVES}",
+                cloud.octaves
+            ));
+        }
+        let is_positive = cloud.frequency > 0.0 && cloud.frequency.is_finite();
+        let is_rough = cloud.roughness >= 0.0 && cloud.roughness.is_finite();
+        if !(is_positive && is_rough && (0.0..1.0).contains(&cloud.threshold)) {
+            return Err(
+                "its frequency is not positive, its roughness negative, or its threshold not from 0 to less than 1: \
+                 correct it"
+                    .into(),
+            );
+        }
+        cloud.bake(size).map_err(|fault| fault.to_string())
+    }
+
+    fn cloud(&self) -> Cloud {
+        let shape = match self.shape {
+            CloudShapeForm::Layer => CloudShape::Layer,
+            CloudShapeForm::Puff => CloudShape::Puff,
+            CloudShapeForm::Plume => CloudShape::Plume,
+        };
+        let usual = Cloud::SMOKE;
+        Cloud {
+            shape,
+            frequency: self.frequency.unwrap_or(usual.frequency),
+            octaves: self.octaves.unwrap_or(usual.octaves),
+            roughness: self.roughness.unwrap_or(usual.roughness),
+            threshold: self.threshold.unwrap_or(usual.threshold),
+            seed: self.seed.unwrap_or(usual.seed),
+        }
+    }
+}
+
+impl FogForm {
+    pub(super) fn fog(&self) -> Result<Fog, String> {
+        let usual = match self.extinction {
+            extinction if extinction > 0.0 => 1.0 / (FOG_STEPS * extinction),
+            _ => 1.0,
+        };
+        let [color, emission] = [self.color, self.emission].map(|color| color.0.map(f64::from));
+        let step = self.step.unwrap_or(usual);
+        Fog::new(self.extinction, color, emission, step).map_err(|fault| fault.to_string())
+    }
+}

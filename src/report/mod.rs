@@ -6,4 +6,5 @@ pub mod bench;
 pub mod extents;
 pub mod info;
 pub mod memory;
+pub mod prices;
 pub mod stats;

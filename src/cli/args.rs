@@ -31,6 +31,11 @@ pub(super) const DEFAULT_BENCH_SPP: u32 = 1;
 /// Most repetitions of a benchmark.
 const MAX_REPEAT: i64 = 1000;
 
+/// Seconds in which most scenes' prices are told to a few percent.
+const DEFAULT_BUDGET: f64 = 30.0;
+/// More than a day would be a mistake.
+const MAX_BUDGET: f64 = 86_400.0;
+
 static VERSION: LazyLock<String> = LazyLock::new(|| match embree_version() {
     Some(embree) => format!("{} (Embree {embree})", env!("CARGO_PKG_VERSION")),
     None => format!("{} (without Embree)", env!("CARGO_PKG_VERSION")),
@@ -204,8 +209,16 @@ pub(super) struct TracingArgs {
     pub(super) threads: u32,
 }
 
+const INFO_EXAMPLES: &str = "\
+Examples:
+  whit info scene.glb
+  whit info scene.toml --json
+  whit info scene.toml --prices
+  whit info scene.toml --prices --size 1920x1080 --spp 64 --budget 60";
+
 /// Flags of `whit info`.
 #[derive(Debug, ArgGroup)]
+#[command(after_help = INFO_EXAMPLES)]
 pub(super) struct InfoArgs {
     /// Scene file (.toml) or glTF scene (.glb, .gltf)
     #[arg(value_name = "SCENE")]
@@ -218,6 +231,42 @@ pub(super) struct InfoArgs {
     /// Print JSON
     #[arg(long)]
     pub(super) json: bool,
+
+    #[command(flatten)]
+    pub(super) prices: PriceArgs,
+}
+
+/// What is rendered for a list of prices.
+#[derive(Clone, Copy, Debug, ArgGroup)]
+pub(super) struct PriceArgs {
+    /// Measure what each effect and each step of depth costs in time, and what the picture lacks without it: renders some
+    /// tiles of it many times
+    #[arg(long)]
+    pub(super) prices: bool,
+
+    /// Size of the picture that is sampled
+    #[arg(long, requires = "prices", value_name = "WxH", help = or_scene("Size in pixels of the picture that is sampled", DEFAULT_SIZE))]
+    pub(super) size: Option<ImageSize>,
+
+    /// Its samples a pixel
+    #[arg(long, requires = "prices", value_name = "N", help = or_scene("Its samples a pixel", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    pub(super) spp: Option<u32>,
+
+    /// Its generations of reflected and refracted rays
+    #[arg(long, requires = "prices", value_name = "N", help = or_scene("Its generations of reflected and refracted rays", DEFAULT_DEPTH), value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
+    pub(super) depth: Option<u32>,
+
+    /// Seconds that measuring may take, about; fewer tiles and runs keep within it, down to 8 tiles and 5 runs
+    #[arg(long, requires = "prices", value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = budget)]
+    pub(super) budget: f64,
+
+    /// What finds the hits [default: embree if built in, else bsp]
+    #[arg(long, requires = "prices")]
+    pub(super) backend: Option<Backend>,
+
+    /// Threads; 0 takes one a processor
+    #[arg(long, requires = "prices", value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
+    pub(super) threads: u32,
 }
 
 const BENCH_HELP: &str = "\
@@ -346,6 +395,13 @@ fn exposure(text: &str) -> Result<f32, String> {
         .ok()
         .filter(|ev: &f32| ev.abs() <= MAX_EXPOSURE)
         .ok_or_else(|| format!("give stops from -{MAX_EXPOSURE} to {MAX_EXPOSURE}"))
+}
+
+fn budget(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|seconds| (0.0..=MAX_BUDGET).contains(seconds))
+        .ok_or_else(|| format!("give seconds from 0 to {MAX_BUDGET}"))
 }
 
 fn filter_radius(text: &str) -> Result<f64, String> {

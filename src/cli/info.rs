@@ -4,14 +4,21 @@ use crate::report::info::SceneInfo;
 
 use super::args::InfoArgs;
 use super::failure::Failure;
+use super::prices::PriceJob;
 use super::{output, scene};
 
 /// Prints what the scene holds.
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let loaded = scene::load(&args.scene)?;
+    let prices = if args.prices.prices {
+        Some(PriceJob::new(args, &loaded.output)?.run(&loaded)?)
+    } else {
+        None
+    };
     let info = SceneInfo {
         groups: loaded.group_count,
         included_files: loaded.include_count + loaded.gltf_count,
+        prices,
         ..SceneInfo::of(&loaded.scene, &args.scene, &args.effects.unwrap_or_default())
     };
     if !args.json {

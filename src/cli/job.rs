@@ -181,6 +181,16 @@ impl Tracing {
         }
     }
 
+    /// The usual ways, on `threads` threads; 0 takes one a processor.
+    pub(super) fn of_threads(threads: u32) -> Tracing {
+        Tracing::new(&TracingArgs {
+            precision: Precision::default(),
+            instancing: Instancing::default(),
+            isa: None,
+            threads,
+        })
+    }
+
     /// The threads that everything runs on.
     pub(super) fn pool(&self) -> Result<rayon::ThreadPool, Failure> {
         rayon::ThreadPoolBuilder::new()

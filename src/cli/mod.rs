@@ -11,6 +11,7 @@ mod info;
 mod interrupt;
 mod job;
 mod output;
+mod prices;
 mod progress;
 mod render;
 mod replay;

@@ -1,10 +1,11 @@
 //! Images: linear radiance in memory, PNG and EXR on disk; and reading those that become textures.
 //!
 //! Everything up to here is linear RGB radiance; exposure and the sRGB curve happen only on the way into a PNG
-//! ([`ToneMap`]). Files appear whole or not at all: they are written beside their place and renamed into it.
+//! ([`ToneMap`]); [`metrics`] tell how far two pictures lie apart. Files appear whole or not at all: they are written beside their place and renamed into it.
 
 mod atomic;
 mod exr;
+pub mod metrics;
 mod png;
 mod read;
 mod tone;

@@ -80,7 +80,7 @@ impl PixelFilter {
     }
 
     /// How many pixels to each side of its own a sample may count for.
-    fn reach(&self) -> usize {
+    pub(super) fn reach(&self) -> usize {
         // A sample lies up to half a pixel from its pixel's middle; those exactly `radius` away do not count.
         (self.radius.clamp(0.5, PixelFilter::MAX_RADIUS) - 0.5).ceil() as usize
     }

@@ -15,6 +15,7 @@ mod outcome;
 pub mod plan;
 mod queue;
 mod record;
+mod sample;
 mod sampler;
 mod samples;
 mod shade;
@@ -38,6 +39,7 @@ pub use filter::PixelFilter;
 pub use ledger::{Ledger, Loss, RayTally};
 pub use plan::Plan;
 pub use record::{RecordedRays, record};
+pub use sample::{SampledTile, TileSample, render_sample, tile_count};
 pub use sampler::{Purpose, sample_2d};
 pub use samples::{SampleAovs, SampleCounts};
 

@@ -12,6 +12,7 @@ use crate::scene::{EffectOverrides, Geometry, LightKind, Material, Model, Projec
 use crate::shape::Shape;
 
 use super::memory::{self, MemoryForecast};
+use super::prices::PriceList;
 use super::volumes_info;
 pub use super::volumes_info::{FogInfo, VolumeInfo};
 
@@ -70,6 +71,9 @@ pub struct SceneInfo {
     pub effects: BTreeMap<&'static str, String>,
     /// The same in the plan's order, with whether it is.
     pub plan: Vec<Decision>,
+    /// What each effect costs; absent unless it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prices: Option<PriceList>,
     /// What was dropped or approximated while loading.
     pub warnings: Vec<String>,
 }
@@ -255,6 +259,7 @@ impl SceneInfo {
                 .map(|decision| (decision.effect.name(), decision.reason.clone()))
                 .collect(),
             plan,
+            prices: None,
             warnings: scene.warnings.clone(),
         }
     }
@@ -421,7 +426,8 @@ impl fmt::Display for SceneInfo {
             format!("(p - {:?}) * {}", normalisation.center, normalisation.scale),
         )?;
         for decision in &self.plan {
-            line("effect", decision.to_string())?;
+            let note = self.prices.as_ref().map(|prices| prices.note(decision.effect));
+            line("effect", format!("{decision}{}", note.unwrap_or_default()))?;
         }
         let memory = &self.memory;
         line(
@@ -434,6 +440,9 @@ impl fmt::Display for SceneInfo {
                 words(memory.film_bytes)
             ),
         )?;
+        if let Some(prices) = &self.prices {
+            write!(f, "{prices}")?;
+        }
         let mut warnings = String::new();
         for warning in &self.warnings {
             writeln!(warnings, "{:<15}{warning}", "warning")?;

@@ -6,5 +6,6 @@ pub mod bench;
 pub mod extents;
 pub mod info;
 pub mod memory;
+pub mod prices;
 pub mod stats;
 mod volumes_info;

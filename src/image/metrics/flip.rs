@@ -1,0 +1,100 @@
+//! LDR-FLIP: the error that an observer sees who flips between two pictures on a screen.
+//!
+//! P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström and M. D. Fairchild, "FLIP: A Difference Evaluator
+//! for Alternating Images", Proceedings of the ACM on Computer Graphics and Interactive Techniques 3(2), 2020. Colours are
+//! blurred as by the eye and their distance taken; where edges or points appear or vanish, that distance counts for more.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::clipped;
+use super::flip_color::{Colors, hyab, luminance};
+use super::flip_filter::{ContrastFilter, FeatureDetector, Plane};
+use crate::image::LinearImage;
+
+/// Exponent of colour distances (section 4.1.3).
+const COLOR_EXPONENT: f64 = 0.7;
+/// Part of the largest colour distance up to which errors are stretched, and what it is stretched to.
+const STRETCH_END: f64 = 0.4;
+const STRETCHED: f64 = 0.95;
+/// Exponent of feature differences (section 4.2).
+const FEATURE_EXPONENT: f64 = 0.5;
+
+/// The error of each pixel, 0 to 1, of two pictures of one size whose linear radiance is shown times `gain`.
+pub(super) fn error_map(images: [&LinearImage; 2], gain: f64, pixels_per_degree: f64) -> Vec<f32> {
+    if images[0].pixels.is_empty() {
+        return Vec::new();
+    }
+    let colors = Colors::new();
+    let contrast = ContrastFilter::new(pixels_per_degree);
+    let detector = FeatureDetector::new(pixels_per_degree);
+    let [reference, test] = images.map(|image| Seen::new(image, gain, &colors, (&contrast, &detector)));
+    let largest = largest_distance(&colors);
+    let error = |index: usize| {
+        let distance = hyab(reference.colors[index], test.colors[index]).powf(COLOR_EXPONENT);
+        let color = stretched(distance, largest);
+        let change = |kind: usize| (reference.features[kind][index] - test.features[kind][index]).abs();
+        // Each of the two is a length of two components of up to one.
+        let feature = (change(0).max(change(1)) / std::f64::consts::SQRT_2).powf(FEATURE_EXPONENT);
+        color.powf(1.0 - feature) as f32
+    };
+    (0..reference.colors.len()).into_par_iter().map(error).collect()
+}
+
+/// A picture as the eye sees it.
+struct Seen {
+    /// Blurred and perceived.
+    colors: Vec<DVec3>,
+    /// Edges and points.
+    features: [Vec<f64>; 2],
+}
+
+impl Seen {
+    fn new(
+        image: &LinearImage,
+        gain: f64,
+        colors: &Colors,
+        (contrast, detector): (&ContrastFilter, &FeatureDetector),
+    ) -> Seen {
+        let opponent: Vec<DVec3> = image
+            .pixels
+            .par_iter()
+            .map(|pixel| {
+                let shown = pixel.map(|channel| clipped(gain * f64::from(channel)));
+                colors.opponent(DVec3::from(shown))
+            })
+            .collect();
+        let plane = |of: &(dyn Fn(&DVec3) -> f64 + Sync)| Plane {
+            width: image.width as usize,
+            values: opponent.par_iter().map(of).collect(),
+        };
+        let [y, cx, cz] = contrast.apply(&[plane(&|c| c.x), plane(&|c| c.y), plane(&|c| c.z)]);
+        let perceived = |index: usize| {
+            let blurred = DVec3::new(y.values[index], cx.values[index], cz.values[index]);
+            // A sharp filter of one channel and a blunt one of another may leave what a screen can show.
+            colors.perceived(colors.linear(blurred).clamp(DVec3::ZERO, DVec3::ONE))
+        };
+        Seen {
+            colors: (0..opponent.len()).into_par_iter().map(perceived).collect(),
+            features: detector.detect(&plane(&|c| luminance(c.x))),
+        }
+    }
+}
+
+/// The largest distance that two colours of a screen have: that of green from blue.
+fn largest_distance(colors: &Colors) -> f64 {
+    hyab(colors.perceived(DVec3::Y), colors.perceived(DVec3::Z)).powf(COLOR_EXPONENT)
+}
+
+/// A colour distance as a part of the largest, small ones stretched over most of the range.
+fn stretched(distance: f64, largest: f64) -> f64 {
+    let end = STRETCH_END * largest;
+    if distance < end {
+        STRETCHED / end * distance
+    } else {
+        STRETCHED + (distance - end) / (largest - end) * (1.0 - STRETCHED)
+    }
+}
+
+#[cfg(test)]
+mod tests;

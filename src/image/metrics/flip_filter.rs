@@ -1,0 +1,170 @@
+//! The filters of FLIP: what the eye resolves at a distance, and detectors of edges and points.
+//!
+//! Andersson et al. 2020, sections 4.1.1 (contrast sensitivity) and 4.2 (features). All are Gaussians and their
+//! derivatives, or sums of them, and so are products of one filter across and one down. Beyond its edges a picture goes on
+//! with the pixels there.
+
+use std::f64::consts::PI;
+
+use rayon::prelude::*;
+
+/// One channel of a picture, row by row.
+pub(super) struct Plane {
+    pub(super) width: usize,
+    pub(super) values: Vec<f64>,
+}
+
+/// Weights of `2 radius + 1` neighbouring pixels.
+pub(super) struct Kernel(Vec<f64>);
+
+impl Kernel {
+    fn new(radius: i32, weight: impl Fn(f64) -> f64) -> Kernel {
+        Kernel((-radius..=radius).map(|x| weight(f64::from(x))).collect())
+    }
+
+    /// The same, so that its weights sum to one.
+    fn normalised(mut self) -> Kernel {
+        let sum: f64 = self.0.iter().sum();
+        self.0.iter_mut().for_each(|weight| *weight /= sum);
+        self
+    }
+
+    /// The same, so that its positive weights sum to one and its negative ones to minus one.
+    fn balanced(mut self) -> Kernel {
+        let sum_of = |sign: f64| self.0.iter().map(|w| (sign * w).max(0.0)).sum::<f64>();
+        let (above, below) = (sum_of(1.0), sum_of(-1.0));
+        for weight in &mut self.0 {
+            *weight /= if *weight > 0.0 { above } else { below };
+        }
+        self
+    }
+}
+
+impl Plane {
+    /// Filtered by the product of `across` and `down`.
+    pub(super) fn filtered(&self, across: &Kernel, down: &Kernel) -> Plane {
+        self.filtered_across(across).filtered_down(down)
+    }
+
+    fn filtered_across(&self, kernel: &Kernel) -> Plane {
+        let radius = kernel.0.len() / 2;
+        let filter_row = |row: &[f64]| -> Vec<f64> {
+            let first = std::iter::repeat_n(row[0], radius);
+            let last = std::iter::repeat_n(row[row.len() - 1], radius);
+            let padded: Vec<f64> = first.chain(row.iter().copied()).chain(last).collect();
+            let weigh = |around: &[f64]| around.iter().zip(&kernel.0).map(|(v, w)| v * w).sum();
+            padded.windows(kernel.0.len()).map(weigh).collect()
+        };
+        Plane {
+            width: self.width,
+            values: self
+                .values
+                .par_chunks(self.width)
+                .flat_map_iter(filter_row)
+                .collect(),
+        }
+    }
+
+    fn filtered_down(&self, kernel: &Kernel) -> Plane {
+        let (width, radius) = (self.width, kernel.0.len() / 2);
+        let last = self.values.len() / width - 1;
+        let mut values = vec![0.0; self.values.len()];
+        values.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+            for (k, weight) in kernel.0.iter().enumerate() {
+                let from = (y + k).saturating_sub(radius).min(last) * width;
+                for (sum, value) in row.iter_mut().zip(&self.values[from..from + width]) {
+                    *sum += weight * value;
+                }
+            }
+        });
+        Plane { width, values }
+    }
+}
+
+/// A Gaussian of a channel's contrast sensitivity: `a √(π/b) exp(-π² d² / b)` at a distance of d degrees.
+#[derive(Clone, Copy)]
+struct Sensitivity {
+    a: f64,
+    b: f64,
+}
+
+/// Lightness, red-green, blue-yellow (table 1); the last is of two Gaussians.
+const LIGHTNESS: Sensitivity = Sensitivity { a: 1.0, b: 0.0047 };
+const RED_GREEN: Sensitivity = Sensitivity { a: 1.0, b: 0.0053 };
+const BLUE_YELLOW: [Sensitivity; 2] = [
+    Sensitivity { a: 34.1, b: 0.04 },
+    Sensitivity { a: 13.5, b: 0.025 },
+];
+
+/// What the eye does to the channels of YCxCz.
+pub(super) struct ContrastFilter {
+    lightness: Kernel,
+    red_green: Kernel,
+    /// With their parts of the sum.
+    blue_yellow: [(Kernel, f64); 2],
+}
+
+impl ContrastFilter {
+    pub(super) fn new(pixels_per_degree: f64) -> ContrastFilter {
+        // Three standard deviations of the widest.
+        let widest = BLUE_YELLOW[0].b / (2.0 * PI * PI);
+        let radius = (3.0 * widest.sqrt() * pixels_per_degree).ceil() as i32;
+        let kernel =
+            |s: Sensitivity| Kernel::new(radius, |x| (-(PI * x / pixels_per_degree).powi(2) / s.b).exp());
+        // In two dimensions a Gaussian weighs the square of its sum along an axis.
+        let parts = BLUE_YELLOW.map(|s| s.a * (PI / s.b).sqrt() * kernel(s).0.iter().sum::<f64>().powi(2));
+        let sum: f64 = parts.iter().sum();
+        ContrastFilter {
+            lightness: kernel(LIGHTNESS).normalised(),
+            red_green: kernel(RED_GREEN).normalised(),
+            blue_yellow: [0, 1].map(|i| (kernel(BLUE_YELLOW[i]).normalised(), parts[i] / sum)),
+        }
+    }
+
+    pub(super) fn apply(&self, channels: &[Plane; 3]) -> [Plane; 3] {
+        let [y, cx, cz] = channels;
+        let [(wide, wide_part), (narrow, narrow_part)] = &self.blue_yellow;
+        let mut blue_yellow = cz.filtered(wide, wide);
+        let second = cz.filtered(narrow, narrow);
+        for (value, other) in blue_yellow.values.iter_mut().zip(second.values) {
+            *value = wide_part * *value + narrow_part * other;
+        }
+        [
+            y.filtered(&self.lightness, &self.lightness),
+            cx.filtered(&self.red_green, &self.red_green),
+            blue_yellow,
+        ]
+    }
+}
+
+/// Width of the features that the eye looks for, in degrees.
+const FEATURE_WIDTH: f64 = 0.082;
+
+/// How much of an edge and of a point there is at each pixel.
+pub(super) struct FeatureDetector {
+    smooth: Kernel,
+    edge: Kernel,
+    point: Kernel,
+}
+
+impl FeatureDetector {
+    pub(super) fn new(pixels_per_degree: f64) -> FeatureDetector {
+        let sd = 0.5 * FEATURE_WIDTH * pixels_per_degree;
+        let radius = (3.0 * sd).ceil() as i32;
+        let gaussian = |x: f64| (-0.5 * (x / sd).powi(2)).exp();
+        FeatureDetector {
+            smooth: Kernel::new(radius, gaussian).normalised(),
+            edge: Kernel::new(radius, |x| -x * gaussian(x)).balanced(),
+            point: Kernel::new(radius, |x| ((x / sd).powi(2) - 1.0) * gaussian(x)).balanced(),
+        }
+    }
+
+    /// Edges and points in a plane of luminance.
+    pub(super) fn detect(&self, luminance: &Plane) -> [Vec<f64>; 2] {
+        [&self.edge, &self.point].map(|derivative| {
+            let across = luminance.filtered(derivative, &self.smooth).values;
+            let down = luminance.filtered(&self.smooth, derivative).values;
+            across.iter().zip(down).map(|(a, d)| a.hypot(d)).collect()
+        })
+    }
+}

@@ -1,0 +1,313 @@
+//! How far two pictures of one size lie apart: in radiance, as displayed, and as an observer sees it.
+//!
+//! [`compare`] says it of whole pictures, with a map of where they differ; a [`Tally`] adds up parts of one picture. All
+//! sums are f64. *As displayed* means after exposure, clipping to black and white and the sRGB curve, not rounded to
+//! codes: 1/255 is the width of one.
+
+mod flip;
+mod flip_color;
+mod flip_filter;
+
+use serde::Serialize;
+
+use super::{LinearImage, ToneMap};
+
+/// Pixels that a degree of the visual field holds where nobody says it: a screen 0.7 m wide with 3840 pixels, seen from
+/// 0.7 m (Andersson et al. 2020, section 6).
+pub const PIXELS_PER_DEGREE: f64 = 67.0;
+
+/// Part of a channel's range from which on a pixel counts as changed: the width of an 8-bit code.
+pub const VISIBLE_STEP: f64 = 1.0 / 255.0;
+
+/// How a picture is looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Viewing {
+    /// How radiance becomes what a screen shows.
+    pub tone: ToneMap,
+    /// Pixels in a degree of the visual field; at least 1.
+    pub pixels_per_degree: f64,
+}
+
+impl Default for Viewing {
+    fn default() -> Viewing {
+        Viewing {
+            tone: ToneMap::default(),
+            pixels_per_degree: PIXELS_PER_DEGREE,
+        }
+    }
+}
+
+/// Differences of values, over all pixels and channels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Deviation {
+    /// Root of the mean square.
+    pub rmse: f64,
+    /// Mean absolute difference.
+    pub mae: f64,
+    /// Largest absolute difference.
+    pub max: f64,
+}
+
+/// How far a picture is from its reference. All is 0 for equal ones, but for the ratio [`Metrics::psnr`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Metrics {
+    /// Of linear radiance, before exposure; not a number where a pixel is none.
+    pub radiance: Deviation,
+    /// Of values as displayed, from 0 for black to 1 for white; what is no number is black.
+    pub displayed: Deviation,
+    /// Peak signal-to-noise ratio in decibels, as displayed, of a peak of 1; infinite for pictures displayed alike.
+    pub psnr: f64,
+    /// Part of the pixels that have a channel which differs by more than [`VISIBLE_STEP`] as displayed.
+    pub changed_share: f64,
+    /// Mean LDR-FLIP error, from 0 for equal to 1.
+    pub flip: f64,
+}
+
+/// Two pictures next to each other.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// In numbers, over the whole picture.
+    pub metrics: Metrics,
+    /// LDR-FLIP error of each pixel, 0 to 1, row by row, the top row first.
+    pub flip_map: Vec<f32>,
+}
+
+/// Why two pictures cannot be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CompareError {
+    /// There is no pixel for a pixel.
+    #[error("pictures of {}x{} and {}x{} pixels have no pixels in common: give two of one size", .reference[0], .reference[1], .test[0], .test[1])]
+    Sizes {
+        /// Width and height of the reference.
+        reference: [u32; 2],
+        /// Width and height of what is held against it.
+        test: [u32; 2],
+    },
+}
+
+/// Holds `test` against `reference`; which is which changes no number.
+pub fn compare(
+    reference: &LinearImage,
+    test: &LinearImage,
+    viewing: &Viewing,
+) -> Result<Comparison, CompareError> {
+    let mut tally = Tally::default();
+    let flip_map = tally.add(reference, test, viewing)?;
+    Ok(Comparison {
+        metrics: tally.metrics(),
+        flip_map,
+    })
+}
+
+/// Differences added up over several parts of a picture.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Tally {
+    pixel_count: usize,
+    changed_count: usize,
+    radiance: Sums,
+    displayed: Sums,
+    flip: f64,
+}
+
+impl Tally {
+    /// Adds a part; returns the FLIP error of its pixels, row by row.
+    ///
+    /// FLIP looks a sixth of a degree around each pixel; beyond a part's edge it sees the edge again.
+    pub fn add(
+        &mut self,
+        reference: &LinearImage,
+        test: &LinearImage,
+        viewing: &Viewing,
+    ) -> Result<Vec<f32>, CompareError> {
+        let size = |image: &LinearImage| [image.width, image.height];
+        if size(reference) != size(test) {
+            return Err(CompareError::Sizes {
+                reference: size(reference),
+                test: size(test),
+            });
+        }
+        let gain = f64::from(viewing.tone.exposure_ev).exp2();
+        for (a, b) in reference.pixels.iter().zip(&test.pixels) {
+            let mut changed = false;
+            for (&a, &b) in a.iter().zip(b) {
+                let [a, b] = [a, b].map(f64::from);
+                self.radiance.add(a - b);
+                let step = as_displayed(a * gain) - as_displayed(b * gain);
+                self.displayed.add(step);
+                changed |= step.abs() > VISIBLE_STEP;
+            }
+            self.changed_count += usize::from(changed);
+        }
+        let map = flip::error_map([reference, test], gain, viewing.pixels_per_degree);
+        self.flip += map.iter().copied().map(f64::from).sum::<f64>();
+        self.pixel_count += map.len();
+        Ok(map)
+    }
+
+    /// The metrics over everything added; those of equal pictures if nothing was.
+    pub fn metrics(&self) -> Metrics {
+        let count = self.pixel_count.max(1) as f64;
+        let displayed = self.displayed.deviation(3.0 * count);
+        Metrics {
+            radiance: self.radiance.deviation(3.0 * count),
+            displayed,
+            psnr: -20.0 * displayed.rmse.log10(),
+            changed_share: self.changed_count as f64 / count,
+            flip: self.flip / count,
+        }
+    }
+}
+
+/// Sums over differences.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    squares: f64,
+    absolute: f64,
+    max: f64,
+}
+
+impl Sums {
+    fn add(&mut self, difference: f64) {
+        let size = difference.abs();
+        self.squares += size * size;
+        self.absolute += size;
+        // What is no number stays: a comparison with it is never true.
+        if !(size <= self.max) && !self.max.is_nan() {
+            self.max = size;
+        }
+    }
+
+    fn deviation(&self, count: f64) -> Deviation {
+        Deviation {
+            rmse: (self.squares / count).sqrt(),
+            mae: self.absolute / count,
+            max: self.max,
+        }
+    }
+}
+
+/// The part of a linear channel that a screen can show: what is no number is black.
+fn clipped(radiance: f64) -> f64 {
+    // `f64::max` takes the other one of a NaN.
+    radiance.max(0.0).min(1.0)
+}
+
+/// The sRGB value of a radiance, 0 to 1 (IEC 61966-2-1).
+fn as_displayed(radiance: f64) -> f64 {
+    /// Where the curve's two pieces meet.
+    const LINEAR_END: f64 = 0.003_130_8;
+    let linear = clipped(radiance);
+    if linear <= LINEAR_END {
+        12.92 * linear
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gray(values: &[f32]) -> LinearImage {
+        LinearImage {
+            width: values.len() as u32,
+            height: 1,
+            pixels: values.iter().map(|&v| [v; 3]).collect(),
+        }
+    }
+
+    fn metrics(a: &LinearImage, b: &LinearImage) -> Metrics {
+        compare(a, b, &Viewing::default()).unwrap().metrics
+    }
+
+    #[test]
+    fn equal_pictures_differ_by_nothing() {
+        let image = gray(&[0.0, 0.25, 7.0, -1.0]);
+        let metrics = metrics(&image, &image);
+        assert_eq!(metrics.radiance, Deviation::default());
+        assert_eq!(metrics.displayed, Deviation::default());
+        assert_eq!(
+            (metrics.psnr, metrics.changed_share, metrics.flip),
+            (f64::INFINITY, 0.0, 0.0)
+        );
+    }
+
+    #[test]
+    fn differences_are_those_of_the_textbook() {
+        // Differences 0, 0, 0, 1 and their squares: means 1/4; root 1/2. Displayed alike, as 0 and 1 stay 0 and 1, but
+        // for a rounding of 1.055 - 0.055.
+        let metrics = metrics(&gray(&[0.0, 1.0, 1.0, 0.0]), &gray(&[0.0, 1.0, 1.0, 1.0]));
+        let Deviation { rmse, mae, max } = metrics.radiance;
+        assert_eq!((rmse, mae, max), (0.5, 0.25, 1.0));
+        let Deviation { rmse, mae, max } = metrics.displayed;
+        for (value, expected) in [(rmse, 0.5), (mae, 0.25), (max, 1.0)] {
+            assert!((value - expected).abs() <= f64::EPSILON, "{value}");
+        }
+        // 20 log10 2 = 6.0206 dB.
+        assert!((metrics.psnr - 6.0206).abs() < 1e-4, "{}", metrics.psnr);
+        assert_eq!(metrics.changed_share, 0.25);
+    }
+
+    #[test]
+    fn what_no_screen_shows_is_no_difference_on_it() {
+        let metrics = metrics(&gray(&[1.0, 0.0]), &gray(&[3.0, -2.0]));
+        assert_eq!(
+            metrics.radiance,
+            Deviation {
+                rmse: 2.0,
+                mae: 2.0,
+                max: 2.0
+            }
+        );
+        assert_eq!((metrics.displayed, metrics.flip), (Deviation::default(), 0.0));
+    }
+
+    #[test]
+    fn a_pixel_counts_as_changed_from_one_code_on() {
+        // The curve's linear piece: 12.92 times radiance.
+        let code = (VISIBLE_STEP / 12.92) as f32;
+        let share = |radiance| metrics(&gray(&[0.0, 0.0]), &gray(&[0.0, radiance])).changed_share;
+        assert_eq!((share(0.999 * code), share(1.001 * code)), (0.0, 0.5));
+    }
+
+    #[test]
+    fn exposure_makes_dark_differences_visible() {
+        let (a, b) = (gray(&[0.0]), gray(&[2e-4]));
+        let at = |exposure_ev| {
+            let viewing = Viewing {
+                tone: ToneMap { exposure_ev },
+                ..Viewing::default()
+            };
+            compare(&a, &b, &viewing).unwrap().metrics
+        };
+        assert_eq!((at(0.0).changed_share, at(1.0).changed_share), (0.0, 1.0));
+        assert_eq!(at(0.0).radiance, at(1.0).radiance);
+    }
+
+    #[test]
+    fn what_is_no_number_spoils_radiance_and_is_displayed_black() {
+        let metrics = metrics(&gray(&[f32::NAN, 0.5, 0.0]), &gray(&[0.0, 0.5, 0.25]));
+        assert!(metrics.radiance.rmse.is_nan() && metrics.radiance.max.is_nan());
+        // 1.055 · 0.25^(1/2.4) - 0.055 = 0.5371.
+        assert!((metrics.displayed.max - 0.5371).abs() < 1e-4);
+        assert!(metrics.flip.is_finite());
+    }
+
+    #[test]
+    fn parts_add_up_to_the_mean_over_their_pixels() {
+        let (a, b) = (gray(&[0.0, 0.0, 0.5]), gray(&[1.0, 0.0, 0.5]));
+        let mut tally = Tally::default();
+        tally.add(&a, &b, &Viewing::default()).unwrap();
+        let once = tally.metrics();
+        tally.add(&a, &a, &Viewing::default()).unwrap();
+        let twice = tally.metrics();
+        assert_eq!(twice.changed_share, once.changed_share / 2.0);
+        assert!((twice.flip - once.flip / 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn pictures_of_two_sizes_are_refused() {
+        let error = compare(&gray(&[0.0]), &gray(&[0.0, 1.0]), &Viewing::default()).unwrap_err();
+        assert!(error.to_string().contains("1x1 and 2x1"), "{error}");
+    }
+}

@@ -145,6 +145,7 @@ impl RenderJob {
             }),
             sample_aovs: self.aovs,
             effects: self.effects,
+            ledger: self.stats.is_some(),
             ..settings(&picture)?
         };
         if settings.adaptive.is_some() {

@@ -5,7 +5,8 @@
 //! equations reflect there and multiplies by its colour, each body on the way swallows its part. A feeler goes on as the
 //! same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
 
-use super::outcome::{Outcome, timed};
+use super::ledger::Account;
+use super::outcome::Outcome;
 use super::queue::{BATCH, Feeler};
 use super::surface::Surfaces;
 use super::texturing::Widths;
@@ -35,11 +36,16 @@ impl Outcome<'_, '_> {
         for (reach, packet) in reaches.iter_mut().zip(packets.iter()) {
             *reach = packet.t_far;
         }
+        let mut account = Account::Shadow;
         for _ in 0..MOST_SHEETS {
             if !packets.iter().any(RayPacket::any_active) {
                 break;
             }
-            self.ledger.shadow += timed(packets, |packets| frame.accel.intersect(packets, order));
+            let traced = self
+                .meter
+                .trace(packets, |packets| frame.accel.intersect(packets, order));
+            self.meter.ledger.book(account, traced);
+            account = Account::TransparentShadow;
             for (index, packet) in packets.iter_mut().enumerate() {
                 if packet.any_active() {
                     let way = Way {
@@ -50,6 +56,7 @@ impl Outcome<'_, '_> {
                     way.pass_next(frame, packet, &mut feelers[index], sheets);
                 }
             }
+            self.meter.lap(account);
         }
         for (packet, feeler) in packets.iter_mut().zip(feelers) {
             // Whoever is still on the way counts as blocked.
@@ -63,6 +70,7 @@ impl Outcome<'_, '_> {
             shade::block(packet, &mut feeler.radiance);
             self.film.add(&feeler.pixel, &feeler.radiance);
         }
+        self.meter.lap(Account::Film);
     }
 }
 

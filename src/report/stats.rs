@@ -7,8 +7,8 @@ use serde::Serialize;
 
 use crate::accel::{Backend, EmbreeIdentity, Precision};
 use crate::render::plan::Decision;
-use crate::render::{Ledger, Loss, Plan, RayTally, SampleCounts};
-use crate::scene::{Effect, Geometry, Scene};
+use crate::render::{Account, Ledger, Loss, Plan, SampleCounts, Tally};
+use crate::scene::{Geometry, Scene};
 
 /// Everything worth knowing about one rendered image.
 #[derive(Clone, Debug, Serialize)]
@@ -183,10 +183,10 @@ impl RayCounts {
     /// The counts of a ledger.
     pub fn of(ledger: &Ledger) -> RayCounts {
         RayCounts {
-            camera: ledger.camera.rays,
-            shadow: ledger.shadow.rays,
-            reflection: ledger.reflection.rays,
-            refraction: ledger.refraction.rays,
+            camera: ledger.camera_rays(),
+            shadow: ledger.shadow_rays(),
+            reflection: ledger.reflection_rays(),
+            refraction: ledger.refraction_rays(),
         }
     }
 }
@@ -194,9 +194,9 @@ impl RayCounts {
 /// What an effect cost and why it was simulated.
 #[derive(Clone, Debug, Serialize)]
 pub struct EffectStats {
-    /// Rays traced for it.
+    /// Rays traced for it; 0 where it has no account of its own.
     pub rays: u64,
-    /// Seconds within the backend for them, summed over threads.
+    /// Seconds that it took, summed over threads; 0 where it has no account of its own.
     pub seconds: f64,
     /// Whether it was simulated.
     pub on: bool,
@@ -206,12 +206,7 @@ pub struct EffectStats {
 
 /// The effects of a frame by name.
 pub fn effect_stats(plan: &Plan, ledger: &Ledger) -> BTreeMap<&'static str, EffectStats> {
-    let tally = |effect| match effect {
-        Effect::Shadow => ledger.shadow,
-        Effect::Reflection => ledger.reflection,
-        Effect::Refraction => ledger.refraction,
-        _ => RayTally::default(),
-    };
+    let tally = |effect| Account::of(effect).map_or(Tally::default(), |account| ledger.of(account));
     let entry = |decision: &Decision| EffectStats {
         rays: tally(decision.effect).rays,
         seconds: tally(decision.effect).seconds,

@@ -7,3 +7,4 @@ pub mod extents;
 pub mod info;
 pub mod memory;
 pub mod stats;
+pub mod table;

@@ -119,6 +119,21 @@ fn of_several_scenes_those_that_can_be_are_rendered() {
 }
 
 #[test]
+fn a_dash_for_the_statistics_prints_a_table_behind_the_images_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.png");
+    let flags = ["--size", "32x16", "--spp", "1", "--stats", "-"];
+    let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let lines: Vec<&str> = run.stdout.lines().collect();
+    assert!(lines[0].contains("a.png: 32x16"), "{}", run.stdout);
+    let camera = lines.iter().find(|line| line.starts_with("camera ")).unwrap();
+    assert_eq!(camera.split_whitespace().nth(1), Some("512"), "{camera}");
+    assert!(run.stdout.contains("readings of the clock"), "{}", run.stdout);
+    assert!(!Path::new("-").exists());
+}
+
+#[test]
 fn statistics_have_every_key_that_scripts_rely_on() {
     let folder = tempfile::tempdir().unwrap();
     let (out, stats) = (folder.path().join("a.png"), folder.path().join("a.json"));
@@ -160,6 +175,23 @@ fn statistics_have_every_key_that_scripts_rely_on() {
             stats["effects"][effect]["reason"].is_string(),
             "effects.{effect} in {stats}"
         );
+    }
+    let ledger = &stats["ledger"];
+    let rays: u64 = ledger["accounts"]
+        .as_object()
+        .unwrap()
+        .values()
+        .map(|account| account["rays"].as_u64().unwrap())
+        .sum();
+    let sorts = ["camera", "shadow", "reflection", "refraction"];
+    let sum: u64 = sorts
+        .iter()
+        .map(|sort| stats["rays"][sort].as_u64().unwrap())
+        .sum();
+    assert_eq!(rays, sum + ledger["accounts"]["other"]["rays"].as_u64().unwrap());
+    assert!(ledger["clock_reads"].as_u64().unwrap() > 0, "{ledger}");
+    for key in ["thread_seconds", "clock_read_seconds", "seconds_of_measuring"] {
+        assert!(ledger[key].as_f64().unwrap() > 0.0, "ledger.{key} in {stats}");
     }
     assert_eq!(stats["version"], env!("CARGO_PKG_VERSION"));
     assert_eq!(

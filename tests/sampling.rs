@@ -131,7 +131,7 @@ fn every_pixel_gets_the_least_number_of_samples_and_none_more_than_the_most() {
         );
         let total: f64 = counts.iter().copied().map(f64::from).sum();
         assert_eq!(rendering.samples.total as f64, total);
-        assert_eq!(rendering.ledger.camera.rays, rendering.samples.total);
+        assert_eq!(rendering.ledger.camera_rays(), rendering.samples.total);
         assert_eq!(rendering.samples.max, spp);
         let mean = total / counts.len() as f64;
         assert!((rendering.samples.mean - mean).abs() < 1e-9 && mean > 16.0 && mean < f64::from(spp));

@@ -300,17 +300,17 @@ fn samples_of_volumes_send_shadow_rays_and_a_ball_cuts_its_shadow_out_of_the_bea
     beam.lights = vec![sun(DVec3::X)];
     let lit = rendered(&beam, Backend::Bsp, &small_picture());
     // Nothing can hide the light.
-    assert_eq!(lit.ledger.shadow.rays, 0);
+    assert_eq!(lit.ledger.shadow_rays(), 0);
     let open = red(&beam);
     assert!(open > 0.0);
     let place = DAffine3::from_translation(DVec3::new(5.0, 0.0, 0.0));
     add(&mut beam, Shape::Sphere(Sphere::UNIT), Material::default(), place);
     let cut = rendered(&beam, Backend::Bsp, &small_picture());
-    let camera_rays = cut.ledger.camera.rays;
+    let camera_rays = cut.ledger.camera_rays();
     assert!(
-        cut.ledger.shadow.rays >= 10 * camera_rays,
+        cut.ledger.shadow_rays() >= 10 * camera_rays,
         "{:?}",
-        cut.ledger.shadow
+        cut.ledger.shadow_rays()
     );
     // The ball is as wide as the slab is deep: all of the ray lies in its shadow but for the edge.
     assert!(red(&beam) < 0.05 * open, "{open}");

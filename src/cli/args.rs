@@ -128,8 +128,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
     pub(super) effects: Option<EffectOverrides>,
 
-    /// Write rays, seconds and memory as JSON; with several scenes a list
-    #[arg(long, value_name = "FILE")]
+    /// Write rays, seconds and memory as JSON; with several scenes a list. `-` prints a table of rays and seconds by effect
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub(super) stats: Option<PathBuf>,
 
     /// Say nothing but errors

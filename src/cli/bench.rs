@@ -305,7 +305,11 @@ impl Frame<'_> {
             progress: &|_| {},
             cancel: &interrupt::CANCELLED,
         };
-        render::render(self.scene, self.camera, self.accel, &self.settings, &monitor)
+        let settings = RenderSettings {
+            ledger: true,
+            ..self.settings
+        };
+        render::render(self.scene, self.camera, self.accel, &settings, &monitor)
             .map(|rendering| rendering.ledger)
             .ok_or(Failure::Interrupted)
     }
@@ -359,9 +363,9 @@ impl Times {
             .zip(&self.replays)
             .map(|(set, of_set)| {
                 let rays = match set.kind {
-                    RayKind::Camera => ledger.camera.rays,
-                    RayKind::Shadow => ledger.shadow.rays,
-                    RayKind::Reflection => ledger.reflection.rays,
+                    RayKind::Camera => ledger.camera_rays(),
+                    RayKind::Shadow => ledger.shadow_rays(),
+                    RayKind::Reflection => ledger.reflection_rays(),
                     RayKind::Random => 0,
                 };
                 rays as f64 * Spread::of(&of_set[raw]).median / set.ray_count as f64
@@ -372,7 +376,7 @@ impl Times {
         let seconds = median(|ledger| ledger.seconds);
         Some(FrameTime {
             seconds,
-            rays: ledger.camera.rays + ledger.shadow.rays + ledger.reflection.rays,
+            rays: ledger.camera_rays() + ledger.shadow_rays() + ledger.reflection_rays(),
             over_raw: seconds / raw_seconds,
             trace_share: median(|ledger| ledger.trace_seconds() / ledger.seconds),
         })

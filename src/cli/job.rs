@@ -32,7 +32,7 @@ pub(super) struct RenderJob {
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
     pub(super) ambient: Option<[f32; 3]>,
-    pub(super) stats: Option<PathBuf>,
+    pub(super) stats: Option<StatsTo>,
     pub(super) verbosity: Verbosity,
 }
 
@@ -42,6 +42,33 @@ pub(super) struct Target {
     pub(super) scene: PathBuf,
     pub(super) image: PathBuf,
     pub(super) format: ImageFormat,
+}
+
+/// Where statistics go.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum StatsTo {
+    /// As JSON.
+    File(PathBuf),
+    /// As a table on standard output.
+    Screen,
+}
+
+impl StatsTo {
+    /// What the command line says: a dash is standard output.
+    fn of(path: &Path) -> StatsTo {
+        if path == Path::new("-") {
+            StatsTo::Screen
+        } else {
+            StatsTo::File(path.to_owned())
+        }
+    }
+
+    fn file(&self) -> Option<&Path> {
+        match self {
+            StatsTo::File(path) => Some(path),
+            StatsTo::Screen => None,
+        }
+    }
 }
 
 /// How hits are found, whatever finds them.
@@ -72,6 +99,7 @@ impl RenderJob {
             )));
         }
         let targets = targets(args)?;
+        let stats = args.stats.as_deref().map(StatsTo::of);
         let aovs = args.sampling.aov.contains(&Aov::Samples);
         if aovs && targets.iter().any(|target| target.format != ImageFormat::Exr) {
             return Err(Failure::Input(
@@ -81,7 +109,7 @@ impl RenderJob {
         for path in targets
             .iter()
             .map(|t| t.image.as_path())
-            .chain(args.stats.as_deref())
+            .chain(stats.as_ref().and_then(StatsTo::file))
         {
             check_writable(path)?;
         }
@@ -102,7 +130,7 @@ impl RenderJob {
             tracing: Tracing::new(&args.tracing),
             camera: args.camera.clone(),
             ambient: args.ambient.map(|a| a.0),
-            stats: args.stats.clone(),
+            stats,
             verbosity: if args.quiet {
                 Verbosity::Quiet
             } else {
@@ -145,6 +173,7 @@ impl RenderJob {
             }),
             sample_aovs: self.aovs,
             effects: self.effects,
+            ledger: self.stats.is_some(),
             ..settings(&picture)?
         };
         if settings.adaptive.is_some() {

@@ -250,7 +250,7 @@ impl Variant {
 
     fn traced_rays(&self) -> u64 {
         let ledger = &self.sample.ledger;
-        ledger.reflection.rays + ledger.refraction.rays
+        ledger.reflection_rays() + ledger.refraction_rays()
     }
 
     /// Effects of the plan that are off with the one that was left out.

@@ -7,17 +7,18 @@ use crate::accel::extents::{ExtentKind, ListLimits, ProjectedAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::image::{self, ExtraChannel, ImageFormat, Note};
 use crate::render::{self, Monitor, RenderSettings, Rendering};
-use crate::report::memory;
 use crate::report::stats::{
-    AccelStats, CutoffStats, ImageStats, PhaseSeconds, RayCounts, RenderStats, SceneStats, effect_stats,
+    AccelStats, CutoffStats, ImageStats, LedgerStats, PhaseSeconds, RayCounts, RenderStats, SceneStats,
+    effect_stats,
 };
+use crate::report::{memory, table};
 use crate::scene::{Background, Camera, Scene};
 use crate::scene_file::SceneFile;
 
 use super::args::RenderArgs;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{RenderJob, Shot, Target, choose_camera, effective_precision};
+use super::job::{RenderJob, Shot, StatsTo, Target, choose_camera, effective_precision};
 use super::output;
 use super::progress::{Progress, Verbosity};
 use super::scene;
@@ -40,7 +41,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
                 let verdict = check_finite(&stats);
                 finished.push(stats);
                 // After each image, so that later trouble loses nothing.
-                write_stats(&job, &finished)?;
+                write_stats(&job, &finished, &progress)?;
                 verdict
             });
         match result {
@@ -239,10 +240,16 @@ fn check_finite(stats: &RenderStats) -> Result<(), Failure> {
     }
 }
 
-/// Writes the statistics of the finished images: one object for one scene, a list for several.
-fn write_stats(job: &RenderJob, finished: &[RenderStats]) -> Result<(), Failure> {
-    let Some(path) = &job.stats else {
-        return Ok(());
+/// Tells the statistics of the finished images: in a file one object for one scene, a list for several; on standard output
+/// a table of the last.
+fn write_stats(job: &RenderJob, finished: &[RenderStats], progress: &Progress) -> Result<(), Failure> {
+    let path = match &job.stats {
+        None => return Ok(()),
+        Some(StatsTo::File(path)) => path,
+        Some(StatsTo::Screen) => {
+            let table = finished.last().map(table::ledger);
+            return progress.suspend(|| output::print(&table.unwrap_or_default()));
+        }
     };
     interrupt::finish_first(|| match finished {
         [one] if job.targets.len() == 1 => output::write_json(path, one),
@@ -280,6 +287,7 @@ fn stats(
         seconds: PhaseSeconds::default(),
         rays: RayCounts::of(&rendering.ledger),
         effects: effect_stats(&rendering.plan, &rendering.ledger),
+        ledger: LedgerStats::of(&rendering.ledger),
         accel: AccelStats {
             bytes: report.bytes,
             peak_bytes: report.peak_bytes,

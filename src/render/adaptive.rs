@@ -36,7 +36,8 @@ use rayon::prelude::*;
 use super::estimate::Estimate;
 use super::film::{TILE, Tile, tiles};
 use super::forecast::Forecast;
-use super::ledger::Ledger;
+use super::ledger::{Account, Ledger};
+use super::meter::Meter;
 use super::wave::{Visit, Wave};
 use super::{Frame, Monitor, RUN};
 use crate::numeric::LANES;
@@ -119,12 +120,15 @@ pub(super) fn render(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
     let tiles = tiles(width, height);
     let mut picture = Picture::new(frame, target);
     let mut ledger = Ledger::default();
+    let mut meter = Meter::new(frame.settings.ledger);
     let mut first_count = None;
     loop {
         picture.decide();
         let round = picture.visits(&tiles);
+        meter.lap_all_threads(Account::Sampling);
         let wanted_count: usize = round.iter().map(|(_, visits)| visits.len()).sum();
         if wanted_count == 0 {
+            ledger += meter.ledger;
             return Some((picture.estimates, ledger));
         }
         // The first round is taken for half of the work; the second half is done as pixels have enough.
@@ -137,10 +141,13 @@ pub(super) fn render(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
             };
             (monitor.progress)(part);
         };
-        for (tile, visits, estimates, tile_ledger) in render_round(frame, round, monitor, &progress)? {
+        let visited = render_round(frame, round, monitor, &progress)?;
+        meter.skip();
+        for (tile, visits, estimates, tile_ledger) in visited {
             ledger += tile_ledger;
             picture.merge(tile, &visits, &estimates);
         }
+        meter.lap(Account::Sampling);
         picture.look();
     }
 }

@@ -11,6 +11,7 @@ mod forecast;
 mod gather;
 mod ledger;
 mod losses;
+mod meter;
 mod outcome;
 pub mod plan;
 mod queue;
@@ -36,7 +37,7 @@ use rayon::prelude::*;
 
 pub use adaptive::Adaptive;
 pub use filter::PixelFilter;
-pub use ledger::{Ledger, Loss, RayTally};
+pub use ledger::{Account, Ledger, Loss, Tally};
 pub use plan::Plan;
 pub use record::{RecordedRays, record};
 pub use sample::{SampledTile, TileSample, render_sample, tile_count};
@@ -56,6 +57,7 @@ use crate::volume::SkipEmpty;
 use adaptive::ROUND;
 use estimate::Estimate;
 use film::Tile;
+use meter::Meter;
 use outcome::Traced;
 use sampler::{Layout, PacketShape, SampleGroup};
 use surface::{SurfaceScene, Surfaces};
@@ -98,6 +100,9 @@ pub struct RenderSettings {
     pub skip_empty: SkipEmpty,
     /// Effects that are wanted other than the scene calls for.
     pub effects: EffectOverrides,
+    /// Whether [`Rendering::ledger`] is to tell where the time went. Off, no clock is read but at both ends of the render,
+    /// and rays are counted all the same. It changes no bit of the picture.
+    pub ledger: bool,
 }
 
 impl Default for RenderSettings {
@@ -115,6 +120,7 @@ impl Default for RenderSettings {
             weight_cutoff: 1.0 / 512.0,
             skip_empty: SkipEmpty::default(),
             effects: EffectOverrides::default(),
+            ledger: false,
         }
     }
 }
@@ -167,6 +173,8 @@ struct Frame<'s> {
     spectrum: SpectralSampler,
     /// The bodies around the camera.
     media_at_eye: MediaStack,
+    /// Rays that were asked to find them.
+    probe_count: u64,
     /// How wide a camera ray is.
     camera_cone: Cone,
 }
@@ -183,11 +191,19 @@ pub fn render(
 ) -> Option<Rendering> {
     let start = Instant::now();
     let frame = Frame::new(scene, camera, accel, settings);
+    let made_ready = settings.ledger.then(|| start.elapsed().as_secs_f64());
     let mut rendering = match settings.target() {
         Some(target) => render_adaptively(&frame, target, monitor)?,
         None => render_uniformly(&frame, monitor)?,
     };
-    rendering.ledger.seconds = start.elapsed().as_secs_f64();
+    let ledger = &mut rendering.ledger;
+    let setting_up = Tally {
+        rays: frame.probe_count,
+        seconds: made_ready.unwrap_or(0.0),
+        trace_seconds: 0.0,
+    };
+    ledger.book(Account::Other, setting_up);
+    ledger.settle(rayon::current_num_threads(), start.elapsed().as_secs_f64());
     Some(rendering)
 }
 
@@ -195,7 +211,8 @@ pub fn render(
 fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
     let settings = &frame.settings;
     let (width, height) = (settings.width, settings.height);
-    let (tiles, ledger) = render_tiles(frame, monitor)?;
+    let (tiles, mut ledger) = render_tiles(frame, monitor)?;
+    let mut meter = Meter::new(settings.ledger);
     let mut pixels = film::assemble(width, height, &tiles, |picture| &picture.means);
     if !settings.filter.is_box() {
         filter::assemble(width, &mut pixels, &tiles);
@@ -205,8 +222,11 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
             &picture.estimates
         }))
     };
+    let aovs = settings.sample_aovs.then(aovs);
+    meter.lap_all_threads(Account::Film);
+    ledger += meter.ledger;
     Some(Rendering {
-        aovs: settings.sample_aovs.then(aovs),
+        aovs,
         image: LinearImage {
             width,
             height,
@@ -332,11 +352,12 @@ impl<'s> Frame<'s> {
             plan,
             spectrum: SpectralSampler::new(settings.wavelengths as usize),
             media_at_eye: MediaStack::EMPTY,
+            probe_count: 0,
             camera_cone: settings.camera_cone(&view, settings.spp),
         };
         frame.set_cones();
         frame.set_samples_aside();
-        frame.media_at_eye = frame.media_around(frame.view.ray(0.5, 0.5).origin);
+        (frame.media_at_eye, frame.probe_count) = frame.media_around(frame.view.ray(0.5, 0.5).origin);
         frame
     }
 
@@ -393,11 +414,11 @@ impl<'s> Frame<'s> {
     }
 
     /// The bodies around `p`, by the surfaces that a ray from there meets: a body that is left before it is entered is
-    /// one of them.
-    fn media_around(&self, p: DVec3) -> MediaStack {
-        let mut around = MediaStack::EMPTY;
+    /// one of them. With the number of rays asked.
+    fn media_around(&self, p: DVec3) -> (MediaStack, u64) {
+        let (mut around, mut probe_count) = (MediaStack::EMPTY, 0);
         if !self.effects().has(Effect::Refraction) {
-            return around;
+            return (around, probe_count);
         }
         let mut met = Vec::new();
         let mut surfaces = Surfaces::new(self.effects());
@@ -407,6 +428,7 @@ impl<'s> Frame<'s> {
         for _ in 0..MOST_BOUNDARIES {
             packet[0].recycle();
             packet[0].set(0, &ray);
+            probe_count += 1;
             self.accel.intersect(&mut packet, RayOrder::Incoherent);
             let Some(hit) = packet[0].hit(0) else { break };
             self.surfaces.meet(&packet[0], Widths::None, &mut surfaces);
@@ -422,7 +444,7 @@ impl<'s> Frame<'s> {
             }
             ray.t_near = hit.t.next_up();
         }
-        around
+        (around, probe_count)
     }
 
     /// What lies behind everything in the directions of a packet's rays.

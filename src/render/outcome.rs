@@ -1,14 +1,13 @@
 //! What shaded rays give: light on the film, feelers to lights, and the rays of the next generation.
 
-use std::time::Instant;
-
 use glam::Vec3;
 
 use super::film::TileFilm;
-use super::ledger::{Ledger, RayTally};
+use super::ledger::Account;
 use super::losses::{Limit, TileLosses};
+use super::meter::Meter;
 use super::queue::{Feelers, Generation, Paths, Sent};
-use super::surface::Surfaces;
+use super::surface::{Moment, Surfaces};
 use super::texturing::Widths;
 use super::travel::{Travel, TravelPacket};
 use super::volumes::Marches;
@@ -23,9 +22,7 @@ pub(super) struct Outcome<'f, 's> {
     pub(super) film: TileFilm,
     pub(super) feelers: Box<Feelers>,
     pub(super) next: Generation,
-    /// Rays of `next` that went through a surface.
-    pub(super) refracted: u64,
-    pub(super) ledger: Ledger,
+    pub(super) meter: Meter,
     pub(super) losses: TileLosses,
     /// Surfaces that feelers meet, in scenes where light goes through some.
     pub(super) sheets: Option<Box<Surfaces>>,
@@ -58,8 +55,7 @@ impl<'f, 's> Outcome<'f, 's> {
             film,
             feelers: Feelers::new(frame.effects()),
             next: Generation::new(frame.effects(), frame.follows_widths()),
-            refracted: 0,
-            ledger: Ledger::default(),
+            meter: Meter::new(frame.settings.ledger),
             losses: TileLosses::default(),
             sheets: frame
                 .effects()
@@ -72,8 +68,6 @@ impl<'f, 's> Outcome<'f, 's> {
     pub(super) fn clear(&mut self) {
         self.film.clear();
         self.next.clear();
-        self.refracted = 0;
-        self.ledger = Ledger::default();
         self.losses.clear();
     }
 
@@ -87,9 +81,13 @@ impl<'f, 's> Outcome<'f, 's> {
     ) {
         for (index, packet) in packets.iter().enumerate() {
             let (path, travels) = paths.at(index);
+            let is_watched = self.meter.watch();
             let dimmed = travels
                 .filter(|_| self.frame.effects().has(Effect::Absorption))
                 .map(|travels| self.dimmed(packet, path, travels));
+            if dimmed.is_some() {
+                self.meter.part(Account::Absorption);
+            }
             let weight = dimmed.as_ref().unwrap_or(&path.weight);
             let marched = self
                 .frame
@@ -103,13 +101,33 @@ impl<'f, 's> Outcome<'f, 's> {
             };
             let any_hit = packet.instance.iter().any(|&instance| instance != NO_HIT);
             if any_hit {
+                surfaces.texturing = if is_watched {
+                    Moment::Wanted
+                } else {
+                    Moment::Unknown
+                };
                 self.frame.surfaces.meet(packet, self.widths(travels), surfaces);
+                self.book_meeting(surfaces);
                 self.shade(&traced, surfaces, stage);
             } else if self.frame.effects().glows() {
                 self.add_surroundings(&traced);
             }
+            self.meter.leave();
         }
         self.answer_feelers(stage.order);
+    }
+
+    /// Books the time of points and materials, and of textures if there were any.
+    fn book_meeting(&mut self, surfaces: &Surfaces) {
+        match surfaces.texturing {
+            Moment::Unknown => {}
+            Moment::Wanted => self.meter.part(Account::Surface),
+            Moment::Read(moment) => {
+                self.meter.count_read();
+                self.meter.part_until(Account::Surface, moment);
+                self.meter.part(Account::Texture);
+            }
+        }
     }
 
     /// How wide the rays of a packet are.
@@ -126,7 +144,9 @@ impl<'f, 's> Outcome<'f, 's> {
     fn add_surroundings(&mut self, traced: &Traced) {
         let background = self.frame.background_seen(traced);
         let radiance = shade::surroundings(traced.packet, traced.weight, &background);
+        self.meter.part(Account::Surroundings);
         self.film.add(traced.pixel, &radiance);
+        self.meter.part(Account::Film);
     }
 
     fn shade(&mut self, traced: &Traced, surfaces: &mut Surfaces, stage: Stage) {
@@ -134,6 +154,7 @@ impl<'f, 's> Outcome<'f, 's> {
             None => self.shade_surfaces(traced, surfaces, stage),
             Some(travels) => {
                 let present = self.pass_through(traced, travels, surfaces);
+                self.meter.part(Account::Refraction);
                 let traced = Traced {
                     weight: &present,
                     ..*traced
@@ -141,6 +162,7 @@ impl<'f, 's> Outcome<'f, 's> {
                 self.shade_surfaces(&traced, surfaces, stage);
                 if self.frame.effects().has(Effect::Refraction) {
                     self.cross_surfaces(&traced, travels, surfaces);
+                    self.meter.part(Account::Refraction);
                 }
             }
         }
@@ -156,7 +178,9 @@ impl<'f, 's> Outcome<'f, 's> {
                 background: &background,
             };
             let radiance = shade::glow(traced.packet, surfaces, traced.weight, &light);
+            self.meter.part(Account::Surroundings);
             self.film.add(traced.pixel, &radiance);
+            self.meter.part(Account::Film);
         }
         let lit = shade::Lit {
             points,
@@ -165,7 +189,9 @@ impl<'f, 's> Outcome<'f, 's> {
         };
         for (light, &casts) in frame.scene.lights.iter().zip(&frame.plan.casting) {
             if self.feelers.is_full() {
+                self.meter.part(Account::Lighting);
                 self.answer_feelers(stage.order);
+                self.meter.resume();
             }
             let (packet, feeler) = self.feelers.next();
             if shade::feel(light, &lit, packet, &mut feeler.radiance) {
@@ -180,9 +206,11 @@ impl<'f, 's> Outcome<'f, 's> {
                 }
             }
         }
+        self.meter.part(Account::Lighting);
         if frame.effects().has(Effect::Reflection) {
             let mirrored = shade::reflection(&lit);
             self.reflect(surfaces, &mirrored, traced, stage);
+            self.meter.part(Account::Reflection);
         }
     }
 
@@ -200,6 +228,7 @@ impl<'f, 's> Outcome<'f, 's> {
                 ray: Ray::new(vector(&points.origin), direction),
                 pixel: traced.pixel[l],
                 weight,
+                is_through: false,
                 travel: traced.travels.map(|travels| {
                     let arrival = travels.lane(l);
                     Travel {
@@ -217,15 +246,15 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
-    /// Queues a ray if it still matters; otherwise its weight is booked as lost. Returns whether it was queued.
+    /// Queues a ray if it still matters; otherwise its weight is booked as lost.
     ///
     /// `steps` are those behind it, where the path itself does not count them.
-    pub(super) fn send(&mut self, sent: &Sent, steps: u32) -> bool {
+    pub(super) fn send(&mut self, sent: &Sent, steps: u32) {
         let settings = &self.frame.settings;
         // Light of one wavelength may have negative weights.
         let largest = sent.weight.into_iter().map(f32::abs).fold(0.0, f32::max);
         if !(largest > 0.0) {
-            return false;
+            return;
         }
         let depth = match sent.travel {
             Some(travel) if self.frame.effects().has_sheets() => travel.depth,
@@ -237,16 +266,16 @@ impl<'f, 's> Outcome<'f, 's> {
             } else {
                 Limit::Weight
             };
-            self.ledger.lose(limit, largest);
+            self.meter.ledger.lose(limit, largest);
             self.losses.add(sent.pixel, limit, largest);
-            return false;
+            return;
         }
         self.next.push(sent);
-        true
     }
 
     /// Asks which of the waiting feelers reach their lights, and lets those lights in.
     fn answer_feelers(&mut self, order: RayOrder) {
+        self.meter.lap_shading();
         if self.frame.effects().has(Effect::TransparentShadow) {
             return self.answer_through_sheets(order);
         }
@@ -257,7 +286,10 @@ impl<'f, 's> Outcome<'f, 's> {
         let accel = self.frame.accel;
         let casts = self.frame.effects().has(Effect::Shadow);
         if casts {
-            self.ledger.shadow += timed(packets, |packets| accel.occluded(packets, order));
+            let traced = self
+                .meter
+                .trace(packets, |packets| accel.occluded(packets, order));
+            self.meter.ledger.book(Account::Shadow, traced);
         }
         for (packet, feeler) in packets.iter().zip(feelers) {
             if casts {
@@ -268,17 +300,6 @@ impl<'f, 's> Outcome<'f, 's> {
             }
             self.film.add(&feeler.pixel, &feeler.radiance);
         }
-    }
-}
-
-/// Runs a trace and books its active rays and its time.
-#[inline(always)]
-pub(super) fn timed(packets: &mut [RayPacket], trace: impl FnOnce(&mut [RayPacket])) -> RayTally {
-    let rays: i32 = packets.iter().flat_map(|packet| &packet.active).sum();
-    let start = Instant::now();
-    trace(packets);
-    RayTally {
-        rays: u64::from(rays.unsigned_abs()),
-        seconds: start.elapsed().as_secs_f64(),
+        self.meter.lap(Account::Film);
     }
 }

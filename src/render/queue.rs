@@ -32,8 +32,34 @@ pub(super) struct Sent {
     pub(super) ray: Ray,
     pub(super) pixel: u32,
     pub(super) weight: [f32; 3],
+    /// Whether it goes through the surface, rather than being mirrored.
+    pub(super) is_through: bool,
     /// In scenes whose paths keep one.
     pub(super) travel: Option<Travel>,
+}
+
+/// How many rays of a generation are of which sort; the others are mirrored and of all wavelengths.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sorts {
+    /// Gone through a surface, of all wavelengths.
+    pub(super) refracted: u64,
+    /// Gone through a surface, of one wavelength.
+    pub(super) refracted_colors: u64,
+    /// Mirrored, of one wavelength.
+    pub(super) mirrored_colors: u64,
+}
+
+impl Sorts {
+    #[inline(always)]
+    fn count(&mut self, sent: &Sent) {
+        let is_color = sent.travel.is_some_and(|travel| travel.wavelength != 0.0);
+        match (sent.is_through, is_color) {
+            (false, false) => {}
+            (true, false) => self.refracted += 1,
+            (true, true) => self.refracted_colors += 1,
+            (false, true) => self.mirrored_colors += 1,
+        }
+    }
 }
 
 /// Rays of one step of the tree. Packets are kept to be filled again.
@@ -45,6 +71,7 @@ pub(super) struct Generation {
     count: usize,
     /// Lanes in use of the last of them.
     filled: usize,
+    sorts: Sorts,
 }
 
 impl Generation {
@@ -56,6 +83,7 @@ impl Generation {
             travels: Travels::new(effects, follows_widths),
             count: 0,
             filled: LANES,
+            sorts: Sorts::default(),
         }
     }
 
@@ -63,7 +91,13 @@ impl Generation {
     pub(super) fn clear(&mut self) {
         self.count = 0;
         self.filled = LANES;
+        self.sorts = Sorts::default();
         self.travels.clear();
+    }
+
+    /// What sorts of rays have been pushed one by one.
+    pub(super) fn sorts(&self) -> Sorts {
+        self.sorts
     }
 
     /// Packets in use.
@@ -113,6 +147,7 @@ impl Generation {
         for channel in 0..3 {
             self.paths[last].weight[channel][lane] = sent.weight[channel];
         }
+        self.sorts.count(sent);
         if let Some(travel) = sent.travel {
             self.set_travel(lane, &travel);
         }

@@ -5,6 +5,7 @@
 //! on side by side.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 use multiversion::multiversion;
@@ -79,6 +80,19 @@ pub(super) struct Surfaces {
     pub(super) materials: MaterialPacket,
     /// The instance whose one material `materials` holds in every lane, if it does.
     filled_for: Option<u32>,
+    /// When the look-ups of textures began.
+    pub(super) texturing: Moment,
+}
+
+/// When something began.
+#[derive(Clone, Copy)]
+pub(super) enum Moment {
+    /// Nobody wants to know.
+    Unknown,
+    /// The clock is to be read when it does; it has not begun.
+    Wanted,
+    /// Then.
+    Read(Instant),
 }
 
 impl<'s> SurfaceScene<'s> {
@@ -132,6 +146,7 @@ impl<'s> SurfaceScene<'s> {
             points,
             materials,
             filled_for,
+            texturing,
         } = surfaces;
         let common = Common::of(packet);
         let only = common
@@ -170,12 +185,32 @@ impl<'s> SurfaceScene<'s> {
             }
             _ => {
                 *filled_for = None;
-                self.materials_by_lane(packet, widths, points, materials);
+                if self.materials_by_lane(packet, materials) {
+                    if matches!(texturing, Moment::Wanted) {
+                        *texturing = Moment::Read(Instant::now());
+                    }
+                    self.vary_lanes(packet, widths, points, materials);
+                }
             }
         }
     }
 
-    fn materials_by_lane(
+    /// The materials of all hits as they are written. Returns whether any varies over its surface.
+    fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) -> bool {
+        let mut varies = false;
+        for l in 0..LANES {
+            if packet.instance[l] == NO_HIT {
+                continue;
+            }
+            let view = &self.views[packet.instance[l] as usize];
+            materials.set(l, self.material_of(view));
+            varies |= !view.uniform;
+        }
+        varies
+    }
+
+    /// Multiplies in what varies.
+    fn vary_lanes(
         &self,
         packet: &RayPacket,
         widths: Widths,
@@ -186,9 +221,7 @@ impl<'s> SurfaceScene<'s> {
             if packet.instance[l] == NO_HIT {
                 continue;
             }
-            let view = &self.views[packet.instance[l] as usize];
-            materials.set(l, self.material_of(view));
-            if !view.uniform {
+            if !self.views[packet.instance[l] as usize].uniform {
                 self.vary((packet, widths, l), points, materials);
             }
         }
@@ -383,6 +416,7 @@ impl Surfaces {
                 ..MaterialPacket::BLACK
             },
             filled_for: None,
+            texturing: Moment::Unknown,
         }
     }
 }

@@ -5,8 +5,9 @@
 //! equations reflect there and multiplies by its colour, each body on the way swallows its part. A feeler goes on as the
 //! same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
 
-use super::ledger::Ledger;
-use super::outcome::{Outcome, timed};
+use super::ledger::Account;
+use super::meter::Meter;
+use super::outcome::Outcome;
 use super::queue::{BATCH, Feeler};
 use super::surface::Surfaces;
 use super::texturing::Widths;
@@ -30,13 +31,14 @@ impl Outcome<'_, '_> {
         let Some(sheets) = &mut self.sheets else { return };
         let (packets, feelers, media) = self.feelers.take_with_media();
         let waiting = (&mut *packets, &mut *feelers, media);
-        let reaches = through_sheets(self.frame, waiting, sheets, &mut self.ledger, order);
+        let reaches = through_sheets(self.frame, waiting, sheets, &mut self.meter, order);
         for ((packet, feeler), reach) in packets.iter().zip(feelers).zip(&reaches) {
             if let Some(marches) = &mut self.marches {
                 marches.dim(packet, reach, &mut feeler.radiance);
             }
             self.film.add(&feeler.pixel, &feeler.radiance);
         }
+        self.meter.lap(Account::Film);
     }
 }
 
@@ -46,7 +48,7 @@ pub(super) fn through_sheets(
     frame: &Frame,
     (packets, feelers, media): Waiting,
     sheets: &mut Surfaces,
-    ledger: &mut Ledger,
+    meter: &mut Meter,
     order: RayOrder,
 ) -> [Lanes<f32>; BATCH] {
     // The memory is that of earlier feelers, which have left where they went.
@@ -58,11 +60,14 @@ pub(super) fn through_sheets(
     for (reach, packet) in reaches.iter_mut().zip(packets.iter()) {
         *reach = packet.t_far;
     }
+    let mut account = Account::Shadow;
     for _ in 0..MOST_SHEETS {
         if !packets.iter().any(RayPacket::any_active) {
             break;
         }
-        ledger.shadow += timed(packets, |packets| frame.accel.intersect(packets, order));
+        let traced = meter.trace(packets, |packets| frame.accel.intersect(packets, order));
+        meter.ledger.book(account, traced);
+        account = Account::TransparentShadow;
         for (index, packet) in packets.iter_mut().enumerate() {
             if packet.any_active() {
                 let way = Way {
@@ -73,6 +78,7 @@ pub(super) fn through_sheets(
                 way.pass_next(frame, packet, &mut feelers[index], sheets);
             }
         }
+        meter.lap(account);
     }
     for (packet, feeler) in packets.iter_mut().zip(feelers) {
         // Whoever is still on the way counts as blocked.

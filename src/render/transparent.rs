@@ -244,13 +244,14 @@ impl Outcome<'_, '_> {
                 },
                 pixel: traced.pixel[l],
                 weight,
+                is_through: true,
                 // Through a gap in a body's surface a ray is inside it as well.
                 travel: Some(Travel {
                     media: boundary.crossing.through,
                     ..travel
                 }),
             };
-            self.refracted += u64::from(self.send(&sent, 0));
+            self.send(&sent, 0);
         }
         present
     }
@@ -313,7 +314,13 @@ impl Outcome<'_, '_> {
                 media: boundary.crossing.through,
                 cone: cone.refracted(etas[1] / etas[0], bend.cosines(direction), curvature),
             };
-            self.refracted += u64::from(self.send_from(points, l, traced.pixel[l], weight, travel));
+            let sent = Leaving {
+                pixel: traced.pixel[l],
+                weight,
+                is_through: true,
+                travel,
+            };
+            self.send_from(points, l, &sent);
         }
         let is_smooth = surfaces.materials.rich.is_lecture[l]
             || surfaces.materials.roughness[l] <= crate::scene::MIRROR_ROUGHNESS;
@@ -325,30 +332,39 @@ impl Outcome<'_, '_> {
                 ..*arrival
             };
             let weight = std::array::from_fn(|c| traced.weight[c][l] * reflected[c]);
-            self.send_from(points, l, traced.pixel[l], weight, travel);
+            let sent = Leaving {
+                pixel: traced.pixel[l],
+                weight,
+                is_through: false,
+                travel,
+            };
+            self.send_from(points, l, &sent);
         }
     }
 
     /// Sends a ray off the surface of lane `l`, on the side that it goes to.
-    fn send_from(
-        &mut self,
-        points: &SurfacePacket,
-        l: usize,
-        pixel: u32,
-        weight: [f32; 3],
-        travel: Travel,
-    ) -> bool {
+    fn send_from(&mut self, points: &SurfacePacket, l: usize, leaving: &Leaving) {
+        let travel = leaving.travel;
         let ng = points.geometric_normal(l);
         let side = if travel.direction.dot(ng) < 0.0 { -ng } else { ng };
         let origin = spawn_point(points.point(l), side, points.error(l));
         let sent = Sent {
             ray: Ray::new(origin, travel.direction.as_vec3()),
-            pixel,
-            weight,
+            pixel: leaving.pixel,
+            weight: leaving.weight,
+            is_through: leaving.is_through,
             travel: Some(travel),
         };
-        self.send(&sent, 0)
+        self.send(&sent, 0);
     }
+}
+
+/// A ray that is to leave a surface.
+struct Leaving {
+    pixel: u32,
+    weight: [f32; 3],
+    is_through: bool,
+    travel: Travel,
 }
 
 /// A direction that meets a boundary.

@@ -10,8 +10,9 @@
 
 use std::f64::consts::PI;
 
-use super::ledger::Ledger;
-use super::outcome::{Outcome, timed};
+use super::ledger::Account;
+use super::meter::Meter;
+use super::outcome::Outcome;
 use super::queue::{Feelers, PathPacket};
 use super::surface::Surfaces;
 use super::tinted::through_sheets;
@@ -84,6 +85,7 @@ impl Outcome<'_, '_> {
         order: RayOrder,
     ) -> Lanes3<f32> {
         let mut left = *weight;
+        self.meter.lap_shading();
         let Some(marches) = &mut self.marches else {
             return left;
         };
@@ -98,7 +100,7 @@ impl Outcome<'_, '_> {
                 shadow: &mut marches.shadow,
                 feelers: &mut marches.feelers,
                 sheets: self.sheets.as_deref_mut(),
-                ledger: &mut self.ledger,
+                meter: &mut self.meter,
                 media: travels.map_or(MediaStack::EMPTY, |travels| travels.media(l)),
                 order,
             };
@@ -120,6 +122,8 @@ impl Outcome<'_, '_> {
         if radiance.as_flattened().iter().any(|&value| value != 0.0) {
             self.film.add(&path.pixel, &radiance);
         }
+        self.meter.lap(Account::Volume);
+        self.meter.resume();
         left
     }
 }
@@ -130,7 +134,7 @@ struct Lamps<'a, 'f, 's> {
     shadow: &'a mut March<'f>,
     feelers: &'a mut Feelers,
     sheets: Option<&'a mut Surfaces>,
-    ledger: &'a mut Ledger,
+    meter: &'a mut Meter,
     /// The bodies around the ray.
     media: MediaStack,
     order: RayOrder,
@@ -163,19 +167,23 @@ impl Lamps<'_, '_, '_> {
             self.feelers.keep_medium(&self.media);
             self.feelers.keep();
             let (packets, feelers, media) = self.feelers.take_with_media();
+            self.meter.lap(Account::Volume);
             match &mut self.sheets {
                 Some(sheets) => {
                     through_sheets(
                         self.frame,
                         (&mut *packets, &mut *feelers, media),
                         sheets,
-                        self.ledger,
+                        self.meter,
                         self.order,
                     );
                 }
                 None => {
                     let accel = self.frame.accel;
-                    self.ledger.shadow += timed(packets, |packets| accel.occluded(packets, self.order));
+                    let traced = self
+                        .meter
+                        .trace(packets, |packets| accel.occluded(packets, self.order));
+                    self.meter.ledger.book(Account::Shadow, traced);
                     shade::block(&packets[0], &mut feelers[0].radiance);
                 }
             }

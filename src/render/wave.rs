@@ -14,8 +14,8 @@ use super::Frame;
 use super::estimate::Estimate;
 use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
-use super::ledger::{Ledger, RayTally};
-use super::outcome::{Outcome, Stage, timed};
+use super::ledger::{Account, Ledger, Tally};
+use super::outcome::{Outcome, Stage};
 use super::queue::{BATCH, Generation};
 use super::sampler::SampleGroup;
 use super::samples::SampleFilm;
@@ -79,7 +79,7 @@ impl<'f, 's> Wave<'f, 's> {
     pub(super) fn render_tile(&mut self, tile: Tile) -> (TilePicture, Ledger) {
         let frame = self.frame;
         let block = frame.shape.block as usize;
-        self.begin();
+        self.begin(tile);
         for y in (0..tile.height).step_by(block) {
             for x in (0..tile.width).step_by(block) {
                 for group in &frame.groups {
@@ -90,9 +90,10 @@ impl<'f, 's> Wave<'f, 's> {
         self.finish();
         let outcome = &mut self.outcome;
         let pixels = (0..TILE * TILE).map(|pixel| (pixel, frame.settings.spp));
-        outcome.losses.settle(pixels, &mut outcome.ledger);
-        let picture = self.outcome.film.picture(tile, frame.settings);
-        (picture, self.outcome.ledger)
+        outcome.losses.settle(pixels, &mut outcome.meter.ledger);
+        let picture = outcome.film.picture(tile, frame.settings);
+        outcome.meter.lap(Account::Film);
+        (picture, outcome.meter.ledger)
     }
 
     /// What the samples of each of `visits` tell, and what they took.
@@ -101,7 +102,7 @@ impl<'f, 's> Wave<'f, 's> {
     pub(super) fn render_visits(&mut self, tile: Tile, visits: &[Visit]) -> (Vec<Estimate>, Ledger) {
         let frame = self.frame;
         debug_assert_eq!(frame.shape.block, 1);
-        self.begin();
+        self.begin(tile);
         for visit in visits {
             for group in visit.groups.clone() {
                 self.add_camera_packet(tile, (visit.x, visit.y), &frame.groups[group as usize]);
@@ -114,11 +115,13 @@ impl<'f, 's> Wave<'f, 's> {
             .iter()
             .zip(&estimates)
             .map(|(visit, estimate)| (visit.y * TILE + visit.x, estimate.count));
-        outcome.losses.settle(pixels, &mut outcome.ledger);
-        (estimates, self.outcome.ledger)
+        outcome.losses.settle(pixels, &mut outcome.meter.ledger);
+        outcome.meter.lap(Account::Film);
+        (estimates, outcome.meter.ledger)
     }
 
-    fn begin(&mut self) {
+    fn begin(&mut self, tile: Tile) {
+        self.outcome.meter.begin(tile);
         self.packets = 0;
         self.current.clear();
         self.outcome.clear();
@@ -141,6 +144,7 @@ impl<'f, 's> Wave<'f, 's> {
         self.follow_reflections();
         if let Some(samples) = self.outcome.film.samples() {
             samples.weigh();
+            self.outcome.meter.lap(Account::Film);
         }
     }
 
@@ -180,9 +184,12 @@ impl<'f, 's> Wave<'f, 's> {
         if packets.is_empty() {
             return;
         }
-        self.outcome.ledger.camera += timed(packets, |packets| {
+        let meter = &mut self.outcome.meter;
+        meter.lap(Account::Sampling);
+        let traced = meter.trace(packets, |packets| {
             self.frame.accel.intersect(packets, stage.order)
         });
+        meter.ledger.book(Account::Camera, traced);
         self.outcome
             .shade_batch(&mut self.surfaces, packets, paths, stage);
         self.current.clear();
@@ -202,17 +209,16 @@ impl<'f, 's> Wave<'f, 's> {
                 order: RayOrder::Incoherent,
                 depth,
             };
-            let refracted = std::mem::take(&mut self.outcome.refracted);
-            let mut all = RayTally::default();
+            let mut all = Tally::default();
             let (packets, paths) = self.current.parts();
             for (batch, packets) in packets.chunks_mut(BATCH).enumerate() {
-                all += timed(packets, |packets| {
+                all += self.outcome.meter.trace(packets, |packets| {
                     self.frame.accel.intersect(packets, stage.order)
                 });
                 self.outcome
                     .shade_batch(&mut self.surfaces, packets, paths.from(batch * BATCH), stage);
             }
-            self.outcome.ledger.book(all, refracted);
+            self.outcome.meter.ledger.book_sent(all, self.current.sorts());
             self.current.clear();
         }
     }

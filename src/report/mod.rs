@@ -8,4 +8,5 @@ pub mod info;
 pub mod memory;
 pub mod prices;
 pub mod stats;
+pub mod table;
 mod volumes_info;

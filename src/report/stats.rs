@@ -7,8 +7,8 @@ use serde::Serialize;
 
 use crate::accel::{Backend, EmbreeIdentity, Precision};
 use crate::render::plan::Decision;
-use crate::render::{Ledger, Loss, Plan, RayTally, SampleCounts};
-use crate::scene::{Effect, Geometry, Scene};
+use crate::render::{Account, Ledger, Loss, Plan, SampleCounts, Tally};
+use crate::scene::{Geometry, Scene};
 
 /// Everything worth knowing about one rendered image.
 #[derive(Clone, Debug, Serialize)]
@@ -41,6 +41,8 @@ pub struct RenderStats {
     pub rays: RayCounts,
     /// What was simulated and what was not, each with its cost and its reason.
     pub effects: BTreeMap<&'static str, EffectStats>,
+    /// Every ray and every second, each under one account, and what the measuring took.
+    pub ledger: LedgerStats,
     /// The acceleration structure.
     pub accel: AccelStats,
     /// Most memory that the process has held so far; null where the system does not tell.
@@ -192,10 +194,10 @@ impl RayCounts {
     /// The counts of a ledger.
     pub fn of(ledger: &Ledger) -> RayCounts {
         RayCounts {
-            camera: ledger.camera.rays,
-            shadow: ledger.shadow.rays,
-            reflection: ledger.reflection.rays,
-            refraction: ledger.refraction.rays,
+            camera: ledger.camera_rays(),
+            shadow: ledger.shadow_rays(),
+            reflection: ledger.reflection_rays(),
+            refraction: ledger.refraction_rays(),
         }
     }
 }
@@ -203,9 +205,9 @@ impl RayCounts {
 /// What an effect cost and why it was simulated.
 #[derive(Clone, Debug, Serialize)]
 pub struct EffectStats {
-    /// Rays traced for it.
+    /// Rays traced for it; 0 where it has no account of its own.
     pub rays: u64,
-    /// Seconds within the backend for them, summed over threads.
+    /// Seconds that it took, summed over threads; 0 where it has no account of its own.
     pub seconds: f64,
     /// Whether it was simulated.
     pub on: bool,
@@ -215,12 +217,7 @@ pub struct EffectStats {
 
 /// The effects of a frame by name.
 pub fn effect_stats(plan: &Plan, ledger: &Ledger) -> BTreeMap<&'static str, EffectStats> {
-    let tally = |effect| match effect {
-        Effect::Shadow => ledger.shadow,
-        Effect::Reflection => ledger.reflection,
-        Effect::Refraction => ledger.refraction,
-        _ => RayTally::default(),
-    };
+    let tally = |effect| Account::of(effect).map_or(Tally::default(), |account| ledger.of(account));
     let entry = |decision: &Decision| EffectStats {
         rays: tally(decision.effect).rays,
         seconds: tally(decision.effect).seconds,
@@ -231,6 +228,54 @@ pub fn effect_stats(plan: &Plan, ledger: &Ledger) -> BTreeMap<&'static str, Effe
         .iter()
         .map(|decision| (decision.effect.name(), entry(decision)))
         .collect()
+}
+
+/// Where rays and seconds of the render phase went.
+#[derive(Clone, Debug, Serialize)]
+pub struct LedgerStats {
+    /// By account; an effect's has the effect's name. Rays add up to all that were asked of the backend, seconds to
+    /// `thread_seconds`.
+    pub accounts: BTreeMap<&'static str, AccountStats>,
+    /// Wall-clock seconds of the phase times its threads.
+    pub thread_seconds: f64,
+    /// How often the clock was read.
+    pub clock_reads: u64,
+    /// Seconds that one reading takes, as measured before the render.
+    pub clock_read_seconds: f64,
+    /// Seconds that reading the clock took, summed over threads.
+    pub seconds_of_measuring: f64,
+}
+
+/// What one account took.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct AccountStats {
+    /// Rays asked of the backend.
+    pub rays: u64,
+    /// Seconds, summed over threads.
+    pub seconds: f64,
+    /// Of these, within the backend.
+    pub trace_seconds: f64,
+}
+
+impl LedgerStats {
+    /// Those of a ledger.
+    pub fn of(ledger: &Ledger) -> LedgerStats {
+        let entry = |(account, tally): (Account, Tally)| {
+            let stats = AccountStats {
+                rays: tally.rays,
+                seconds: tally.seconds,
+                trace_seconds: tally.trace_seconds,
+            };
+            (account.name(), stats)
+        };
+        LedgerStats {
+            accounts: ledger.tallies().map(entry).collect(),
+            thread_seconds: ledger.seconds * ledger.threads as f64,
+            clock_reads: ledger.clock_reads,
+            clock_read_seconds: ledger.clock_read_seconds,
+            seconds_of_measuring: ledger.seconds_of_measuring(),
+        }
+    }
 }
 
 /// The acceleration structure that was used.

@@ -1,0 +1,174 @@
+//! What each pixel cost: rays and nanoseconds by account.
+//!
+//! Only where somebody asks. The rays of a pixel are counted when they are traced; times are those of packets, shared evenly
+//! by the pixels of their active lanes. Packets are then traced one by one and all watched closely, which changes no bit
+//! of the picture and makes it slower.
+
+use std::sync::{Mutex, PoisonError};
+
+use super::film::{TILE, Tile};
+use super::ledger::{ACCOUNTS, Account};
+use super::samples::pixel_of;
+use crate::numeric::Lanes;
+
+/// What is counted for each pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Cost {
+    rays: [u32; ACCOUNTS],
+    nanoseconds: [f32; ACCOUNTS],
+}
+
+/// What each pixel cost, row by row, the top row first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PixelCosts {
+    width: usize,
+    pixels: Vec<Cost>,
+}
+
+impl PixelCosts {
+    /// Bytes a pixel, as counted.
+    pub(super) const BYTES: usize = size_of::<Cost>();
+
+    /// Rays booked under `account`; whole numbers.
+    pub fn rays(&self, account: Account) -> Vec<f32> {
+        let of = |cost: &Cost| cost.rays[account as usize] as f32;
+        self.pixels.iter().map(of).collect()
+    }
+
+    /// Nanoseconds booked under `account`, summed over threads and samples.
+    pub fn nanoseconds(&self, account: Account) -> Vec<f32> {
+        let of = |cost: &Cost| cost.nanoseconds[account as usize];
+        self.pixels.iter().map(of).collect()
+    }
+
+    /// Rays of all accounts.
+    pub fn all_rays(&self) -> Vec<f32> {
+        let of = |cost: &Cost| cost.rays.iter().sum::<u32>() as f32;
+        self.pixels.iter().map(of).collect()
+    }
+
+    /// Nanoseconds of all accounts.
+    pub fn all_nanoseconds(&self) -> Vec<f32> {
+        let of = |cost: &Cost| cost.nanoseconds.iter().sum();
+        self.pixels.iter().map(of).collect()
+    }
+}
+
+/// The costs of a picture, which tiles add to as they are finished.
+pub(super) struct CostSheet(Mutex<PixelCosts>);
+
+impl CostSheet {
+    pub(super) fn new(width: u32, height: u32) -> CostSheet {
+        CostSheet(Mutex::new(PixelCosts {
+            width: width as usize,
+            pixels: vec![Cost::default(); width as usize * height as usize],
+        }))
+    }
+
+    /// Adds a tile's.
+    pub(super) fn add(&self, tile: Tile, costs: &TileCosts) {
+        let mut sheet = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        for y in 0..tile.height {
+            let start = (tile.y + y) as usize * sheet.width + tile.x as usize;
+            let row = &costs.pixels[(y * TILE) as usize..][..tile.width as usize];
+            for (sum, cost) in sheet.pixels[start..].iter_mut().zip(row) {
+                for account in 0..ACCOUNTS {
+                    sum.rays[account] += cost.rays[account];
+                    sum.nanoseconds[account] += cost.nanoseconds[account];
+                }
+            }
+        }
+    }
+
+    pub(super) fn finish(self) -> PixelCosts {
+        self.0.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The costs of a tile's pixels, and whose packet is being worked on.
+pub(super) struct TileCosts {
+    pixels: Vec<Cost>,
+    labels: Lanes<u32>,
+    active: Lanes<i32>,
+}
+
+impl TileCosts {
+    pub(super) fn new() -> TileCosts {
+        TileCosts {
+            pixels: vec![Cost::default(); (TILE * TILE) as usize],
+            labels: [0; crate::numeric::LANES],
+            active: [0; crate::numeric::LANES],
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.pixels.fill(Cost::default());
+    }
+
+    /// Says whose packet is worked on from now on.
+    pub(super) fn turn_to(&mut self, labels: &Lanes<u32>, active: &Lanes<i32>) {
+        (self.labels, self.active) = (*labels, *active);
+    }
+
+    /// Shares seconds of that packet out.
+    pub(super) fn share(&mut self, account: Account, seconds: f64) {
+        let lanes = || (0..self.active.len()).filter(|&l| self.active[l] != 0);
+        let each = (1e9 * seconds / lanes().count().max(1) as f64) as f32;
+        for l in 0..self.active.len() {
+            if self.active[l] != 0 {
+                let pixel = pixel_of(self.labels[l]) as usize;
+                self.pixels[pixel].nanoseconds[account as usize] += each;
+            }
+        }
+    }
+
+    /// Counts the rays of that packet, and shares out the seconds that they took together.
+    pub(super) fn trace(&mut self, account_of: impl Fn(usize) -> Account, seconds: f64) {
+        let count = self.active.iter().filter(|&&active| active != 0).count();
+        let each = (1e9 * seconds / count.max(1) as f64) as f32;
+        for l in 0..self.active.len() {
+            if self.active[l] != 0 {
+                let cost = &mut self.pixels[pixel_of(self.labels[l]) as usize];
+                let account = account_of(l) as usize;
+                cost.rays[account] += 1;
+                cost.nanoseconds[account] += each;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::LANES;
+
+    #[test]
+    fn a_packets_time_is_shared_by_its_active_lanes_and_added_to_the_picture() {
+        let mut costs = TileCosts::new();
+        let mut active = [0; LANES];
+        (active[0], active[1]) = (-1, -1);
+        let mut labels = [TILE + 1; LANES];
+        labels[1] = 0;
+        costs.turn_to(&labels, &active);
+        costs.share(Account::Surface, 6e-9);
+        costs.trace(|_| Account::Camera, 2e-9);
+        let sheet = CostSheet::new(40, 3);
+        let tile = Tile {
+            x: 32,
+            y: 0,
+            width: 8,
+            height: 3,
+        };
+        sheet.add(tile, &costs);
+        sheet.add(tile, &costs);
+        let sum = sheet.finish();
+        // Two lanes share 6 ns and 2 ns, and the tile is added twice.
+        let (first, second) = (32, 40 + 33);
+        for pixel in [first, second] {
+            assert_eq!(sum.nanoseconds(Account::Surface)[pixel], 6.0);
+            assert_eq!(sum.all_nanoseconds()[pixel], 8.0);
+            assert_eq!(sum.rays(Account::Camera)[pixel], 2.0);
+        }
+        assert_eq!(sum.all_rays().iter().sum::<f32>(), 4.0);
+    }
+}

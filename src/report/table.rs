@@ -1,0 +1,111 @@
+//! Rays and seconds by effect as a table, for a person: `whit render --stats -`.
+
+use std::fmt::Write;
+
+use super::stats::{AccountStats, RenderStats};
+use crate::render::Account;
+
+/// The ledger of an image, an account a line, and what measuring it took.
+pub fn ledger(stats: &RenderStats) -> String {
+    let mut text = row(["", "rays", "seconds", "share", "because"]);
+    let whole = stats.ledger.thread_seconds;
+    for account in Account::ALL {
+        let name = account.name();
+        let Some(spent) = stats.ledger.accounts.get(name) else {
+            continue;
+        };
+        if spent.rays == 0 && spent.seconds == 0.0 {
+            continue;
+        }
+        let reason = stats
+            .effects
+            .get(name)
+            .map_or("", |effect| effect.reason.as_str());
+        text += &spent_row(name, *spent, whole, reason);
+    }
+    for (name, effect) in &stats.effects {
+        if effect.on && !Account::ALL.iter().any(|account| account.name() == *name) {
+            text += &row([name, "", "", "", &effect.reason]);
+        }
+    }
+    text += &spent_row("total", total(stats), whole, "");
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "{} threads, {:.3} s each; {} readings of the clock at {:.0} ns took {:.2} % of that",
+        stats.threads,
+        whole / stats.threads as f64,
+        in_groups(stats.ledger.clock_reads),
+        stats.ledger.clock_read_seconds * 1e9,
+        percent(stats.ledger.seconds_of_measuring, whole),
+    );
+    text
+}
+
+fn total(stats: &RenderStats) -> AccountStats {
+    let accounts = || stats.ledger.accounts.values();
+    AccountStats {
+        rays: accounts().map(|spent| spent.rays).sum(),
+        seconds: accounts().map(|spent| spent.seconds).sum(),
+        trace_seconds: accounts().map(|spent| spent.trace_seconds).sum(),
+    }
+}
+
+fn spent_row(name: &str, spent: AccountStats, whole: f64, reason: &str) -> String {
+    let rays = match spent.rays {
+        0 => String::new(),
+        rays => in_groups(rays),
+    };
+    let seconds = format!("{:.3}", spent.seconds);
+    let share = format!("{:.1} %", percent(spent.seconds, whole));
+    row([name, &rays, &seconds, &share, reason])
+}
+
+fn row([name, rays, seconds, share, reason]: [&str; 5]) -> String {
+    let line = format!("{name:<18} {rays:>15} {seconds:>9} {share:>8}  {reason}");
+    format!("{}\n", line.trim_end())
+}
+
+fn percent(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { 100.0 * part / whole } else { 0.0 }
+}
+
+/// A number with a space between thousands.
+fn in_groups(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::with_capacity(digits.len() + digits.len() / 3);
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            text.push(' ');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thousands_stand_apart() {
+        assert_eq!(in_groups(0), "0");
+        assert_eq!(in_groups(999), "999");
+        assert_eq!(in_groups(1_000), "1 000");
+        assert_eq!(in_groups(12_345_678), "12 345 678");
+    }
+
+    #[test]
+    fn a_row_shows_the_share_and_no_rays_where_there_are_none() {
+        let spent = AccountStats {
+            rays: 0,
+            seconds: 0.25,
+            trace_seconds: 0.0,
+        };
+        let line = spent_row("film", spent, 2.0, "");
+        assert_eq!(
+            line.split_whitespace().collect::<Vec<_>>(),
+            ["film", "0.250", "12.5", "%"]
+        );
+    }
+}

@@ -6,6 +6,7 @@
 //! same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
 
 use super::ledger::Account;
+use super::meter::Accounts;
 use super::outcome::Outcome;
 use super::queue::{BATCH, Feeler};
 use super::surface::Surfaces;
@@ -41,9 +42,10 @@ impl Outcome<'_, '_> {
             if !packets.iter().any(RayPacket::any_active) {
                 break;
             }
+            let whose = |index: usize| (&feelers[index].pixel, Accounts::All(account));
             let traced = self
                 .meter
-                .trace(packets, |packets| frame.accel.intersect(packets, order));
+                .trace(packets, whose, |packets| frame.accel.intersect(packets, order));
             self.meter.ledger.book(account, traced);
             account = Account::TransparentShadow;
             for (index, packet) in packets.iter_mut().enumerate() {
@@ -56,7 +58,8 @@ impl Outcome<'_, '_> {
                     way.pass_next(frame, packet, &mut feelers[index], sheets);
                 }
             }
-            self.meter.lap(account);
+            let lanes = (0..packets.len()).map(|index| (&feelers[index].pixel, &packets[index].active));
+            self.meter.lap_over(account, lanes);
         }
         for (packet, feeler) in packets.iter_mut().zip(feelers) {
             // Whoever is still on the way counts as blocked.

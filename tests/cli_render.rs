@@ -134,6 +134,43 @@ fn a_dash_for_the_statistics_prints_a_table_behind_the_images_line() {
 }
 
 #[test]
+fn costs_of_pixels_become_channels_and_a_heat_map_where_they_are_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let [out, heat] = ["a.exr", "heat.png"].map(|name| folder.path().join(name));
+    let flags = [
+        "--size",
+        "32x16",
+        "--spp",
+        "1",
+        "--aov",
+        "rays,time",
+        "--heat",
+        path(&heat),
+    ];
+    let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stdout.contains("ns a pixel"), "{}", run.stdout);
+    let meta = exr::meta::MetaData::read_from_file(&out, true).unwrap();
+    let channels = &meta.headers[0].channels.list;
+    let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
+    for name in [
+        "rays",
+        "rays.camera",
+        "rays.shadow",
+        "time",
+        "time.camera",
+        "time.surface",
+    ] {
+        assert!(names.iter().any(|n| n == name), "{name} in {names:?}");
+    }
+    assert!(names.iter().all(|name| name != "rays.film"), "{names:?}");
+    let map = image::open(&heat).unwrap();
+    assert_eq!((map.width(), map.height()), (32, 16 + 1 + 8));
+    let args = ["render", &first_light(), "-o", path(&out), "--heat", "heat.exr"];
+    fails_with(2, "end the name heat.exr in .png", &args);
+}
+
+#[test]
 fn statistics_have_every_key_that_scripts_rely_on() {
     let folder = tempfile::tempdir().unwrap();
     let (out, stats) = (folder.path().join("a.png"), folder.path().join("a.json"));

@@ -192,6 +192,68 @@ fn sorts_of_rays_are_the_sum_of_their_accounts() {
     assert!(ledger.refraction_rays() > of(Account::Refraction));
 }
 
+/// Counts rays pixel by pixel: nothing of the picture changes, and they add up to the ledger's.
+fn audit_pixels(name: &str, scene: &Scene, backend: Backend, settings: &RenderSettings) {
+    let (plain, asked) = counted(scene, backend, settings);
+    assert!(plain.costs.is_none(), "{name}");
+    let with = RenderSettings {
+        ledger: true,
+        cost_aovs: true,
+        ..*settings
+    };
+    let (told, asked_again) = counted(scene, backend, &with);
+    assert_eq!((asked_again, bits(&told)), (asked, bits(&plain)), "{name}");
+    let costs = told.costs.unwrap();
+    let sum = |values: Vec<f32>| values.into_iter().map(f64::from).sum::<f64>();
+    for (account, tally) in told
+        .ledger
+        .tallies()
+        .filter(|(account, _)| *account != Account::Other)
+    {
+        let name = format!("{name}: {}", account.name());
+        assert_eq!(sum(costs.rays(account)), tally.rays as f64, "{name}");
+        // Shares are rounded to f32 and summed in it.
+        let spent = 1e-9 * sum(costs.nanoseconds(account));
+        if account == Account::Camera {
+            assert!(
+                spent > 0.0 && spent < tally.seconds * 1.01,
+                "{name}: {spent} of {}",
+                tally.seconds
+            );
+        }
+    }
+    let spent = 1e-9 * sum(costs.all_nanoseconds());
+    assert!(spent < told.ledger.total().seconds * 1.01, "{name}: {spent}");
+}
+
+#[test]
+fn rays_of_pixels_add_up_to_the_ledgers() {
+    let settings = RenderSettings {
+        width: 12,
+        height: 9,
+        wavelengths: 4,
+        ..RenderSettings::default()
+    };
+    for seed in 0..100 {
+        let scene = random_scenes::scene(seed);
+        let backend = if seed % 2 == 0 {
+            Backend::default()
+        } else {
+            Backend::Bsp
+        };
+        audit_pixels(&format!("scene {seed}"), &scene, backend, &settings);
+    }
+    let filed = scene_folder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/prism.toml"));
+    for (spp, adaptive) in [(1, None), (3, None), (64, Some(0.01))] {
+        let settings = RenderSettings {
+            adaptive: adaptive.map(|error| Adaptive { error, gain: 1.0 }),
+            sample_aovs: spp == 3,
+            ..filed.settings(40, spp)
+        };
+        audit_pixels(&filed.name, &filed.scene, Backend::Bsp, &settings);
+    }
+}
+
 #[test]
 #[ignore = "measures time"]
 fn seconds_of_work_add_up_to_the_phase_on_one_thread() {

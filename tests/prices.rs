@@ -115,8 +115,8 @@ fn the_tiles_of_a_sample_have_the_bits_of_the_whole_picture() {
                 }
             }
             if count == 100 && kind == FilterKind::Box {
-                assert_eq!(sample.ledger.camera.rays, whole.ledger.camera.rays);
-                assert_eq!(sample.ledger.shadow.rays, whole.ledger.shadow.rays);
+                assert_eq!(sample.ledger.camera_rays(), whole.ledger.camera_rays());
+                assert_eq!(sample.ledger.shadow_rays(), whole.ledger.shadow_rays());
             }
         }
     }

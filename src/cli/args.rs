@@ -132,6 +132,10 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub(super) stats: Option<PathBuf>,
 
+    /// Write a heat map of the time that each pixel took, with a scale; for one scene. Slows the render down
+    #[arg(long, value_name = "FILE.png", requires = "output")]
+    pub(super) heat: Option<PathBuf>,
+
     /// Say nothing but errors
     #[arg(long, short)]
     pub(super) quiet: bool,
@@ -161,7 +165,8 @@ pub(super) struct SamplingArgs {
     #[arg(long, value_name = "ERR", value_parser = adaptive_error)]
     pub(super) adaptive: Option<f64>,
 
-    /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and `variance`
+    /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and `variance`;
+    /// rays, time: rays and nanoseconds of each pixel, in all and by effect, as `rays`, `rays.shadow`, `time`, `time.shadow`
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
     pub(super) aov: Vec<Aov>,
 }
@@ -171,6 +176,10 @@ pub(super) struct SamplingArgs {
 pub(super) enum Aov {
     /// `samples` and `variance`
     Samples,
+    /// `rays`, `rays.camera` and so on
+    Rays,
+    /// `time`, `time.camera` and so on, in nanoseconds
+    Time,
 }
 
 /// What is rendered, of whatever scene.

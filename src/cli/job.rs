@@ -27,7 +27,9 @@ pub(super) struct RenderJob {
     /// The standard error that pixels may have.
     adaptive: Option<f64>,
     effects: EffectOverrides,
-    aovs: bool,
+    pub(super) aovs: Vec<Aov>,
+    /// Where a heat map goes.
+    pub(super) heat: Option<PathBuf>,
     pub(super) backend: Backend,
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
@@ -100,16 +102,25 @@ impl RenderJob {
         }
         let targets = targets(args)?;
         let stats = args.stats.as_deref().map(StatsTo::of);
-        let aovs = args.sampling.aov.contains(&Aov::Samples);
-        if aovs && targets.iter().any(|target| target.format != ImageFormat::Exr) {
+        let aovs = args.sampling.aov.clone();
+        if !aovs.is_empty() && targets.iter().any(|target| target.format != ImageFormat::Exr) {
             return Err(Failure::Input(
                 "`--aov` adds channels to EXR images, which a PNG has no room for: write an .exr".into(),
             ));
+        }
+        if let Some(path) = args.heat.as_deref()
+            && ImageFormat::of_path(path) != Some(ImageFormat::Png)
+        {
+            return Err(Failure::Input(format!(
+                "a heat map is a PNG: end the name {} in .png",
+                path.display()
+            )));
         }
         for path in targets
             .iter()
             .map(|t| t.image.as_path())
             .chain(stats.as_ref().and_then(StatsTo::file))
+            .chain(args.heat.as_deref())
         {
             check_writable(path)?;
         }
@@ -126,6 +137,7 @@ impl RenderJob {
             adaptive: args.sampling.adaptive,
             effects: args.effects.unwrap_or_default(),
             aovs,
+            heat: args.heat.clone(),
             backend,
             tracing: Tracing::new(&args.tracing),
             camera: args.camera.clone(),
@@ -166,14 +178,17 @@ impl RenderJob {
     pub(super) fn shot(&self, output: &Output) -> Result<Shot, Failure> {
         let picture = self.wish.or(output);
         let exposure_ev = picture.exposure.unwrap_or(0.0);
+        let is_cost = |aov: &Aov| matches!(aov, Aov::Rays | Aov::Time);
+        let cost_aovs = self.heat.is_some() || self.aovs.iter().any(is_cost);
         let settings = RenderSettings {
             adaptive: self.adaptive.map(|error| Adaptive {
                 error,
                 gain: f64::from(exposure_ev).exp2(),
             }),
-            sample_aovs: self.aovs,
+            sample_aovs: self.aovs.contains(&Aov::Samples),
+            cost_aovs,
             effects: self.effects,
-            ledger: self.stats.is_some(),
+            ledger: self.stats.is_some() || cost_aovs,
             ..settings(&picture)?
         };
         if settings.adaptive.is_some() {

@@ -5,17 +5,17 @@ use std::time::Instant;
 
 use crate::accel::extents::{ExtentKind, ListLimits, ProjectedAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
-use crate::image::{self, ExtraChannel, ImageFormat, Note};
-use crate::render::{self, Monitor, RenderSettings, Rendering};
+use crate::image::{self, ExtraChannel, ImageFormat, Note, ToneMap};
+use crate::render::{self, Account, Monitor, RenderSettings, Rendering};
 use crate::report::stats::{
     AccelStats, CutoffStats, ImageStats, LedgerStats, PhaseSeconds, RayCounts, RenderStats, SceneStats,
     effect_stats,
 };
-use crate::report::{memory, table};
+use crate::report::{heat, memory, table};
 use crate::scene::{Background, Camera, Scene};
 use crate::scene_file::SceneFile;
 
-use super::args::RenderArgs;
+use super::args::{Aov, RenderArgs};
 use super::failure::Failure;
 use super::interrupt;
 use super::job::{RenderJob, Shot, StatsTo, Target, choose_camera, effective_precision};
@@ -100,10 +100,16 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<R
         progress.warn(&format!("{name}: {decision}"));
     }
 
-    let ((), write_seconds) = timed(|| write_image(&shot, target, &rendering))?;
+    let (heat, write_seconds) = timed(|| {
+        write_image((job, &shot), target, &rendering)?;
+        write_heat(job, &rendering)
+    })?;
     seconds.write = write_seconds;
     seconds.total = start.elapsed().as_secs_f64();
     say_finished(job, target, (&rendering, seconds.total), progress)?;
+    if let Some(line) = heat.filter(|_| job.verbosity != Verbosity::Quiet) {
+        progress.suspend(|| output::print(&line))?;
+    }
 
     let mut stats = stats((job, target, &shot), &scene, &*accel, &rendering);
     stats.image.camera.clone_from(&camera.name);
@@ -188,13 +194,21 @@ fn trace(
     render::render(scene, camera, accel, &shot.settings, &monitor).ok_or(Failure::Interrupted)
 }
 
-fn write_image(shot: &Shot, target: &Target, rendering: &Rendering) -> Result<(), Failure> {
+fn write_image(
+    (job, shot): (&RenderJob, &Shot),
+    target: &Target,
+    rendering: &Rendering,
+) -> Result<(), Failure> {
     let (image, path) = (&rendering.image, &target.image);
     if target.format == ImageFormat::Png {
         interrupt::finish_first(|| image::write(image, path, target.format, shot.tone))?;
         return Ok(());
     }
-    let mut extra = Vec::new();
+    let costs = cost_channels(job, rendering);
+    let mut extra: Vec<ExtraChannel> = costs
+        .iter()
+        .map(|(name, values)| ExtraChannel { name, values })
+        .collect();
     if let Some(aovs) = &rendering.aovs {
         let channel = |name, values| ExtraChannel { name, values };
         extra.push(channel("samples", &aovs.samples[..]));
@@ -207,6 +221,46 @@ fn write_image(shot: &Shot, target: &Target, rendering: &Rendering) -> Result<()
     };
     interrupt::finish_first(|| image::write_exr_with(image, &extra, &[note], path))?;
     Ok(())
+}
+
+/// The channels of rays and of nanoseconds that were asked for: all together, and each account that has any.
+fn cost_channels(job: &RenderJob, rendering: &Rendering) -> Vec<(String, Vec<f32>)> {
+    let Some(costs) = &rendering.costs else {
+        return Vec::new();
+    };
+    let mut channels = Vec::new();
+    let mut add = |name: &str, all: Vec<f32>, of: &dyn Fn(Account) -> Vec<f32>| {
+        channels.push((name.to_owned(), all));
+        for account in Account::ALL {
+            let values = of(account);
+            if values.iter().any(|&value| value > 0.0) {
+                channels.push((format!("{name}.{}", account.name()), values));
+            }
+        }
+    };
+    if job.aovs.contains(&Aov::Rays) {
+        add("rays", costs.all_rays(), &|account| costs.rays(account));
+    }
+    if job.aovs.contains(&Aov::Time) {
+        add("time", costs.all_nanoseconds(), &|account| {
+            costs.nanoseconds(account)
+        });
+    }
+    channels
+}
+
+/// Writes the heat map that was asked for; returns a line that tells its scale.
+fn write_heat(job: &RenderJob, rendering: &Rendering) -> Result<Option<String>, Failure> {
+    let (Some(path), Some(costs)) = (&job.heat, &rendering.costs) else {
+        return Ok(None);
+    };
+    let heat = heat::map(&costs.all_nanoseconds(), rendering.image.width);
+    interrupt::finish_first(|| image::write(&heat.image, path, ImageFormat::Png, ToneMap::default()))?;
+    let [low, high] = heat.range;
+    Ok(Some(format!(
+        "{}: {low:.0} to {high:.0} ns a pixel, notches at powers of ten\n",
+        path.display()
+    )))
 }
 
 /// One line an image on standard output.

@@ -120,7 +120,7 @@ pub(super) fn render(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
     let tiles = tiles(width, height);
     let mut picture = Picture::new(frame, target);
     let mut ledger = Ledger::default();
-    let mut meter = Meter::new(frame.settings.ledger);
+    let mut meter = Meter::new(&frame.settings);
     let mut first_count = None;
     loop {
         picture.decide();

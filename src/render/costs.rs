@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use super::film::{TILE, Tile};
 use super::ledger::{ACCOUNTS, Account};
 use super::samples::pixel_of;
-use crate::numeric::Lanes;
+use crate::numeric::{LANES, Lanes};
 
 /// What is counted for each pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -96,8 +96,8 @@ impl TileCosts {
     pub(super) fn new() -> TileCosts {
         TileCosts {
             pixels: vec![Cost::default(); (TILE * TILE) as usize],
-            labels: [0; crate::numeric::LANES],
-            active: [0; crate::numeric::LANES],
+            labels: [0; LANES],
+            active: [0; LANES],
         }
     }
 
@@ -112,10 +112,13 @@ impl TileCosts {
 
     /// Shares seconds of that packet out.
     pub(super) fn share(&mut self, account: Account, seconds: f64) {
-        let lanes = || (0..self.active.len()).filter(|&l| self.active[l] != 0);
-        let each = (1e9 * seconds / lanes().count().max(1) as f64) as f32;
-        for l in 0..self.active.len() {
-            if self.active[l] != 0 {
+        let count = self.active.iter().filter(|&&active| active != 0).count();
+        // Where no lane is on its way any more, the time was all lanes'.
+        let is_all = count == 0;
+        let sharers = if is_all { LANES } else { count };
+        let each = (1e9 * seconds / sharers as f64) as f32;
+        for l in 0..LANES {
+            if is_all || self.active[l] != 0 {
                 let pixel = pixel_of(self.labels[l]) as usize;
                 self.pixels[pixel].nanoseconds[account as usize] += each;
             }
@@ -126,7 +129,7 @@ impl TileCosts {
     pub(super) fn trace(&mut self, account_of: impl Fn(usize) -> Account, seconds: f64) {
         let count = self.active.iter().filter(|&&active| active != 0).count();
         let each = (1e9 * seconds / count.max(1) as f64) as f32;
-        for l in 0..self.active.len() {
+        for l in 0..LANES {
             if self.active[l] != 0 {
                 let cost = &mut self.pixels[pixel_of(self.labels[l]) as usize];
                 let account = account_of(l) as usize;
@@ -140,7 +143,6 @@ impl TileCosts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::LANES;
 
     #[test]
     fn a_packets_time_is_shared_by_its_active_lanes_and_added_to_the_picture() {

@@ -8,9 +8,12 @@
 use std::sync::OnceLock;
 use std::time::Instant;
 
+use super::RenderSettings;
+use super::costs::TileCosts;
 use super::film::{TILE, Tile};
 use super::ledger::{Account, Ledger, Tally};
 use crate::accel::RayPacket;
+use crate::numeric::Lanes;
 
 /// Of so many packets one is watched closely.
 const WATCHED_ONE_IN: u32 = 32;
@@ -32,17 +35,21 @@ pub(super) struct Meter {
     /// Goes on by [`GOLDEN`] with every packet.
     turn: u32,
     clock_read_seconds: f64,
+    /// What each pixel cost, where somebody asks.
+    pub(super) costs: Option<Box<TileCosts>>,
 }
 
 impl Meter {
-    /// A clock that runs if `is_on`.
-    pub(super) fn new(is_on: bool) -> Meter {
+    /// A clock that runs if the settings say so.
+    pub(super) fn new(settings: &RenderSettings) -> Meter {
+        let is_on = settings.ledger;
         Meter {
             ledger: Ledger::default(),
             since: is_on.then(Instant::now),
             watched_since: None,
             turn: 0,
             clock_read_seconds: if is_on { clock_read_seconds() } else { 0.0 },
+            costs: (is_on && settings.cost_aovs).then(|| Box::new(TileCosts::new())),
         }
     }
 
@@ -53,6 +60,9 @@ impl Meter {
         self.turn = (tile.x / TILE).wrapping_mul(COLUMN_STEP) ^ (tile.y / TILE).wrapping_mul(ROW_STEP);
         if self.since.is_some() {
             self.since = Some(self.now());
+        }
+        if let Some(costs) = &mut self.costs {
+            costs.clear();
         }
     }
 
@@ -71,12 +81,28 @@ impl Meter {
 
     /// Books all that is not booked yet.
     pub(super) fn lap(&mut self, account: Account) {
-        if let Some(seconds) = self.pass() {
-            let tally = Tally {
-                seconds,
-                ..Tally::default()
-            };
-            self.ledger.book(account, tally);
+        self.lap_over(account, std::iter::empty());
+    }
+
+    /// Books all that is not booked yet, which was spent on these packets alike: their lanes' labels, and those in use.
+    #[inline(always)]
+    pub(super) fn lap_over<'a>(
+        &mut self,
+        account: Account,
+        packets: impl Iterator<Item = (&'a Lanes<u32>, &'a Lanes<i32>)> + Clone,
+    ) {
+        let Some(seconds) = self.pass() else { return };
+        let tally = Tally {
+            seconds,
+            ..Tally::default()
+        };
+        self.ledger.book(account, tally);
+        if let Some(costs) = &mut self.costs {
+            let each = seconds / packets.clone().count().max(1) as f64;
+            for (labels, active) in packets {
+                costs.turn_to(labels, active);
+                costs.share(account, each);
+            }
         }
     }
 
@@ -103,12 +129,35 @@ impl Meter {
         }
     }
 
-    /// Runs a trace, and returns its active rays and its time, which are to be booked.
+    /// Runs a trace, and returns its active rays and its time, which are to be booked. `whose` tells the labels of a packet
+    /// and the accounts of its lanes.
     #[inline(always)]
-    pub(super) fn trace(&mut self, packets: &mut [RayPacket], trace: impl FnOnce(&mut [RayPacket])) -> Tally {
+    pub(super) fn trace<'a>(
+        &mut self,
+        packets: &mut [RayPacket],
+        whose: impl Fn(usize) -> (&'a Lanes<u32>, Accounts<'a>),
+        trace: impl Fn(&mut [RayPacket]),
+    ) -> Tally {
         let rays: i32 = packets.iter().flat_map(|packet| &packet.active).sum();
-        trace(packets);
-        let seconds = self.pass().unwrap_or(0.0);
+        let seconds = match self.costs.take() {
+            None => {
+                trace(packets);
+                self.pass().unwrap_or(0.0)
+            }
+            Some(mut costs) => {
+                let mut sum = 0.0;
+                for (index, packet) in packets.iter_mut().enumerate() {
+                    let (labels, accounts) = whose(index);
+                    costs.turn_to(labels, &packet.active);
+                    trace(std::slice::from_mut(packet));
+                    let seconds = self.pass().unwrap_or(0.0);
+                    costs.trace(|l| accounts.of(l), seconds);
+                    sum += seconds;
+                }
+                self.costs = Some(costs);
+                sum
+            }
+        };
         Tally {
             rays: u64::from(rays.unsigned_abs()),
             seconds,
@@ -117,12 +166,16 @@ impl Meter {
     }
 
     /// Begins the shading of a packet. Returns whether it is watched closely.
-    pub(super) fn watch(&mut self) -> bool {
+    pub(super) fn watch(&mut self, labels: &Lanes<u32>, active: &Lanes<i32>) -> bool {
         if self.since.is_none() {
             return false;
         }
         self.turn = self.turn.wrapping_add(GOLDEN);
-        let is_watched = self.turn < u32::MAX / WATCHED_ONE_IN;
+        let mut is_watched = self.turn < u32::MAX / WATCHED_ONE_IN;
+        if let Some(costs) = &mut self.costs {
+            costs.turn_to(labels, active);
+            is_watched = true;
+        }
         self.watched_since = is_watched.then(|| self.now());
         is_watched
     }
@@ -142,6 +195,9 @@ impl Meter {
             // Of what is between two readings, one reading is not the work's.
             let seconds = moment.duration_since(since).as_secs_f64() - self.clock_read_seconds;
             self.ledger.book_watched(account, seconds.max(0.0));
+            if let Some(costs) = &mut self.costs {
+                costs.share(account, seconds.max(0.0));
+            }
         }
     }
 
@@ -151,15 +207,45 @@ impl Meter {
     }
 
     /// Goes on with a packet whose shading was interrupted by other work, which is booked already.
-    pub(super) fn resume(&mut self) {
+    pub(super) fn resume(&mut self, labels: &Lanes<u32>, active: &Lanes<i32>) {
         if self.watched_since.is_some() {
             self.watched_since = self.since;
+        }
+        if let Some(costs) = &mut self.costs {
+            costs.turn_to(labels, active);
         }
     }
 
     /// Ends the shading of a packet.
     pub(super) fn leave(&mut self) {
         self.watched_since = None;
+    }
+}
+
+/// When something began.
+#[derive(Clone, Copy)]
+pub(super) enum Moment {
+    /// Nobody wants to know.
+    Unknown,
+    /// The clock is to be read when it does; it has not begun.
+    Wanted,
+    /// Then.
+    Read(Instant),
+}
+
+/// What the lanes of a packet are booked under.
+#[derive(Clone, Copy)]
+pub(super) enum Accounts<'a> {
+    All(Account),
+    Each(&'a Lanes<Account>),
+}
+
+impl Accounts<'_> {
+    fn of(&self, l: usize) -> Account {
+        match self {
+            Accounts::All(account) => *account,
+            Accounts::Each(accounts) => accounts[l],
+        }
     }
 }
 
@@ -185,6 +271,7 @@ pub(super) fn clock_read_seconds() -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::LANES;
 
     const SOME_TILE: Tile = Tile {
         x: 64,
@@ -195,25 +282,31 @@ mod tests {
 
     #[test]
     fn with_the_ledger_off_the_clock_is_never_read() {
-        let mut meter = Meter::new(false);
+        let mut meter = Meter::new(&RenderSettings::default());
         meter.begin(SOME_TILE);
         for _ in 0..1000 {
-            assert!(!meter.watch());
+            assert!(!meter.watch(&[0; LANES], &[-1; LANES]));
             meter.part(Account::Surface);
             meter.leave();
         }
         meter.lap(Account::Film);
         meter.lap_shading();
-        let tally = meter.trace(&mut [RayPacket::EMPTY], |_| {});
+        let whose = |_| (&[0; LANES], Accounts::All(Account::Camera));
+        let tally = meter.trace(&mut [RayPacket::EMPTY], whose, |_| {});
         assert_eq!(tally, Tally::default());
         assert_eq!(meter.ledger, Ledger::default());
     }
 
     #[test]
     fn one_packet_in_thirty_two_is_watched_in_step_with_no_power_of_two() {
-        let mut meter = Meter::new(true);
+        let mut meter = Meter::new(&RenderSettings {
+            ledger: true,
+            ..RenderSettings::default()
+        });
         meter.begin(SOME_TILE);
-        let watched: Vec<usize> = (0..32_000).filter(|_| meter.watch()).collect();
+        let watched: Vec<usize> = (0..32_000)
+            .filter(|_| meter.watch(&[0; LANES], &[-1; LANES]))
+            .collect();
         // The multiples of the golden ratio that fall into an interval are off its length times their number by less
         // than 3 log2 of it.
         assert!(watched.len().abs_diff(1000) < 45, "{}", watched.len());

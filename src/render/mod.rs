@@ -4,6 +4,7 @@
 //! any order of tiles: every tile owns its pixels and sums in one order.
 
 mod adaptive;
+mod costs;
 mod estimate;
 mod film;
 mod filter;
@@ -36,6 +37,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 pub use adaptive::Adaptive;
+pub use costs::PixelCosts;
 pub use filter::PixelFilter;
 pub use ledger::{Account, Ledger, Loss, Tally};
 pub use plan::Plan;
@@ -55,6 +57,7 @@ use crate::scene::{Background, Camera, CameraView, Effect, EffectOverrides, Effe
 use crate::shading::ray_cone::Cone;
 use crate::volume::SkipEmpty;
 use adaptive::ROUND;
+use costs::CostSheet;
 use estimate::Estimate;
 use film::Tile;
 use meter::Meter;
@@ -103,6 +106,9 @@ pub struct RenderSettings {
     /// Whether [`Rendering::ledger`] is to tell where the time went. Off, no clock is read but at both ends of the render,
     /// and rays are counted all the same. It changes no bit of the picture.
     pub ledger: bool,
+    /// Whether [`Rendering::costs`] are wanted, for which the ledger must be on. They change no bit of the picture, but
+    /// make it slower.
+    pub cost_aovs: bool,
 }
 
 impl Default for RenderSettings {
@@ -121,6 +127,7 @@ impl Default for RenderSettings {
             skip_empty: SkipEmpty::default(),
             effects: EffectOverrides::default(),
             ledger: false,
+            cost_aovs: false,
         }
     }
 }
@@ -134,6 +141,8 @@ pub struct Rendering {
     pub samples: SampleCounts,
     /// What each pixel's samples tell, if [`RenderSettings::sample_aovs`] asks for it.
     pub aovs: Option<SampleAovs>,
+    /// What each pixel cost, if [`RenderSettings::cost_aovs`] asks for it.
+    pub costs: Option<PixelCosts>,
     /// Rays and seconds.
     pub ledger: Ledger,
     /// What was simulated.
@@ -175,6 +184,8 @@ struct Frame<'s> {
     media_at_eye: MediaStack,
     /// Rays that were asked to find them.
     probe_count: u64,
+    /// What each pixel cost, where somebody asks.
+    costs: Option<CostSheet>,
     /// How wide a camera ray is.
     camera_cone: Cone,
 }
@@ -204,6 +215,7 @@ pub fn render(
     };
     ledger.book(Account::Other, setting_up);
     ledger.settle(rayon::current_num_threads(), start.elapsed().as_secs_f64());
+    rendering.costs = frame.costs.map(CostSheet::finish);
     Some(rendering)
 }
 
@@ -212,7 +224,7 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
     let settings = &frame.settings;
     let (width, height) = (settings.width, settings.height);
     let (tiles, mut ledger) = render_tiles(frame, monitor)?;
-    let mut meter = Meter::new(settings.ledger);
+    let mut meter = Meter::new(settings);
     let mut pixels = film::assemble(width, height, &tiles, |picture| &picture.means);
     if !settings.filter.is_box() {
         filter::assemble(width, &mut pixels, &tiles);
@@ -233,6 +245,7 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
             pixels,
         },
         samples: SampleCounts::uniform(settings),
+        costs: None,
         ledger,
         plan: frame.plan.clone(),
     })
@@ -278,6 +291,7 @@ fn render_adaptively(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
         },
         samples: SampleCounts::of(&estimates),
         aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),
+        costs: None,
         ledger,
         plan: frame.plan.clone(),
     })
@@ -298,7 +312,13 @@ impl RenderSettings {
         } else {
             0
         };
-        (estimates + aovs) as u64 + self.filter.bytes_per_pixel()
+        let costs = if self.cost_aovs {
+            // As counted, and every channel on its way into a file.
+            3 * PixelCosts::BYTES
+        } else {
+            0
+        };
+        (estimates + aovs + costs) as u64 + self.filter.bytes_per_pixel()
     }
 
     /// The cone of one of `samples` samples: a pixel's, by the root of their number narrower each way.
@@ -353,6 +373,8 @@ impl<'s> Frame<'s> {
             spectrum: SpectralSampler::new(settings.wavelengths as usize),
             media_at_eye: MediaStack::EMPTY,
             probe_count: 0,
+            costs: (settings.ledger && settings.cost_aovs)
+                .then(|| CostSheet::new(settings.width, settings.height)),
             camera_cone: settings.camera_cone(&view, settings.spp),
         };
         frame.set_cones();

@@ -2,12 +2,12 @@
 
 use glam::Vec3;
 
-use super::film::TileFilm;
+use super::film::{Tile, TileFilm};
 use super::ledger::Account;
 use super::losses::{Limit, TileLosses};
-use super::meter::Meter;
+use super::meter::{Accounts, Meter, Moment};
 use super::queue::{Feelers, Generation, Paths, Sent};
-use super::surface::{Moment, Surfaces};
+use super::surface::Surfaces;
 use super::texturing::Widths;
 use super::travel::{Travel, TravelPacket};
 use super::volumes::Marches;
@@ -54,8 +54,8 @@ impl<'f, 's> Outcome<'f, 's> {
             frame,
             film,
             feelers: Feelers::new(frame.effects()),
-            next: Generation::new(frame.effects(), frame.follows_widths()),
-            meter: Meter::new(frame.settings.ledger),
+            next: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
+            meter: Meter::new(&frame.settings),
             losses: TileLosses::default(),
             sheets: frame
                 .effects()
@@ -71,6 +71,14 @@ impl<'f, 's> Outcome<'f, 's> {
         self.losses.clear();
     }
 
+    /// Books the end of a tile.
+    pub(super) fn finish(&mut self, tile: Tile) {
+        self.meter.lap(Account::Film);
+        if let (Some(sheet), Some(costs)) = (&self.frame.costs, &self.meter.costs) {
+            sheet.add(tile, costs);
+        }
+    }
+
     /// Adds what traced rays have met to the film, and sends out what follows from it.
     pub(super) fn shade_batch(
         &mut self,
@@ -81,7 +89,7 @@ impl<'f, 's> Outcome<'f, 's> {
     ) {
         for (index, packet) in packets.iter().enumerate() {
             let (path, travels) = paths.at(index);
-            let is_watched = self.meter.watch();
+            let is_watched = self.meter.watch(&path.pixel, &packet.active);
             let dimmed = travels
                 .filter(|_| self.frame.effects().has(Effect::Absorption))
                 .map(|travels| self.dimmed(packet, path, travels));
@@ -191,7 +199,7 @@ impl<'f, 's> Outcome<'f, 's> {
             if self.feelers.is_full() {
                 self.meter.part(Account::Lighting);
                 self.answer_feelers(stage.order);
-                self.meter.resume();
+                self.meter.resume(traced.pixel, &traced.packet.active);
             }
             let (packet, feeler) = self.feelers.next();
             if shade::feel(light, &lit, packet, &mut feeler.radiance) {
@@ -286,12 +294,13 @@ impl<'f, 's> Outcome<'f, 's> {
         let accel = self.frame.accel;
         let casts = self.frame.effects().has(Effect::Shadow);
         if casts {
+            let whose = |index: usize| (&feelers[index].pixel, Accounts::All(Account::Shadow));
             let traced = self
                 .meter
-                .trace(packets, |packets| accel.occluded(packets, order));
+                .trace(packets, whose, |packets| accel.occluded(packets, order));
             self.meter.ledger.book(Account::Shadow, traced);
         }
-        for (packet, feeler) in packets.iter().zip(feelers) {
+        for (packet, feeler) in packets.iter().zip(feelers.iter_mut()) {
             if casts {
                 shade::block(packet, &mut feeler.radiance);
             }
@@ -300,6 +309,7 @@ impl<'f, 's> Outcome<'f, 's> {
             }
             self.film.add(&feeler.pixel, &feeler.radiance);
         }
-        self.meter.lap(Account::Film);
+        let lanes = (0..packets.len()).map(|index| (&feelers[index].pixel, &packets[index].active));
+        self.meter.lap_over(Account::Film, lanes);
     }
 }

@@ -2,6 +2,9 @@
 //!
 //! Memory is kept from tile to tile; packets are filled again rather than made anew.
 
+use super::RenderSettings;
+use super::ledger::Account;
+use super::meter::Accounts;
 use super::travel::{MediaColumn, Travel, TravelPacket, Travels};
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
@@ -62,6 +65,16 @@ impl Sorts {
     }
 }
 
+impl Sent {
+    fn account(&self) -> Account {
+        match (self.is_through, self.travel) {
+            (_, Some(travel)) if travel.wavelength != 0.0 => Account::Dispersion,
+            (true, _) => Account::Refraction,
+            (false, _) => Account::Reflection,
+        }
+    }
+}
+
 /// Rays of one step of the tree. Packets are kept to be filled again.
 pub(super) struct Generation {
     packets: Vec<RayPacket>,
@@ -72,6 +85,8 @@ pub(super) struct Generation {
     /// Lanes in use of the last of them.
     filled: usize,
     sorts: Sorts,
+    /// What each ray is booked under, where pixels' costs are counted.
+    accounts: Option<Vec<Lanes<Account>>>,
 }
 
 impl Generation {
@@ -84,6 +99,15 @@ impl Generation {
             count: 0,
             filled: LANES,
             sorts: Sorts::default(),
+            accounts: None,
+        }
+    }
+
+    /// The same, with the account of each ray if `settings` ask for pixels' costs.
+    pub(super) fn with_accounts(self, settings: &RenderSettings) -> Generation {
+        Generation {
+            accounts: settings.cost_aovs.then(Vec::new),
+            ..self
         }
     }
 
@@ -110,6 +134,7 @@ impl Generation {
         let paths = Paths {
             paths: &self.paths[..self.count],
             travels: &self.travels,
+            accounts: self.accounts.as_deref(),
             first: 0,
         };
         (&mut self.packets[..self.count], paths)
@@ -148,6 +173,10 @@ impl Generation {
             self.paths[last].weight[channel][lane] = sent.weight[channel];
         }
         self.sorts.count(sent);
+        if let Some(accounts) = &mut self.accounts {
+            accounts.resize(self.count.max(accounts.len()), [Account::Reflection; LANES]);
+            accounts[last][lane] = sent.account();
+        }
         if let Some(travel) = sent.travel {
             self.set_travel(lane, &travel);
         }
@@ -160,6 +189,7 @@ impl Generation {
 pub(super) struct Paths<'a> {
     paths: &'a [PathPacket],
     travels: &'a Travels,
+    accounts: Option<&'a [Lanes<Account>]>,
     /// The packet of the generation that comes first.
     first: usize,
 }
@@ -171,6 +201,16 @@ impl<'a> Paths<'a> {
         let packet = self.first + index;
         let travels = (!self.travels.is_void()).then(|| self.travels.at(packet));
         (&self.paths[packet], travels)
+    }
+
+    /// The labels of packet `index`, and what its rays are booked under: `otherwise` where that is not kept for each.
+    pub(super) fn whose(&self, index: usize, otherwise: Account) -> (&'a Lanes<u32>, Accounts<'a>) {
+        let packet = self.first + index;
+        let accounts = match self.accounts.and_then(|accounts| accounts.get(packet)) {
+            Some(accounts) => Accounts::Each(accounts),
+            None => Accounts::All(otherwise),
+        };
+        (&self.paths[packet].pixel, accounts)
     }
 
     /// Those from packet `first` on.

@@ -11,6 +11,7 @@ use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 
 use super::gather::{Gathered, MeshView};
+use super::meter::Moment;
 use super::plan::Plan;
 use super::shape_point::world_point;
 use super::texturing::{Chart, Widths};
@@ -37,7 +38,7 @@ pub(super) struct InstanceView<'s> {
     /// Index into the scene's materials.
     material: u32,
     /// Whether the material is the same at every point: no texture, no vertex colour.
-    uniform: bool,
+    pub(super) uniform: bool,
     /// Whether object space is elsewhere than world space.
     is_placed: bool,
 }
@@ -82,17 +83,6 @@ pub(super) struct Surfaces {
     filled_for: Option<u32>,
     /// When the look-ups of textures began.
     pub(super) texturing: Moment,
-}
-
-/// When something began.
-#[derive(Clone, Copy)]
-pub(super) enum Moment {
-    /// Nobody wants to know.
-    Unknown,
-    /// The clock is to be read when it does; it has not begun.
-    Wanted,
-    /// Then.
-    Read(Instant),
 }
 
 impl<'s> SurfaceScene<'s> {
@@ -207,24 +197,6 @@ impl<'s> SurfaceScene<'s> {
             varies |= !view.uniform;
         }
         varies
-    }
-
-    /// Multiplies in what varies.
-    fn vary_lanes(
-        &self,
-        packet: &RayPacket,
-        widths: Widths,
-        points: &mut SurfacePacket,
-        materials: &mut MaterialPacket,
-    ) {
-        for l in 0..LANES {
-            if packet.instance[l] == NO_HIT {
-                continue;
-            }
-            if !self.views[packet.instance[l] as usize].uniform {
-                self.vary((packet, widths, l), points, materials);
-            }
-        }
     }
 
     /// Collects what the vector code needs from the meshes, where lanes have hit several instances.

@@ -7,8 +7,8 @@ use glam::DVec3;
 
 use super::surface::{InstanceView, SurfacePacket, SurfaceScene};
 use super::travel::TravelPacket;
-use crate::accel::RayPacket;
-use crate::numeric::Lanes3;
+use crate::accel::{NO_HIT, RayPacket};
+use crate::numeric::{LANES, Lanes3};
 use crate::scene::{Effect, Instance, Layer, Model, Parameter};
 use crate::shading::normal_map::{TangentFrame, bumped, kept_visible, transformed_derivatives};
 use crate::shading::ray_cone::{Cone, axes_on_surface, uv_of};
@@ -55,9 +55,27 @@ pub(super) struct Chart {
 }
 
 impl SurfaceScene<'_> {
+    /// Multiplies textures and vertex colours into the lanes that have any.
+    pub(super) fn vary_lanes(
+        &self,
+        packet: &RayPacket,
+        widths: Widths,
+        points: &mut SurfacePacket,
+        materials: &mut MaterialPacket,
+    ) {
+        for l in 0..LANES {
+            if packet.instance[l] == NO_HIT {
+                continue;
+            }
+            if !self.view(packet.instance[l]).uniform {
+                self.vary((packet, widths, l), points, materials);
+            }
+        }
+    }
+
     /// Multiplies textures and vertex colours into lane `l`, and bends its shading normal.
     #[cold]
-    pub(super) fn vary(
+    fn vary(
         &self,
         (packet, widths, l): (&RayPacket, Widths, usize),
         points: &mut SurfacePacket,

@@ -6,7 +6,7 @@
 //! same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
 
 use super::ledger::Account;
-use super::meter::Meter;
+use super::meter::{Accounts, Meter};
 use super::outcome::Outcome;
 use super::queue::{BATCH, Feeler};
 use super::surface::Surfaces;
@@ -65,7 +65,8 @@ pub(super) fn through_sheets(
         if !packets.iter().any(RayPacket::any_active) {
             break;
         }
-        let traced = meter.trace(packets, |packets| frame.accel.intersect(packets, order));
+        let whose = |index: usize| (&feelers[index].pixel, Accounts::All(account));
+        let traced = meter.trace(packets, whose, |packets| frame.accel.intersect(packets, order));
         meter.ledger.book(account, traced);
         account = Account::TransparentShadow;
         for (index, packet) in packets.iter_mut().enumerate() {
@@ -78,7 +79,8 @@ pub(super) fn through_sheets(
                 way.pass_next(frame, packet, &mut feelers[index], sheets);
             }
         }
-        meter.lap(account);
+        let lanes = (0..packets.len()).map(|index| (&feelers[index].pixel, &packets[index].active));
+        meter.lap_over(account, lanes);
     }
     for (packet, feeler) in packets.iter_mut().zip(feelers) {
         // Whoever is still on the way counts as blocked.

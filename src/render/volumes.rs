@@ -11,7 +11,7 @@
 use std::f64::consts::PI;
 
 use super::ledger::Account;
-use super::meter::Meter;
+use super::meter::{Accounts, Meter};
 use super::outcome::Outcome;
 use super::queue::{Feelers, PathPacket};
 use super::surface::Surfaces;
@@ -103,6 +103,7 @@ impl Outcome<'_, '_> {
                 meter: &mut self.meter,
                 media: travels.map_or(MediaStack::EMPTY, |travels| travels.media(l)),
                 order,
+                pixel: path.pixel[l],
             };
             let ray = packet.ray(l);
             let stretch = Stretch {
@@ -122,8 +123,9 @@ impl Outcome<'_, '_> {
         if radiance.as_flattened().iter().any(|&value| value != 0.0) {
             self.film.add(&path.pixel, &radiance);
         }
-        self.meter.lap(Account::Volume);
-        self.meter.resume();
+        let lanes = std::iter::once((&path.pixel, &packet.active));
+        self.meter.lap_over(Account::Volume, lanes);
+        self.meter.resume(&path.pixel, &packet.active);
         left
     }
 }
@@ -138,6 +140,8 @@ struct Lamps<'a, 'f, 's> {
     /// The bodies around the ray.
     media: MediaStack,
     order: RayOrder,
+    /// Whose light it is.
+    pixel: u32,
 }
 
 impl Lamps<'_, '_, '_> {
@@ -147,6 +151,7 @@ impl Lamps<'_, '_, '_> {
         let mut arriving = frame.ambient.map(|ambient| [f64::from(ambient); LANES]);
         for (light, &casts) in frame.scene.lights.iter().zip(&frame.plan.casting) {
             let (packet, feeler) = self.feelers.next();
+            feeler.pixel = [self.pixel; LANES];
             if !feel(light, points, packet, &mut feeler.radiance) {
                 continue;
             }
@@ -167,7 +172,8 @@ impl Lamps<'_, '_, '_> {
             self.feelers.keep_medium(&self.media);
             self.feelers.keep();
             let (packets, feelers, media) = self.feelers.take_with_media();
-            self.meter.lap(Account::Volume);
+            let lanes = std::iter::once((&feelers[0].pixel, &packets[0].active));
+            self.meter.lap_over(Account::Volume, lanes);
             match &mut self.sheets {
                 Some(sheets) => {
                     through_sheets(
@@ -180,9 +186,10 @@ impl Lamps<'_, '_, '_> {
                 }
                 None => {
                     let accel = self.frame.accel;
+                    let whose = |_| (&feelers[0].pixel, Accounts::All(Account::Shadow));
                     let traced = self
                         .meter
-                        .trace(packets, |packets| accel.occluded(packets, self.order));
+                        .trace(packets, whose, |packets| accel.occluded(packets, self.order));
                     self.meter.ledger.book(Account::Shadow, traced);
                     shade::block(&packets[0], &mut feelers[0].radiance);
                 }

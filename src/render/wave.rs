@@ -15,6 +15,7 @@ use super::estimate::Estimate;
 use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
 use super::ledger::{Account, Ledger, Tally};
+use super::meter::Accounts;
 use super::outcome::{Outcome, Stage};
 use super::queue::{BATCH, Generation};
 use super::sampler::SampleGroup;
@@ -69,7 +70,7 @@ impl<'f, 's> Wave<'f, 's> {
         Wave {
             packets: 0,
             frame,
-            current: Generation::new(frame.effects(), frame.follows_widths()),
+            current: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
             surfaces: Box::new(Surfaces::new(frame.effects())),
             outcome: Outcome::new(frame, TileFilm::new(samples)),
         }
@@ -92,7 +93,7 @@ impl<'f, 's> Wave<'f, 's> {
         let pixels = (0..TILE * TILE).map(|pixel| (pixel, frame.settings.spp));
         outcome.losses.settle(pixels, &mut outcome.meter.ledger);
         let picture = outcome.film.picture(tile, frame.settings);
-        outcome.meter.lap(Account::Film);
+        outcome.finish(tile);
         (picture, outcome.meter.ledger)
     }
 
@@ -116,7 +117,7 @@ impl<'f, 's> Wave<'f, 's> {
             .zip(&estimates)
             .map(|(visit, estimate)| (visit.y * TILE + visit.x, estimate.count));
         outcome.losses.settle(pixels, &mut outcome.meter.ledger);
-        outcome.meter.lap(Account::Film);
+        outcome.finish(tile);
         (estimates, outcome.meter.ledger)
     }
 
@@ -185,8 +186,10 @@ impl<'f, 's> Wave<'f, 's> {
             return;
         }
         let meter = &mut self.outcome.meter;
-        meter.lap(Account::Sampling);
-        let traced = meter.trace(packets, |packets| {
+        let lanes = (0..packets.len()).map(|index| (&paths.at(index).0.pixel, &packets[index].active));
+        meter.lap_over(Account::Sampling, lanes);
+        let whose = |index| (&paths.at(index).0.pixel, Accounts::All(Account::Camera));
+        let traced = meter.trace(packets, whose, |packets| {
             self.frame.accel.intersect(packets, stage.order)
         });
         meter.ledger.book(Account::Camera, traced);
@@ -212,11 +215,13 @@ impl<'f, 's> Wave<'f, 's> {
             let mut all = Tally::default();
             let (packets, paths) = self.current.parts();
             for (batch, packets) in packets.chunks_mut(BATCH).enumerate() {
-                all += self.outcome.meter.trace(packets, |packets| {
+                let paths = paths.from(batch * BATCH);
+                let whose = |index| paths.whose(index, Account::Reflection);
+                all += self.outcome.meter.trace(packets, whose, |packets| {
                     self.frame.accel.intersect(packets, stage.order)
                 });
                 self.outcome
-                    .shade_batch(&mut self.surfaces, packets, paths.from(batch * BATCH), stage);
+                    .shade_batch(&mut self.surfaces, packets, paths, stage);
             }
             self.outcome.meter.ledger.book_sent(all, self.current.sorts());
             self.current.clear();

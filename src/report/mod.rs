@@ -4,6 +4,7 @@
 
 pub mod bench;
 pub mod extents;
+pub mod heat;
 pub mod info;
 pub mod memory;
 pub mod prices;

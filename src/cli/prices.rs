@@ -1,7 +1,8 @@
 //! `whit info --prices`: a few tiles of the picture rendered as planned, without each effect and with less depth.
 //!
 //! Every picture is rendered in turn within each run, forwards and backwards by turns, and held against the planned picture
-//! of the same run, so that whatever else the machine does hits all alike. The planned picture takes part twice: by how much
+//! of the same run, so that whatever else the machine does hits all alike. Times are those of the processor where the system
+//! tells them. The planned picture takes part twice: by how much
 //! its times differ from each other is the noise.
 
 use std::time::Instant;
@@ -304,7 +305,7 @@ impl Times {
         for run in 0..MOST_RUNS {
             for (done, &index) in order.iter().enumerate() {
                 let variant = variants.get(index).unwrap_or(&variants[0]);
-                seconds[index].push(studio.render(&variant.settings)?.thread_seconds());
+                seconds[index].push(studio.render(&variant.settings)?.seconds());
                 let runs = run as f64 + (done + 1) as f64 / order.len() as f64;
                 let by_budget = start.elapsed().as_secs_f64() / budget.max(f64::MIN_POSITIVE);
                 progress.fraction((runs / LEAST_RUNS as f64).min(by_budget.max(runs / MOST_RUNS as f64)));

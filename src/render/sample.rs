@@ -25,7 +25,7 @@ pub struct SampledTile {
     pub y: u32,
     /// Its pixels. A filter that takes from neighbouring tiles leaves those near them out.
     pub image: LinearImage,
-    /// Seconds that one thread took for it.
+    /// Seconds of processor time that its thread took for it; of wall-clock time where the system does not tell.
     pub seconds: f64,
 }
 
@@ -41,8 +41,8 @@ pub struct TileSample {
 }
 
 impl TileSample {
-    /// Seconds of all tiles, summed over threads.
-    pub fn thread_seconds(&self) -> f64 {
+    /// [`SampledTile::seconds`] of all tiles.
+    pub fn seconds(&self) -> f64 {
         self.tiles.iter().map(|tile| tile.seconds).sum()
     }
 }
@@ -76,9 +76,9 @@ pub fn render_sample(
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
         }
-        let start = Instant::now();
+        let start = thread_seconds();
         let (picture, ledger) = wave.render_tile(tile);
-        let seconds = start.elapsed().as_secs_f64();
+        let seconds = thread_seconds() - start;
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / chosen.len() as f64);
         let inner = inner(tile, &settings);
@@ -103,6 +103,21 @@ pub fn render_sample(
         ledger,
         plan: frame.plan.clone(),
     })
+}
+
+/// Processor time of this thread so far: what other programs do meanwhile is not in it.
+#[cfg(target_os = "linux")]
+fn thread_seconds() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+}
+
+/// Time since the first call.
+#[cfg(not(target_os = "linux"))]
+fn thread_seconds() -> f64 {
+    use std::sync::LazyLock;
+    static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+    START.elapsed().as_secs_f64()
 }
 
 /// The first `count` tiles in the order of the sample.

@@ -35,7 +35,7 @@ pub struct PriceList {
     pub tiles_in_all: usize,
     /// Times that each picture was rendered for its time, all in turn.
     pub runs: usize,
-    /// Seconds that the whole picture is expected to take on all threads.
+    /// Seconds that the whole picture is expected to take on all threads, if they have a processor each.
     pub seconds_forecast: f64,
     /// By this part the times of the picture itself were off from each other.
     pub noise: f64,

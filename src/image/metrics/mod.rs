@@ -188,8 +188,7 @@ impl Sums {
 
 /// The part of a linear channel that a screen can show: what is no number is black.
 fn clipped(radiance: f64) -> f64 {
-    // `f64::max` takes the other one of a NaN.
-    radiance.max(0.0).min(1.0)
+    if radiance > 0.0 { radiance.min(1.0) } else { 0.0 }
 }
 
 /// The sRGB value of a radiance, 0 to 1 (IEC 61966-2-1).

@@ -312,6 +312,7 @@ impl Outcome<'_, '_> {
                 direction,
                 media: boundary.crossing.through,
                 cone: cone.refracted(etas[1] / etas[0], bend.cosines(direction), curvature),
+                ..*arrival
             };
             self.refracted += u64::from(self.send_from(points, l, traced.pixel[l], weight, travel));
         }

@@ -49,11 +49,17 @@ pub enum Effect {
     Ambient,
     /// Something is seen behind everything.
     Background,
+    /// What is nearer or farther than the plane of focus is blurred.
+    DepthOfField,
+    /// Lights have an extent, and their shadows soft edges.
+    AreaLight,
+    /// An image all around lights the scene.
+    Environment,
 }
 
 impl Effect {
     /// All of them, in the order of reports.
-    pub const ALL: [Effect; 20] = [
+    pub const ALL: [Effect; 23] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -74,6 +80,9 @@ impl Effect {
         Effect::Emission,
         Effect::Ambient,
         Effect::Background,
+        Effect::DepthOfField,
+        Effect::AreaLight,
+        Effect::Environment,
     ];
 
     /// What the command line and reports call it.
@@ -99,6 +108,9 @@ impl Effect {
             Effect::Emission => "emission",
             Effect::Ambient => "ambient",
             Effect::Background => "background",
+            Effect::DepthOfField => "depth-of-field",
+            Effect::AreaLight => "area-light",
+            Effect::Environment => "environment",
         }
     }
 
@@ -134,6 +146,9 @@ impl Effect {
             Effect::Emission => "nothing shines by itself",
             Effect::Ambient => "no light comes from all around",
             Effect::Background => "black is behind everything",
+            Effect::DepthOfField => "everything is in focus",
+            Effect::AreaLight => "lights with an extent are dark",
+            Effect::Environment => "the environment map is seen and lights nothing",
         }
     }
 
@@ -212,6 +227,12 @@ impl EffectSet {
     #[inline(always)]
     pub const fn has_sheets(self) -> bool {
         self.has(Effect::Refraction) || self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend)
+    }
+
+    /// Whether surfaces pick at random what they ask for light.
+    #[inline(always)]
+    pub const fn samples_light(self) -> bool {
+        self.has(Effect::AreaLight) || self.has(Effect::Environment)
     }
 
     /// Whether anything is seen without a light.

@@ -162,8 +162,9 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileEr
     let default_material = assembler.default_material();
     let [include_count, gltf_count] = assembler.file_counts();
     let group_count = assembler.group_count;
+    let surroundings = assembler.surroundings(&source, path, &document)?;
     let mut scene = assembler.scene;
-    surround(&mut scene, &document);
+    surround(&mut scene, &document, surroundings).map_err(|sentence| file_error(path, sentence))?;
     flatten::flatten(&mut scene, &assembly, default_material)?;
     if scene.instances.iter().all(|i| i.material != default_material) {
         // It is the last one, so no index changes.
@@ -179,12 +180,14 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileEr
     })
 }
 
-fn surround(scene: &mut Scene, document: &Document) {
+/// Sets what comes from all around; an environment map is image number `image`.
+fn surround(scene: &mut Scene, document: &Document, image: u32) -> Result<(), String> {
     scene.ambient = document.ambient.map_or([0.0; 3], |color| color.0);
     scene.background = match &document.background {
-        Some(form) => form.background(),
+        Some(form) => form.background(image)?,
         None => Background::Uniform(scene.ambient),
     };
+    Ok(())
 }
 
 fn output(form: Option<&At<OutputForm>>, source: &Source) -> Result<Output, SceneFileError> {

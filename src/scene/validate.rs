@@ -349,13 +349,13 @@ fn out_of_range(kind: &str, index: u32, count: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Light, LightKind};
     use crate::mesh::Slab;
     use crate::optics::{Absorption, Dispersion};
     use crate::scene::{
         Filter, Image, Interior, Layer, Lecture, MetallicRoughness, Model, Parameter, Pattern, Procedural,
         Sampler, Texels, TextureUse, Wrap,
     };
+    use crate::scene::{Light, LightKind};
     use glam::DAffine3;
 
     /// A textured triangle, a sphere, a light and a camera, all in order.

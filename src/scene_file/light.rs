@@ -441,17 +441,17 @@ mod tests {
 
     #[test]
     fn a_background_is_a_gradient_or_a_map() {
-        let background = |text: &str| {
-            let table: toml::Table = toml::from_str(text).unwrap();
-            let form: BackgroundForm = table["b"].clone().try_into().unwrap();
-            form.background(7)
-        };
+        #[derive(Deserialize)]
+        struct File {
+            b: BackgroundForm,
+        }
+        let background = |text: &str| toml::from_str::<File>(text).unwrap().b.background(7);
         let map = background("b = { environment = 'sky.hdr', turn = 180, scale = 2 }").unwrap();
         assert_eq!(
             map,
             Background::Environment {
                 image: 7,
-                rotation: std::f64::consts::PI,
+                rotation: 180f64.to_radians(),
                 scale: 2.0,
                 samples: SAMPLES
             }

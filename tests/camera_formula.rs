@@ -57,6 +57,7 @@ impl LectureCamera {
             },
             z_near: self.n,
             z_far: f64::INFINITY,
+            lens: None,
         }
     }
 }

@@ -219,6 +219,7 @@ fn camera(projection: Projection, eye: DVec3, at: DVec3, z_near: f64) -> Camera 
         projection,
         z_near,
         z_far: f64::INFINITY,
+        lens: None,
     }
 }
 

@@ -67,6 +67,7 @@ fn on_axis() -> Camera {
         },
         z_near: 0.0,
         z_far: f64::INFINITY,
+        lens: None,
     }
 }
 

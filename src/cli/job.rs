@@ -436,6 +436,7 @@ mod tests {
                 },
                 z_near: 0.0,
                 z_far: f64::INFINITY,
+                lens: None,
             })
             .collect();
         Scene {

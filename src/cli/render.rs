@@ -167,7 +167,8 @@ fn project<'a>(
     } = shot.settings;
     let sample_count = f64::from(width) * f64::from(height) * f64::from(spp);
     let pays = scene.instances.len() as f64 * SAMPLES_PER_OBJECT <= sample_count;
-    if job.backend != Backend::Bsp || !pays {
+    // They bound what is seen from the eye, and rays through a lens start elsewhere.
+    if job.backend != Backend::Bsp || !pays || camera.lens_radius() > 0.0 {
         return None;
     }
     let view = camera.view(width, height);

@@ -51,6 +51,7 @@ pub(crate) fn framing_camera(bounds: &Bounds) -> Camera {
         },
         z_near: 0.0,
         z_far: f64::INFINITY,
+        lens: None,
     }
 }
 
@@ -93,6 +94,7 @@ impl Document {
             projection,
             z_near,
             z_far,
+            lens: None,
         }))
     }
 

@@ -11,6 +11,7 @@ mod filter;
 mod forecast;
 mod gather;
 mod ledger;
+mod lens;
 mod losses;
 mod meter;
 mod outcome;
@@ -22,7 +23,9 @@ mod sampler;
 mod samples;
 mod shade;
 mod shape_point;
+mod soft;
 mod surface;
+mod surroundings;
 mod texturing;
 mod tinted;
 mod transparent;
@@ -50,10 +53,11 @@ pub use crate::scene::picture::{FilterKind, Pattern};
 
 use crate::accel::{Accel, RayOrder, RayPacket};
 use crate::image::LinearImage;
-use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+use crate::numeric::{LANES, Lanes, Ray};
 use crate::optics::{Body, MediaStack, SpectralSampler};
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
-use crate::scene::{Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, Scene};
+use crate::scene::{Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, LensView, Scene};
+use crate::shading::AreaLight;
 use crate::shading::ray_cone::Cone;
 use crate::volume::SkipEmpty;
 use adaptive::ROUND;
@@ -61,9 +65,9 @@ use costs::CostSheet;
 use estimate::Estimate;
 use film::Tile;
 use meter::Meter;
-use outcome::Traced;
 use sampler::{Layout, PacketShape, SampleGroup};
 use surface::{SurfaceScene, Surfaces};
+use surroundings::Environment;
 use texturing::Widths;
 use wave::{TilePicture, Wave};
 
@@ -188,6 +192,11 @@ struct Frame<'s> {
     costs: Option<CostSheet>,
     /// How wide a camera ray is.
     camera_cone: Cone,
+    /// Where camera rays leave it, if it is no pinhole.
+    lens: Option<LensView>,
+    /// Lights with an extent, at the places of the lights; empty if there are none to simulate.
+    area_lights: Vec<Option<AreaLight>>,
+    environment: Option<Environment>,
 }
 
 /// Renders `scene` as `camera` sees it, in the current rayon pool. `None` if it was cancelled.
@@ -376,6 +385,13 @@ impl<'s> Frame<'s> {
             costs: (settings.ledger && settings.cost_aovs)
                 .then(|| CostSheet::new(settings.width, settings.height)),
             camera_cone: settings.camera_cone(&view, settings.spp),
+            lens: camera.lens_view().filter(|_| effects.has(Effect::DepthOfField)),
+            area_lights: if effects.has(Effect::AreaLight) {
+                soft::area_lights(scene)
+            } else {
+                Vec::new()
+            },
+            environment: Environment::of(scene, effects),
         };
         frame.set_cones();
         frame.set_samples_aside();
@@ -391,7 +407,7 @@ impl<'s> Frame<'s> {
 
     /// Whether paths keep more than their weights.
     fn travels(&self) -> bool {
-        self.effects().has_sheets() || self.follows_widths()
+        self.effects().has_sheets() || self.effects().samples_light() || self.follows_widths()
     }
 
     /// Whether paths know how wide they are, as it is not the same for all.
@@ -467,26 +483,6 @@ impl<'s> Frame<'s> {
             ray.t_near = hit.t.next_up();
         }
         (around, probe_count)
-    }
-
-    /// What lies behind everything in the directions of a packet's rays.
-    fn background_seen(&self, traced: &Traced) -> Lanes3<f32> {
-        match self.background {
-            Background::Uniform(color) => color.map(|channel| [channel; LANES]),
-            Background::Gradient { horizon, up, down } => {
-                let mut seen = [[0.0; LANES]; 3];
-                for l in 0..LANES {
-                    let direction = traced.packet.ray(l).direction.as_dvec3().normalize();
-                    let pole = if direction.y < 0.0 { down } else { up };
-                    let height = direction.y.abs();
-                    for c in 0..3 {
-                        let (level, pole) = (f64::from(horizon[c]), f64::from(pole[c]));
-                        seen[c][l] = (level + (pole - level) * height) as f32;
-                    }
-                }
-                seen
-            }
-        }
     }
 
     /// Whether anybody wants to know what single samples saw.

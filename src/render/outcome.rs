@@ -20,6 +20,8 @@ use crate::scene::Effect;
 pub(super) struct Outcome<'f, 's> {
     pub(super) frame: &'f Frame<'s>,
     pub(super) film: TileFilm,
+    /// Column and row of the film's first pixel in the picture.
+    pub(super) corner: [u32; 2],
     pub(super) feelers: Box<Feelers>,
     pub(super) next: Generation,
     pub(super) meter: Meter,
@@ -53,6 +55,7 @@ impl<'f, 's> Outcome<'f, 's> {
         Outcome {
             frame,
             film,
+            corner: [0; 2],
             feelers: Feelers::new(frame.effects()),
             next: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
             meter: Meter::new(&frame.settings),
@@ -100,7 +103,7 @@ impl<'f, 's> Outcome<'f, 's> {
             let marched = self
                 .frame
                 .marches()
-                .then(|| self.march(packet, (path, travels), weight, stage.order));
+                .then(|| self.march(packet, (path, travels), weight, stage));
             let traced = Traced {
                 packet,
                 pixel: &path.pixel,
@@ -144,8 +147,8 @@ impl<'f, 's> Outcome<'f, 's> {
             return Widths::None;
         }
         match travels {
-            Some(travels) => Widths::Paths(travels),
-            None => Widths::Camera(self.frame.camera_cone),
+            Some(travels) if self.frame.follows_widths() => Widths::Paths(travels),
+            _ => Widths::Camera(self.frame.camera_cone),
         }
     }
 
@@ -195,7 +198,11 @@ impl<'f, 's> Outcome<'f, 's> {
             materials,
             weight: traced.weight,
         };
-        for (light, &casts) in frame.scene.lights.iter().zip(&frame.plan.casting) {
+        let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
+        for (number, (light, &casts)) in lights.enumerate() {
+            if frame.effects().has(Effect::AreaLight) && self.ask_area_light(number, traced, &lit, stage) {
+                continue;
+            }
             if self.feelers.is_full() {
                 self.meter.part(Account::Lighting);
                 self.answer_feelers(stage.order);
@@ -203,16 +210,11 @@ impl<'f, 's> Outcome<'f, 's> {
             }
             let (packet, feeler) = self.feelers.next();
             if shade::feel(light, &lit, packet, &mut feeler.radiance) {
-                feeler.pixel = *traced.pixel;
-                if !casts {
-                    // Nothing to ask; but light is summed in the order in which it was found.
-                    packet.active = [0; LANES];
-                }
-                self.feelers.keep();
-                if let Some(travels) = traced.travels.filter(|_| frame.effects().has(Effect::Refraction)) {
-                    self.feelers.keep_media(travels);
-                }
+                self.keep_feelers(traced, casts);
             }
+        }
+        if frame.effects().has(Effect::Environment) {
+            self.ask_surroundings(traced, &lit, stage);
         }
         self.meter.part(Account::Lighting);
         if frame.effects().has(Effect::Reflection) {
@@ -282,7 +284,7 @@ impl<'f, 's> Outcome<'f, 's> {
     }
 
     /// Asks which of the waiting feelers reach their lights, and lets those lights in.
-    fn answer_feelers(&mut self, order: RayOrder) {
+    pub(super) fn answer_feelers(&mut self, order: RayOrder) {
         self.meter.lap_shading();
         if self.frame.effects().has(Effect::TransparentShadow) {
             return self.answer_through_sheets(order);

@@ -5,6 +5,7 @@
 
 use multiversion::multiversion;
 
+use super::soft::Arrivals;
 use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
@@ -98,9 +99,54 @@ pub(super) fn glow(
 pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
     let surfaces = lit.points;
     let arriving = illuminate(light, &surfaces.p);
-    let mut reflected = direct(lit.materials, &surfaces.ns, &surfaces.wo, &arriving.wi);
+    let irradiance = |channel: usize, l: usize| light.intensity[channel] * arriving.attenuation[l];
+    let any = answer(lit, &arriving.wi, irradiance, (&mut *feeler, radiance));
+    feeler.origin = surfaces.origin;
+    match light.kind {
+        // Points of it are asked one by one.
+        LightKind::Area { .. } => return false,
+        LightKind::Directional { .. } => aim_along(&arriving.wi, feeler),
+        LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
+            aim_at(&position.to_array().map(|axis| [axis; LANES]), feeler);
+        }
+    }
+    any
+}
+
+/// Makes the feelers to points of a light, or along directions, and the radiance that arrives where they meet nothing.
+/// Returns whether there is any.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn feel_sample(
+    arrivals: &Arrivals,
+    lit: &Lit,
+    feeler: &mut RayPacket,
+    radiance: &mut Lanes3<f32>,
+) -> bool {
+    let irradiance = |channel: usize, l: usize| arrivals.irradiance[channel][l];
+    let any = answer(lit, &arrivals.wi, irradiance, (&mut *feeler, radiance));
+    feeler.origin = lit.points.origin;
+    match &arrivals.from {
+        None => aim_along(&arrivals.wi, feeler),
+        Some(from) => aim_at(from, feeler),
+    }
+    any
+}
+
+/// What surfaces make of the light that comes from `wi`; a lane's feeler is active where that is anything.
+#[inline(always)]
+fn answer(
+    lit: &Lit,
+    wi: &Lanes3<f32>,
+    irradiance: impl Fn(usize, usize) -> f32,
+    (feeler, radiance): (&mut RayPacket, &mut Lanes3<f32>),
+) -> bool {
+    let surfaces = lit.points;
+    let mut reflected = direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
     if lit.materials.effects.has(Effect::Lecture) {
-        let lecture = lecture_direct(lit.materials, &surfaces.ns, &surfaces.wo, &arriving.wi);
+        let lecture = lecture_direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
         for channel in 0..3 {
             for l in 0..LANES {
                 let is_lecture = lit.materials.rich.is_lecture[l];
@@ -116,13 +162,12 @@ pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &
     for l in 0..LANES {
         let mut above = 0.0;
         for axis in 0..3 {
-            above += surfaces.ng[axis][l] * arriving.wi[axis][l];
+            above += surfaces.ng[axis][l] * wi[axis][l];
         }
         let reaches = surfaces.hit[l] & (above > 0.0);
         let mut largest = 0.0f32;
         for channel in 0..3 {
-            let arrived = light.intensity[channel] * arriving.attenuation[l];
-            let value = lit.weight[channel][l] * (reflected[channel][l] * arrived);
+            let value = lit.weight[channel][l] * (reflected[channel][l] * irradiance(channel, l));
             radiance[channel][l] = if reaches { value } else { 0.0 };
             largest = largest.max(radiance[channel][l].abs());
         }
@@ -130,23 +175,25 @@ pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &
         feeler.active[l] = active;
         any |= active;
     }
-    feeler.origin = surfaces.origin;
-    match light.kind {
-        LightKind::Directional { .. } => {
-            feeler.direction = arriving.wi;
-            feeler.t_far = [f32::INFINITY; LANES];
-        }
-        LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
-            // The whole segment: the light is at t = 1 exactly, so nothing behind it can block.
-            for axis in 0..3 {
-                for l in 0..LANES {
-                    feeler.direction[axis][l] = (position[axis] - f64::from(feeler.origin[axis][l])) as f32;
-                }
-            }
-            feeler.t_far = [1.0; LANES];
+    any != 0
+}
+
+/// Feelers that go on for ever.
+#[inline(always)]
+fn aim_along(wi: &Lanes3<f32>, feeler: &mut RayPacket) {
+    feeler.direction = *wi;
+    feeler.t_far = [f32::INFINITY; LANES];
+}
+
+/// Feelers that end at points: those are at t = 1 exactly, so nothing behind them can block.
+#[inline(always)]
+fn aim_at(points: &Lanes3<f64>, feeler: &mut RayPacket) {
+    for axis in 0..3 {
+        for l in 0..LANES {
+            feeler.direction[axis][l] = (points[axis][l] - f64::from(feeler.origin[axis][l])) as f32;
         }
     }
-    any != 0
+    feeler.t_far = [1.0; LANES];
 }
 
 /// Takes the light from the lanes whose feelers were blocked.

@@ -313,6 +313,7 @@ impl Outcome<'_, '_> {
                 direction,
                 media: boundary.crossing.through,
                 cone: cone.refracted(etas[1] / etas[0], bend.cosines(direction), curvature),
+                ..*arrival
             };
             let sent = Leaving {
                 pixel: traced.pixel[l],

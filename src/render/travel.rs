@@ -23,6 +23,8 @@ pub(super) struct Travel {
     pub(super) media: MediaStack,
     /// How wide it is.
     pub(super) cone: Cone,
+    /// Which of its pixel's samples it is a part of.
+    pub(super) sample: u32,
 }
 
 impl Travel {
@@ -36,6 +38,7 @@ impl Travel {
             width: 0.0,
             spread: 0.0,
         },
+        sample: 0,
     };
 }
 
@@ -46,6 +49,7 @@ pub(super) struct Travels {
     direction: Column<DVec3>,
     media: MediaColumn,
     cone: Column<Cone>,
+    sample: Column<u32>,
 }
 
 impl Travels {
@@ -57,13 +61,14 @@ impl Travels {
             direction: Column::new(effects.has(Effect::Refraction)),
             media: MediaColumn::new(effects),
             cone: Column::new(follows_widths),
+            sample: Column::new(effects.samples_light()),
         }
     }
 
     /// Whether there is nothing to know.
     pub(super) fn is_void(&self) -> bool {
-        // Every column but that of widths is only there with this one.
-        !(self.depth.is_kept || self.cone.is_kept)
+        // Every other column is only there with the first of these.
+        !(self.depth.is_kept || self.cone.is_kept || self.sample.is_kept)
     }
 
     /// Forgets all packets.
@@ -78,6 +83,7 @@ impl Travels {
         self.direction.resize(packets, DVec3::ZERO);
         self.media.resize(packets);
         self.cone.resize(packets, Travel::NONE.cone);
+        self.sample.resize(packets, 0);
     }
 
     /// Writes lane `l` of packet `packet`.
@@ -87,6 +93,7 @@ impl Travels {
         self.direction.set(packet, l, travel.direction);
         self.media.set(packet, l, &travel.media);
         self.cone.set(packet, l, travel.cone);
+        self.sample.set(packet, l, travel.sample);
     }
 
     /// Those of one packet.
@@ -115,12 +122,18 @@ impl TravelPacket<'_> {
             direction: travels.direction.get(packet, l, DVec3::ZERO),
             media: travels.media.get(packet, l),
             cone: self.cone(l),
+            sample: self.sample(l),
         }
     }
 
     /// How wide lane `l` is.
     pub(super) fn cone(&self, l: usize) -> Cone {
         self.travels.cone.get(self.packet, l, Travel::NONE.cone)
+    }
+
+    /// Which of its pixel's samples lane `l` is a part of.
+    pub(super) fn sample(&self, l: usize) -> u32 {
+        self.travels.sample.get(self.packet, l, 0)
     }
 
     /// The bodies around lane `l`.

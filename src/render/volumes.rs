@@ -2,7 +2,8 @@
 //!
 //! A traced ray's stretch, from where it begins to what it hits, is marched before the hit is shaded: radiance goes to the
 //! film, and the path goes on with what is left of its weight. Samples are lit by every lamp (single scattering, evenly in
-//! all directions: the phase function is 1 / 4 pi) through shadow feelers, and by the ambient light from all around. All
+//! all directions: the phase function is 1 / 4 pi) through shadow feelers, and by the ambient light from all around, but not
+//! by an environment map. All
 //! feelers, those of surfaces too, lose what lies on their way.
 //!
 //! Lane by lane and in f64: a march takes many samples a ray, and its packets are those of neighbours along the ray. Light
@@ -10,19 +11,23 @@
 
 use std::f64::consts::PI;
 
+use glam::DVec3;
+
 use super::ledger::Account;
 use super::meter::{Accounts, Meter};
-use super::outcome::Outcome;
+use super::outcome::{Outcome, Stage};
 use super::queue::{Feelers, PathPacket};
+use super::sampler::Purpose;
+use super::soft::{Draw, Origin};
 use super::surface::Surfaces;
 use super::tinted::through_sheets;
 use super::travel::TravelPacket;
 use super::{Frame, shade};
-use crate::accel::{RayOrder, RayPacket};
+use crate::accel::{ACTIVE, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::optics::MediaStack;
 use crate::scene::{Effect, Light, LightKind};
-use crate::shading::illuminate;
+use crate::shading::{AreaLight, LightSample, illuminate};
 use crate::volume::{March, PointLanes, Stretch};
 
 /// The phase function of matter that scatters evenly: the share of light that goes into a unit of solid angle.
@@ -82,7 +87,7 @@ impl Outcome<'_, '_> {
         packet: &RayPacket,
         (path, travels): (&PathPacket, Option<TravelPacket>),
         weight: &Lanes3<f32>,
-        order: RayOrder,
+        stage: Stage,
     ) -> Lanes3<f32> {
         let mut left = *weight;
         self.meter.lap_shading();
@@ -102,8 +107,12 @@ impl Outcome<'_, '_> {
                 sheets: self.sheets.as_deref_mut(),
                 meter: &mut self.meter,
                 media: travels.map_or(MediaStack::EMPTY, |travels| travels.media(l)),
-                order,
-                pixel: path.pixel[l],
+                stage,
+                origin: Origin {
+                    corner: self.corner,
+                    label: path.pixel[l],
+                    sample: travels.map_or(0, |travels| travels.sample(l)),
+                },
             };
             let ray = packet.ray(l);
             let stretch = Stretch {
@@ -139,9 +148,9 @@ struct Lamps<'a, 'f, 's> {
     meter: &'a mut Meter,
     /// The bodies around the ray.
     media: MediaStack,
-    order: RayOrder,
+    stage: Stage,
     /// Whose light it is.
-    pixel: u32,
+    origin: Origin,
 }
 
 impl Lamps<'_, '_, '_> {
@@ -149,20 +158,45 @@ impl Lamps<'_, '_, '_> {
     fn light(&mut self, points: &PointLanes) -> Lanes3<f64> {
         let frame = self.frame;
         let mut arriving = frame.ambient.map(|ambient| [f64::from(ambient); LANES]);
-        for (light, &casts) in frame.scene.lights.iter().zip(&frame.plan.casting) {
-            let (packet, feeler) = self.feelers.next();
-            feeler.pixel = [self.pixel; LANES];
-            if !feel(light, points, packet, &mut feeler.radiance) {
+        let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
+        for (number, (light, &casts)) in lights.enumerate() {
+            let LightKind::Area { samples, .. } = light.kind else {
+                let (packet, feeler) = self.feelers.next();
+                if feel(light, points, packet, &mut feeler.radiance) {
+                    self.add(casts, &mut arriving);
+                }
                 continue;
-            }
-            let radiance = self.answer(casts);
-            for channel in 0..3 {
-                for l in 0..LANES {
-                    arriving[channel][l] += f64::from(radiance[channel][l]);
+            };
+            let Some(Some(shape)) = frame.area_lights.get(number) else {
+                continue;
+            };
+            for sample in 0..samples {
+                let draw = Draw {
+                    purpose: Purpose::LIGHT.nested(number as u32).nested(self.stage.depth),
+                    number: sample,
+                    of: samples,
+                };
+                let u = self.origin.numbers(&frame.settings, draw);
+                let share = PHASE / samples as f32;
+                let (packet, feeler) = self.feelers.next();
+                let radiance = light.intensity.map(|channel| channel * share);
+                if feel_extent((shape, radiance, u), points, packet, &mut feeler.radiance) {
+                    self.add(casts, &mut arriving);
                 }
             }
         }
         arriving
+    }
+
+    /// Adds to `arriving` what of the light arrives that the packet of feelers written last asks for.
+    fn add(&mut self, casts: bool, arriving: &mut Lanes3<f64>) {
+        self.feelers.next().1.pixel = [self.origin.label; LANES];
+        let radiance = self.answer(casts);
+        for channel in 0..3 {
+            for l in 0..LANES {
+                arriving[channel][l] += f64::from(radiance[channel][l]);
+            }
+        }
     }
 
     /// What of the light arrives that the packet of feelers written last asks for.
@@ -181,15 +215,15 @@ impl Lamps<'_, '_, '_> {
                         (&mut *packets, &mut *feelers, media),
                         sheets,
                         self.meter,
-                        self.order,
+                        self.stage.order,
                     );
                 }
                 None => {
                     let accel = self.frame.accel;
                     let whose = |_| (&feelers[0].pixel, Accounts::All(Account::Shadow));
-                    let traced = self
-                        .meter
-                        .trace(packets, whose, |packets| accel.occluded(packets, self.order));
+                    let traced = self.meter.trace(packets, whose, |packets| {
+                        accel.occluded(packets, self.stage.order)
+                    });
                     self.meter.ledger.book(Account::Shadow, traced);
                     shade::block(&packets[0], &mut feelers[0].radiance);
                 }
@@ -229,15 +263,44 @@ fn feel(light: &Light, points: &PointLanes, packet: &mut RayPacket, radiance: &m
                 LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
                     (position[axis] - f64::from(origin)) as f32
                 }
+                // Asked point by point.
+                LightKind::Area { .. } => 0.0,
             };
         }
         packet.t_far[l] = match light.kind {
             LightKind::Directional { .. } => f32::INFINITY,
             // The light is at t = 1 exactly.
-            LightKind::Point { .. } | LightKind::Spot { .. } => 1.0,
+            LightKind::Point { .. } | LightKind::Spot { .. } | LightKind::Area { .. } => 1.0,
         };
     }
     any != 0
+}
+
+/// The same to the point of a light with an extent that the numbers `u` pick, whose radiance is given. All points of a ray
+/// go by the same numbers.
+fn feel_extent(
+    (light, intensity, u): (&AreaLight, [f32; 3], [f64; 2]),
+    points: &PointLanes,
+    packet: &mut RayPacket,
+    radiance: &mut Lanes3<f32>,
+) -> bool {
+    *radiance = [[0.0; LANES]; 3];
+    packet.active = [0; LANES];
+    packet.t_far = [1.0; LANES];
+    for l in (0..LANES).filter(|l| points.active >> l & 1 == 1) {
+        let p = DVec3::from([0, 1, 2].map(|axis| points.points[axis][l]));
+        let Some(sample) = light.sample(p, u).filter(LightSample::is_front) else {
+            continue;
+        };
+        packet.active[l] = ACTIVE;
+        for axis in 0..3 {
+            let origin = p[axis] as f32;
+            packet.origin[axis][l] = origin;
+            packet.direction[axis][l] = (sample.position[axis] - f64::from(origin)) as f32;
+            radiance[axis][l] = intensity[axis] * sample.pdf.recip() as f32;
+        }
+    }
+    packet.any_active()
 }
 
 impl Frame<'_> {

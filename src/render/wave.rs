@@ -7,7 +7,6 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
 use multiversion::multiversion;
 
 use super::Frame;
@@ -15,6 +14,7 @@ use super::estimate::Estimate;
 use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
 use super::ledger::{Account, Ledger, Tally};
+use super::lens;
 use super::meter::Accounts;
 use super::outcome::{Outcome, Stage};
 use super::queue::{BATCH, Generation};
@@ -126,6 +126,7 @@ impl<'f, 's> Wave<'f, 's> {
         self.packets = 0;
         self.current.clear();
         self.outcome.clear();
+        self.outcome.corner = [tile.x, tile.y];
     }
 
     /// Makes the camera packet of one group of samples of the block at `corner`, within the tile; traces what is due.
@@ -159,16 +160,21 @@ impl<'f, 's> Wave<'f, 's> {
             .then(|| lane_positions(frame, block, group));
         let position = per_pixel.as_ref().unwrap_or(&group.position);
         fill_camera_packet(frame, block, group, position, (packet, &mut path.pixel));
+        let rays = frame.lens.map(|_| frame.camera_rays(block, group, position));
+        if let Some(rays) = &rays {
+            lens::aim(packet, rays);
+        }
         if let Some(samples) = self.outcome.film.samples() {
             samples.expect(&mut path.pixel, position, &packet.active);
         }
         if frame.travels() {
-            let directions = exact_directions(frame, block, position);
+            let rays = rays.unwrap_or_else(|| frame.camera_rays(block, group, position));
             for l in 0..LANES {
                 let travel = Travel {
-                    direction: directions[l],
+                    direction: rays[l].direction.normalize(),
                     media: frame.media_at_eye,
                     cone: group.cone,
+                    sample: group.sample[l],
                     ..Travel::NONE
                 };
                 self.current.set_travel(l, &travel);
@@ -230,10 +236,10 @@ impl<'f, 's> Wave<'f, 's> {
 }
 
 /// A packet's block of pixels.
-struct Block {
-    tile: Tile,
+pub(super) struct Block {
+    pub(super) tile: Tile,
     /// Column and row of its first pixel within the tile.
-    corner: (u32, u32),
+    pub(super) corner: (u32, u32),
 }
 
 /// Places of the samples of a packet within their pixels, where they differ from pixel to pixel.
@@ -246,17 +252,6 @@ fn lane_positions(frame: &Frame, block: &Block, group: &SampleGroup) -> [Lanes<f
     let x = frame.pixels[0].map(|x| tile.x + corner.0 + x);
     let y = frame.pixels[1].map(|y| tile.y + corner.1 + y);
     frame.layout.lane_positions(&x, &y, group)
-}
-
-/// Unit directions of the camera rays of a packet, before they are rounded.
-fn exact_directions(frame: &Frame, block: &Block, position: &[Lanes<f64>; 2]) -> Lanes<DVec3> {
-    let (tile, corner) = (block.tile, block.corner);
-    std::array::from_fn(|l| {
-        let x = f64::from(tile.x + corner.0 + frame.pixels[0][l]) + position[0][l];
-        let y = f64::from(tile.y + corner.1 + frame.pixels[1][l]) + position[1][l];
-        let ray = frame.view.ray(x * frame.pixel_size[0], y * frame.pixel_size[1]);
-        ray.direction.normalize()
-    })
 }
 
 /// Camera rays through sixteen film points, rounded to f32, from where on the f32 rays are the exact ones; and their

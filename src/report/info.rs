@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::optics::LINE_D;
 use crate::render::plan::{Decision, Plan};
-use crate::scene::{EffectOverrides, Geometry, LightKind, Material, Model, Projection, Scene};
+use crate::scene::{AreaShape, EffectOverrides, Geometry, LightKind, Material, Model, Projection, Scene};
 use crate::shape::Shape;
 
 use super::memory::{self, MemoryForecast};
@@ -295,6 +295,11 @@ fn lights(scene: &Scene) -> Vec<LightInfo> {
         LightKind::Directional { .. } => ("directional", 1.0),
         LightKind::Point { .. } => ("point", area_scale),
         LightKind::Spot { .. } => ("spot", area_scale),
+        LightKind::Area { shape, .. } => match shape {
+            AreaShape::Quad { .. } => ("quad", 1.0),
+            AreaShape::Disk { .. } => ("disk", 1.0),
+            AreaShape::Sphere { .. } => ("sphere", 1.0),
+        },
     };
     scene
         .lights

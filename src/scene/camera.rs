@@ -2,6 +2,8 @@
 
 use glam::{DAffine3, DVec2, DVec3};
 
+use super::{Lens, LensView};
+
 /// A camera in world space. Object space looks along -z with +y up, as in glTF.
 #[derive(Clone, Debug)]
 pub struct Camera {
@@ -15,6 +17,8 @@ pub struct Camera {
     pub z_near: f64,
     /// Distance of the far plane along the view axis; may be infinite.
     pub z_far: f64,
+    /// What makes things out of focus; `None` for a pinhole.
+    pub lens: Option<Lens>,
 }
 
 /// How film points map to rays.
@@ -136,6 +140,20 @@ impl Camera {
     }
 }
 
+impl Camera {
+    /// The radius of its lens in metres; 0 for a pinhole.
+    pub fn lens_radius(&self) -> f64 {
+        self.lens.map_or(0.0, |lens| lens.radius())
+    }
+
+    /// Its lens made ready, if it has one that is more than a pinhole.
+    pub fn lens_view(&self) -> Option<LensView> {
+        self.lens
+            .filter(|lens| lens.radius() > 0.0)
+            .map(|lens| lens.view(self))
+    }
+}
+
 impl CameraView {
     /// The ray through the film point (`x`, `y`), each in [0, 1], from the top left corner of the image.
     ///
@@ -183,6 +201,7 @@ mod tests {
             projection,
             z_near: 0.5,
             z_far: f64::INFINITY,
+            lens: None,
         }
     }
 

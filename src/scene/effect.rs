@@ -51,11 +51,17 @@ pub enum Effect {
     Background,
     /// Smoke, fire and fog on the way of light.
     Volume,
+    /// What is nearer or farther than the plane of focus is blurred.
+    DepthOfField,
+    /// Lights have an extent, and their shadows soft edges.
+    AreaLight,
+    /// An image all around lights the scene.
+    Environment,
 }
 
 impl Effect {
     /// All of them, in the order of reports.
-    pub const ALL: [Effect; 21] = [
+    pub const ALL: [Effect; 24] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -77,6 +83,9 @@ impl Effect {
         Effect::Ambient,
         Effect::Background,
         Effect::Volume,
+        Effect::DepthOfField,
+        Effect::AreaLight,
+        Effect::Environment,
     ];
 
     /// What the command line and reports call it.
@@ -103,6 +112,9 @@ impl Effect {
             Effect::Ambient => "ambient",
             Effect::Background => "background",
             Effect::Volume => "volume",
+            Effect::DepthOfField => "depth-of-field",
+            Effect::AreaLight => "area-light",
+            Effect::Environment => "environment",
         }
     }
 
@@ -139,6 +151,9 @@ impl Effect {
             Effect::Ambient => "no light comes from all around",
             Effect::Background => "black is behind everything",
             Effect::Volume => "the air is clear of smoke, fire and fog",
+            Effect::DepthOfField => "everything is in focus",
+            Effect::AreaLight => "lights with an extent are dark",
+            Effect::Environment => "the environment map is seen and lights nothing",
         }
     }
 
@@ -217,6 +232,12 @@ impl EffectSet {
     #[inline(always)]
     pub const fn has_sheets(self) -> bool {
         self.has(Effect::Refraction) || self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend)
+    }
+
+    /// Whether surfaces pick at random what they ask for light.
+    #[inline(always)]
+    pub const fn samples_light(self) -> bool {
+        self.has(Effect::AreaLight) || self.has(Effect::Environment)
     }
 
     /// Whether anything is seen without a light.

@@ -78,6 +78,25 @@ impl Lens {
         }
     }
 
+    /// In metres; of a polygon that of the circle around it.
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// How far away along the view axis things are sharp, in metres; may be infinite.
+    pub fn focus_distance(&self) -> f64 {
+        self.focus_distance
+    }
+
+    /// The lens for lengths that are `factor`, a power of two, times as long.
+    pub(super) fn scaled(&self, factor: f64) -> Lens {
+        Lens {
+            radius: self.radius * factor,
+            focus_distance: self.focus_distance * factor,
+            aperture: self.aperture,
+        }
+    }
+
     /// Prepares the lens for the rays of `camera`.
     pub fn view(&self, camera: &Camera) -> LensView {
         let axes = camera.world_from_camera.matrix3;
@@ -163,6 +182,7 @@ mod tests {
             projection,
             z_near: 0.25,
             z_far: 100.0,
+            lens: None,
         }
     }
 

@@ -1,19 +1,22 @@
-//! Lights without extent, as the lecture and `KHR_lights_punctual` have them.
+//! Lights: without extent, as the lecture and `KHR_lights_punctual` have them, and with one.
 
 use glam::DVec3;
 
-/// A light without extent, in world space.
+use crate::numeric::Bounds;
+
+/// A light, in world space.
 #[derive(Clone, Debug)]
 pub struct Light {
     /// What messages call it.
     pub name: String,
-    /// Linear RGB times intensity: candela for point and spot lights, lux for directional ones.
+    /// Linear RGB times intensity: candela for point and spot lights, lux for directional ones; radiance
+    /// for lights with an extent, candela per square metre of what is seen of them.
     pub intensity: [f32; 3],
     /// Where or from where it shines.
     pub kind: LightKind,
 }
 
-/// The kinds of punctual light.
+/// The kinds of light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightKind {
     /// Parallel light from far away.
@@ -41,6 +44,96 @@ pub enum LightKind {
         /// How it weakens with the distance.
         falloff: Falloff,
     },
+    /// Light from a surface, the same in all directions. Only what it lights is seen, not the surface: where the lamp
+    /// itself is to be seen, an object that shines stands within it or just behind it.
+    Area {
+        /// What shines.
+        shape: AreaShape,
+        /// Points of it that each surface asks for light, at least 1. More make each sample less noisy; the samples of a
+        /// pixel ask for different points, so one is enough for pictures of many.
+        samples: u32,
+    },
+}
+
+/// A surface that shines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AreaShape {
+    /// A parallelogram that shines to the side of half_u × half_v.
+    Quad {
+        /// Its middle.
+        center: DVec3,
+        /// From there to the middle of one side.
+        half_u: DVec3,
+        /// From there to the middle of the next.
+        half_v: DVec3,
+    },
+    /// An ellipse that shines to the side of half_u × half_v.
+    Disk {
+        /// Its middle.
+        center: DVec3,
+        /// Conjugate half axes: for a circle orthogonal and as long as the radius.
+        half_u: DVec3,
+        /// The other one.
+        half_v: DVec3,
+    },
+    /// A sphere that shines outward.
+    Sphere {
+        /// Its middle.
+        center: DVec3,
+        /// In metres.
+        radius: f64,
+    },
+}
+
+impl AreaShape {
+    /// The smallest box around it.
+    pub fn bounds(&self) -> Bounds {
+        let (center, reach) = match *self {
+            AreaShape::Quad {
+                center,
+                half_u,
+                half_v,
+            } => (center, half_u.abs() + half_v.abs()),
+            AreaShape::Disk {
+                center,
+                half_u,
+                half_v,
+            } => (center, (half_u * half_u + half_v * half_v).map(f64::sqrt)),
+            AreaShape::Sphere { center, radius } => (center, DVec3::splat(radius)),
+        };
+        Bounds {
+            min: center - reach,
+            max: center + reach,
+        }
+    }
+
+    /// Its middle moved to `to` and its lengths multiplied by `scale`.
+    pub(super) fn moved(self, to: impl Fn(DVec3) -> DVec3, scale: f64) -> AreaShape {
+        match self {
+            AreaShape::Quad {
+                center,
+                half_u,
+                half_v,
+            } => AreaShape::Quad {
+                center: to(center),
+                half_u: half_u * scale,
+                half_v: half_v * scale,
+            },
+            AreaShape::Disk {
+                center,
+                half_u,
+                half_v,
+            } => AreaShape::Disk {
+                center: to(center),
+                half_u: half_u * scale,
+                half_v: half_v * scale,
+            },
+            AreaShape::Sphere { center, radius } => AreaShape::Sphere {
+                center: to(center),
+                radius: radius * scale,
+            },
+        }
+    }
 }
 
 /// How a light weakens with the distance d.

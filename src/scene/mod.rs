@@ -12,6 +12,7 @@ pub mod picture;
 pub(crate) mod survey;
 mod texture;
 mod validate;
+mod validate_light;
 mod validate_material;
 mod volumes;
 
@@ -19,7 +20,7 @@ pub use camera::{Camera, CameraRay, CameraView, Projection};
 pub use effect::{Effect, EffectOverrides, EffectSet};
 pub use instance::Instance;
 pub use lens::{Aperture, Lens, LensError, LensView};
-pub use light::{Falloff, Light, LightKind};
+pub use light::{AreaShape, Falloff, Light, LightKind};
 pub use material::{
     AlphaMode, DEFAULT_IOR, Interior, Lecture, MIRROR_ROUGHNESS, Material, MetallicRoughness, Model,
 };
@@ -29,7 +30,8 @@ pub use texture::{
     TextureUse, UvTransform, Wrap,
 };
 pub use validate::SceneError;
-pub(crate) use validate::{check_camera, check_light};
+pub(crate) use validate::check_camera;
+pub(crate) use validate_light::check_light;
 pub(crate) use validate_material::check_procedural;
 
 use crate::mesh::Mesh;
@@ -50,7 +52,7 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Decoded images.
     pub images: Vec<Image>,
-    /// Punctual lights, in world space.
+    /// Lights, in world space.
     pub lights: Vec<Light>,
     /// Cameras, in world space; the first is the default one.
     pub cameras: Vec<Camera>,
@@ -81,6 +83,18 @@ pub enum Background {
         up: [f32; 3],
         /// Straight down.
         down: [f32; 3],
+    },
+    /// An image all around, which also lights the scene: equirectangular, its top row at +y, its middle at -z and +x to
+    /// the right of that.
+    Environment {
+        /// Which of the scene's images; of floats.
+        image: u32,
+        /// Radians that it is turned by about +y, counter-clockwise as seen from above.
+        rotation: f64,
+        /// What its texels are multiplied by.
+        scale: f32,
+        /// Directions that each surface asks for light, at least 1; see [`LightKind::Area`].
+        samples: u32,
     },
 }
 

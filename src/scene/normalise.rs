@@ -190,6 +190,7 @@ impl Scene {
             *place = normalisation.point(*place);
             camera.z_near *= scale;
             camera.z_far *= scale;
+            camera.lens = camera.lens.map(|lens| lens.scaled(scale));
             match &mut camera.projection {
                 Projection::Perspective { .. } => {}
                 Projection::Window {
@@ -214,6 +215,11 @@ impl Scene {
         for light in &mut self.lights {
             let (position, falloff) = match &mut light.kind {
                 LightKind::Directional { .. } => continue,
+                // Radiance is the same at any size.
+                LightKind::Area { shape, .. } => {
+                    *shape = shape.moved(|p| normalisation.point(p), scale);
+                    continue;
+                }
                 LightKind::Point { position, falloff } => (position, falloff),
                 LightKind::Spot {
                     position, falloff, ..
@@ -311,6 +317,7 @@ mod tests {
                 },
                 z_near: 0.5 * scale,
                 z_far: f64::INFINITY,
+                lens: None,
             }],
             materials: vec![Default::default()],
             ..Scene::default()

@@ -5,11 +5,9 @@ use std::f64::consts::PI;
 use glam::{DMat3, DVec3};
 
 use super::survey::{all_finite, survey};
+use super::validate_light::{check_environment, check_light};
 use super::validate_material::{check_interior, check_model, check_procedural, check_texels};
-use super::{
-    AlphaMode, Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Projection,
-    Scene, Space, Texture,
-};
+use super::{AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Space, Texture};
 use crate::mesh::Mesh;
 use crate::numeric::{Bounds, Ray};
 use crate::shape::{Implicit, Shape, Sphere, Torus};
@@ -77,7 +75,18 @@ impl Scene {
         let background: &[[f32; 3]] = match &self.background {
             Background::Uniform(color) => &[*color],
             Background::Gradient { horizon, up, down } => &[*horizon, *up, *down],
+            Background::Environment { .. } => &[],
         };
+        if let Background::Environment {
+            image,
+            rotation,
+            scale,
+            samples,
+        } = self.background
+        {
+            check_environment(self.images.get(image as usize), (rotation, scale), samples)
+                .map_err(|fault| error("the environment map", fault))?;
+        }
         if !background.iter().all(is_radiance) {
             return Err(error(
                 "the background",
@@ -267,45 +276,6 @@ fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
     }
 }
 
-/// What is wrong with a light.
-pub(crate) fn check_light(light: &Light) -> Result<(), String> {
-    if !is_radiance(&light.intensity) {
-        return Err("its intensity is negative or not finite: correct the intensity".into());
-    }
-    let is_place = |p: DVec3| in_range(p.abs().max_element()) && p.is_finite();
-    let is_coefficient = |x: f64| (0.0..f64::INFINITY).contains(&x);
-    let is_falloff = |falloff: Falloff| match falloff {
-        Falloff::InverseSquare { range } => range.is_none_or(|r| r > 0.0),
-        Falloff::Polynomial {
-            constant,
-            linear,
-            quadratic,
-        } => {
-            [constant, linear, quadratic].into_iter().all(is_coefficient)
-                && constant + linear + quadratic > 0.0
-        }
-    };
-    let is_sound = match light.kind {
-        LightKind::Directional { to_light } => is_unit(to_light),
-        LightKind::Point { position, falloff } => is_place(position) && is_falloff(falloff),
-        LightKind::Spot {
-            position,
-            direction,
-            cos_inner,
-            cos_outer,
-            falloff,
-        } => {
-            let has_cone = -1.0 <= cos_outer && cos_outer < cos_inner && cos_inner <= 1.0;
-            is_place(position) && is_falloff(falloff) && is_unit(direction) && has_cone
-        }
-    };
-    if is_sound {
-        Ok(())
-    } else {
-        Err("its place, direction, range or cone makes no sense: correct it".into())
-    }
-}
-
 /// What is wrong with a camera.
 pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     let place = camera.world_from_camera.translation;
@@ -331,6 +301,9 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     if !(camera.z_near >= 0.0 && camera.z_near < f64::INFINITY && camera.z_far > camera.z_near) {
         return Err("its near plane is not before its far plane: correct the planes".into());
     }
+    if !in_range(camera.lens_radius()) {
+        return Err("its lens is larger than any scene: correct the radius".into());
+    }
     Ok(())
 }
 
@@ -338,7 +311,7 @@ fn is_size(x: f64) -> bool {
     x > 0.0 && x < f64::INFINITY
 }
 
-fn is_unit(v: DVec3) -> bool {
+pub(super) fn is_unit(v: DVec3) -> bool {
     (v.length_squared() - 1.0).abs() <= UNIT_TOLERANCE
 }
 
@@ -347,7 +320,7 @@ pub(super) fn is_radiance(rgb: &[f32; 3]) -> bool {
 }
 
 /// Whether a coordinate may cross into a backend.
-fn in_range(magnitude: f64) -> bool {
+pub(super) fn in_range(magnitude: f64) -> bool {
     magnitude < f64::from(Ray::LIMIT)
 }
 
@@ -384,6 +357,7 @@ mod tests {
         Filter, Image, Interior, Layer, Lecture, MetallicRoughness, Model, Parameter, Pattern, Procedural,
         Sampler, Texels, TextureUse, Wrap,
     };
+    use crate::scene::{Light, LightKind};
     use glam::DAffine3;
 
     /// A textured triangle, a sphere, a light and a camera, all in order.
@@ -434,6 +408,7 @@ mod tests {
                 },
                 z_near: 0.0,
                 z_far: f64::INFINITY,
+                lens: None,
             }],
             ..Scene::default()
         }

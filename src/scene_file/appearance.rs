@@ -88,6 +88,24 @@ impl Assembler {
         })
     }
 
+    /// Reads the environment map of the file at `path`, if it has one; returns the image's index.
+    pub(super) fn surroundings(
+        &mut self,
+        source: &Source,
+        path: &Path,
+        document: &Document,
+    ) -> Result<u32, SceneFileError> {
+        let index = self.scene.images.len() as u32;
+        if let Some(file) = document.background.as_ref().and_then(|form| form.file()) {
+            let full = path.with_file_name(&**file);
+            let image = Image::read(&full, Encoding::Linear, self.texels_left)
+                .map_err(|error| source.error(file.fault(format!("the image {error}"))))?;
+            self.texels_left -= budget_of(&image).min(self.texels_left);
+            self.scene.images.push(image);
+        }
+        Ok(index)
+    }
+
     fn add_texture(&mut self, texture: Texture) -> u32 {
         self.scene.textures.push(texture);
         self.scene.textures.len() as u32 - 1

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::value::{At, Vector};
-use crate::scene::{Camera, Projection};
+use crate::scene::{Aperture, Camera, Lens, Projection};
 
 /// A camera, by look-at (`from`, `at`, `up`, with `fov` for a perspective or `height` for a parallel projection) or by
 /// the lecture's frame (`eye`, `i`, `j`, `k`, `near`, `window`).
@@ -40,6 +40,41 @@ pub(super) struct CameraForm {
     near: Option<f64>,
     /// Distance of the far plane; nothing farther is seen.
     far: Option<f64>,
+    /// A thin lens in place of the pinhole: things are sharp in one plane only.
+    lens: Option<LensForm>,
+}
+
+/// A thin lens. A picture with one needs many samples a pixel.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct LensForm {
+    /// Radius of the opening in metres, that of the circle around it if it has blades; 0 for a pinhole.
+    radius: f64,
+    /// Distance along the view axis at which things are sharp.
+    focus: f64,
+    /// Straight blades that bound the opening, at least 3; a round one if absent.
+    blades: Option<u32>,
+    /// Degrees by which the blades are turned, counter-clockwise as the camera looks.
+    #[schemars(extend("default" = 0.0))]
+    turn: Option<f64>,
+}
+
+impl LensForm {
+    fn lens(&self) -> Result<Lens, String> {
+        let aperture = match (self.blades, self.turn) {
+            (None, None) => Aperture::Disk,
+            (None, Some(_)) => {
+                return Err(
+                    "has a lens with `turn` and without `blades`: give `blades` or take it away".into(),
+                );
+            }
+            (Some(blades), turn) => Aperture::Polygon {
+                blades,
+                rotation: turn.unwrap_or(0.0).to_radians(),
+            },
+        };
+        Lens::new(self.radius, self.focus, aperture).map_err(|error| error.to_string())
+    }
 }
 
 /// What is up where a file does not say it.
@@ -65,6 +100,7 @@ impl CameraForm {
             projection,
             z_near: self.near.unwrap_or(0.0),
             z_far: self.far.unwrap_or(f64::INFINITY),
+            lens: self.lens.as_ref().map(LensForm::lens).transpose()?,
         };
         crate::scene::check_camera(&camera)?;
         Ok(camera)
@@ -187,6 +223,18 @@ mod tests {
             (
                 "eye = [0, 0, 0]\ni = [2, 0, 0]\nj = [0, 1, 0]\nk = [0, 0, 1]\nnear = 1\nwindow = [1, 1]",
                 "not orthonormal",
+            ),
+            (
+                "from = [0, 0, 0]\nat = [0, 0, 1]\nlens = { radius = -1, focus = 2 }",
+                "radius of the lens is -1",
+            ),
+            (
+                "from = [0, 0, 0]\nat = [0, 0, 1]\nlens = { radius = 1, focus = 2, blades = 2 }",
+                "at least 3 blades",
+            ),
+            (
+                "from = [0, 0, 0]\nat = [0, 0, 1]\nlens = { radius = 1, focus = 2, turn = 9 }",
+                "without `blades`",
             ),
         ] {
             let error = camera(bad).unwrap_err();

@@ -10,7 +10,7 @@ use super::fault::file_error;
 use super::placement::Copies;
 use crate::gltf::{dropped_sentence, framing_camera};
 use crate::numeric::Bounds;
-use crate::scene::{Camera, Geometry, Instance, Light, LightKind, Normalisation, Scene};
+use crate::scene::{AreaShape, Camera, Geometry, Instance, Light, LightKind, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
 
 /// What comes down to an object from those that it is in.
@@ -148,10 +148,58 @@ fn moved_light(light: &Light, world: &DAffine3) -> Light {
             cos_outer,
             falloff,
         },
+        LightKind::Area { shape, samples } => LightKind::Area {
+            shape: moved_shape(shape, world),
+            samples,
+        },
     };
     Light {
         kind,
         ..light.clone()
+    }
+}
+
+/// The shape where `world` puts it: flat ones shine to the same side of the scene after mirroring, and a sphere stays one,
+/// of the volume that the map makes of it.
+fn moved_shape(shape: AreaShape, world: &DAffine3) -> AreaShape {
+    let at = |p| world.transform_point3(p);
+    let turned = |u, v| {
+        let [u, v] = [u, v].map(|side| world.transform_vector3(side));
+        if world.matrix3.determinant() < 0.0 {
+            (v, u)
+        } else {
+            (u, v)
+        }
+    };
+    match shape {
+        AreaShape::Quad {
+            center,
+            half_u,
+            half_v,
+        } => {
+            let (half_u, half_v) = turned(half_u, half_v);
+            AreaShape::Quad {
+                center: at(center),
+                half_u,
+                half_v,
+            }
+        }
+        AreaShape::Disk {
+            center,
+            half_u,
+            half_v,
+        } => {
+            let (half_u, half_v) = turned(half_u, half_v);
+            AreaShape::Disk {
+                center: at(center),
+                half_u,
+                half_v,
+            }
+        }
+        AreaShape::Sphere { center, radius } => AreaShape::Sphere {
+            center: at(center),
+            radius: radius * world.matrix3.determinant().abs().cbrt(),
+        },
     }
 }
 

@@ -9,27 +9,28 @@ use serde::de::{Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
 use super::value::{At, Color, Vector};
-use crate::scene::{Background, Falloff, Light, LightKind};
+use crate::scene::{AreaShape, Background, Falloff, Light, LightKind};
 
-/// A light without extent.
+/// A light: without extent, or a surface that shines, of which only what it lights is seen.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LightForm {
     /// What messages call it.
     pub(super) name: Option<At<String>>,
-    /// `point`, `directional` or `spot`.
+    /// `point`, `directional` or `spot`; `quad`, `disk` or `sphere` for lights with an extent and soft shadows.
     kind: Kind,
     /// What the intensity is multiplied by.
     #[serde(default = "white")]
     color: Color,
-    /// Candela for point and spot lights with physical falloff, lux for directional lights and those without falloff.
+    /// Candela for point and spot lights with physical falloff, lux for directional lights and those without falloff;
+    /// candela per square metre for lights with an extent.
     #[serde(default = "intensity")]
     intensity: f64,
-    /// Where a point or spot light stands.
+    /// Where a point or spot light stands; the middle of a quad, disk or sphere.
     position: Option<Vector>,
-    /// The way that the light of a directional or spot light travels; any length.
+    /// The way that the light of a directional or spot light travels, or the side that a disk shines to; any length.
     direction: Option<Vector>,
-    /// What a spot light points at, in place of a direction.
+    /// What a spot light or a disk points at, in place of a direction.
     at: Option<Vector>,
     /// Degrees from the axis of a spot light within which it is full.
     #[schemars(extend("default" = INNER))]
@@ -42,6 +43,15 @@ pub(super) struct LightForm {
     falloff: Option<FalloffForm>,
     /// Distance at which nothing is left of a light with physical falloff.
     range: Option<f64>,
+    /// One side of a quad, which shines to the side of u × v.
+    u: Option<Vector>,
+    /// The other side of a quad.
+    v: Option<Vector>,
+    /// Radius of a disk or sphere in metres.
+    radius: Option<f64>,
+    /// Points of a quad, disk or sphere that every surface asks for light, for each sample of a pixel.
+    #[schemars(extend("default" = SAMPLES))]
+    samples: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -50,6 +60,9 @@ enum Kind {
     Point,
     Directional,
     Spot,
+    Quad,
+    Disk,
+    Sphere,
 }
 
 fn white() -> Color {
@@ -60,6 +73,8 @@ fn intensity() -> f64 {
     1.0
 }
 
+/// Points of a light that surfaces ask where a file does not say it: enough for a shadow that is seen to be soft.
+const SAMPLES: u32 = 4;
 /// Degrees of a spot light's full cone where a file does not say it; glTF's.
 const INNER: f64 = 0.0;
 /// Degrees of a spot light's cone where a file does not say it; glTF's.
@@ -139,6 +154,10 @@ impl LightForm {
                 cos_outer: self.outer.unwrap_or(OUTER).to_radians().cos(),
                 falloff: self.fall()?,
             },
+            Kind::Quad | Kind::Disk | Kind::Sphere => LightKind::Area {
+                shape: self.shape()?,
+                samples: self.samples.unwrap_or(SAMPLES),
+            },
         };
         let light = Light {
             name,
@@ -152,14 +171,23 @@ impl LightForm {
     /// Refuses keys that mean nothing for the kind of light, and cones that the cosine would hide.
     fn check_keys(&self) -> Result<(), String> {
         let (point, directional, spot) = (Kind::Point, Kind::Directional, Kind::Spot);
-        let keys: [(bool, &str, &[Kind]); 7] = [
-            (self.position.is_some(), "position", &[point, spot]),
-            (self.direction.is_some(), "direction", &[directional, spot]),
-            (self.at.is_some(), "at", &[spot]),
+        let (quad, disk, sphere) = (Kind::Quad, Kind::Disk, Kind::Sphere);
+        let keys: [(bool, &str, &[Kind]); 11] = [
+            (
+                self.position.is_some(),
+                "position",
+                &[point, spot, quad, disk, sphere],
+            ),
+            (self.direction.is_some(), "direction", &[directional, spot, disk]),
+            (self.at.is_some(), "at", &[spot, disk]),
             (self.inner.is_some(), "inner", &[spot]),
             (self.outer.is_some(), "outer", &[spot]),
             (self.falloff.is_some(), "falloff", &[point, spot]),
             (self.range.is_some(), "range", &[point, spot]),
+            (self.u.is_some(), "u", &[quad]),
+            (self.v.is_some(), "v", &[quad]),
+            (self.radius.is_some(), "radius", &[disk, sphere]),
+            (self.samples.is_some(), "samples", &[quad, disk, sphere]),
         ];
         for (given, key, kinds) in keys {
             if given && !kinds.contains(&self.kind) {
@@ -177,6 +205,36 @@ impl LightForm {
             ));
         }
         Ok(())
+    }
+
+    /// What shines of a light with an extent.
+    fn shape(&self) -> Result<AreaShape, String> {
+        let center = self.place()?;
+        if self.kind == Kind::Quad {
+            let (Some(u), Some(v)) = (self.u, self.v) else {
+                return Err("is a quad without sides: give `u` and `v`".into());
+            };
+            return Ok(AreaShape::Quad {
+                center,
+                half_u: 0.5 * u.0,
+                half_v: 0.5 * v.0,
+            });
+        }
+        let radius = self
+            .radius
+            .ok_or("has no extent: give its `radius`, or make it a `point`")?;
+        if !(radius > 0.0 && radius.is_finite()) {
+            return Err(format!("its radius is {radius}: give a positive one, in metres"));
+        }
+        if self.kind == Kind::Sphere {
+            return Ok(AreaShape::Sphere { center, radius });
+        }
+        let (half_u, half_v) = self.aim()?.any_orthonormal_pair();
+        Ok(AreaShape::Disk {
+            center,
+            half_u: radius * half_u,
+            half_v: radius * half_v,
+        })
     }
 
     fn place(&self) -> Result<glam::DVec3, String> {
@@ -218,23 +276,35 @@ impl LightForm {
     }
 }
 
-/// One colour from everywhere, or a gradient over the height.
-#[derive(Clone, Debug)]
+/// One colour from everywhere, a gradient over the height, or an image all around.
+#[derive(Debug)]
 pub(super) enum BackgroundForm {
     Uniform(Color),
-    Gradient(Gradient),
+    Table(Box<Surroundings>),
 }
 
-/// A gradient over the height of the direction.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
+/// A gradient over the height of the direction (`horizon`, `up`, `down`), or an image all around that lights the scene
+/// (`environment` and what follows it).
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Gradient {
+pub(super) struct Surroundings {
     /// Level.
-    horizon: Color,
+    horizon: Option<Color>,
     /// Straight up, along +y.
-    up: Color,
+    up: Option<Color>,
     /// Straight down; as `horizon` if absent.
     down: Option<Color>,
+    /// An .hdr or .exr file beside this one, twice as wide as high: its top row is up, its middle at -z.
+    pub(super) environment: Option<At<String>>,
+    /// Degrees that the image is turned by about +y, counter-clockwise as seen from above.
+    #[schemars(extend("default" = 0.0))]
+    turn: Option<f64>,
+    /// What the image is multiplied by.
+    #[schemars(extend("default" = 1.0))]
+    scale: Option<f64>,
+    /// Directions that every surface asks for light, for each sample of a pixel.
+    #[schemars(extend("default" = SAMPLES))]
+    samples: Option<u32>,
 }
 
 struct BackgroundVisitor;
@@ -243,7 +313,7 @@ impl<'de> Visitor<'de> for BackgroundVisitor {
     type Value = BackgroundForm;
 
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a colour or { horizon = ..., up = ..., down = ... }")
+        f.write_str("a colour, { horizon = ..., up = ..., down = ... } or { environment = ... }")
     }
 
     fn visit_f64<E: Error>(self, grey: f64) -> Result<BackgroundForm, E> {
@@ -263,7 +333,8 @@ impl<'de> Visitor<'de> for BackgroundVisitor {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<BackgroundForm, A::Error> {
-        Gradient::deserialize(MapAccessDeserializer::new(table)).map(BackgroundForm::Gradient)
+        Surroundings::deserialize(MapAccessDeserializer::new(table))
+            .map(|form| BackgroundForm::Table(Box::new(form)))
     }
 }
 
@@ -280,20 +351,47 @@ impl JsonSchema for BackgroundForm {
 
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
         let color = generator.subschema_for::<Color>();
-        let gradient = generator.subschema_for::<Gradient>();
+        let gradient = generator.subschema_for::<Surroundings>();
         json_schema!({ "anyOf": [color, gradient] })
     }
 }
 
 impl BackgroundForm {
-    pub(super) fn background(&self) -> Background {
+    /// The file of the environment map, if there is one.
+    pub(super) fn file(&self) -> Option<&At<String>> {
         match self {
-            BackgroundForm::Uniform(color) => Background::Uniform(color.0),
-            BackgroundForm::Gradient(gradient) => Background::Gradient {
-                horizon: gradient.horizon.0,
-                up: gradient.up.0,
-                down: gradient.down.unwrap_or(gradient.horizon).0,
-            },
+            BackgroundForm::Uniform(_) => None,
+            BackgroundForm::Table(table) => table.environment.as_ref(),
+        }
+    }
+
+    /// What it says; an environment map is the scene's image number `image`.
+    pub(super) fn background(&self, image: u32) -> Result<Background, String> {
+        match self {
+            BackgroundForm::Uniform(color) => Ok(Background::Uniform(color.0)),
+            BackgroundForm::Table(table) => table.background(image),
+        }
+    }
+}
+
+impl Surroundings {
+    fn background(&self, image: u32) -> Result<Background, String> {
+        let (horizon, up) = (self.horizon, self.up);
+        let has_gradient = horizon.is_some() || up.is_some() || self.down.is_some();
+        let has_knobs = self.turn.is_some() || self.scale.is_some() || self.samples.is_some();
+        match (&self.environment, horizon, up) {
+            (Some(_), ..) if !has_gradient => Ok(Background::Environment {
+                image,
+                rotation: self.turn.unwrap_or(0.0).to_radians(),
+                scale: self.scale.unwrap_or(1.0) as f32,
+                samples: self.samples.unwrap_or(SAMPLES),
+            }),
+            (None, Some(horizon), Some(up)) if !has_knobs => Ok(Background::Gradient {
+                horizon: horizon.0,
+                up: up.0,
+                down: self.down.unwrap_or(horizon).0,
+            }),
+            _ => Err("the background is not one thing: give `horizon` and `up`, or `environment`".into()),
         }
     }
 }
@@ -323,6 +421,51 @@ mod tests {
     }
 
     #[test]
+    fn flat_lights_shine_to_where_they_are_pointed() {
+        let front = |text: &str| match light(text).unwrap().kind {
+            LightKind::Area {
+                shape: AreaShape::Quad { half_u, half_v, .. } | AreaShape::Disk { half_u, half_v, .. },
+                samples: SAMPLES,
+            } => half_u.cross(half_v),
+            other => panic!("{other:?}"),
+        };
+        let disk = front("kind = 'disk'\nposition = [0, 4, 0]\nat = [0, 1, 0]\nradius = 2");
+        assert!(
+            (disk - 4.0 * glam::DVec3::NEG_Y).length() < 8.0 * f64::EPSILON,
+            "{disk}"
+        );
+        // u × v of whole sides is four times that of half sides.
+        let quad = front("kind = 'quad'\nposition = [0, 4, 0]\nu = [2, 0, 0]\nv = [0, 0, 4]");
+        assert_eq!(quad, 2.0 * glam::DVec3::NEG_Y);
+    }
+
+    #[test]
+    fn a_background_is_a_gradient_or_a_map() {
+        #[derive(Deserialize)]
+        struct File {
+            b: BackgroundForm,
+        }
+        let background = |text: &str| toml::from_str::<File>(text).unwrap().b.background(7);
+        let map = background("b = { environment = 'sky.hdr', turn = 180, scale = 2 }").unwrap();
+        assert_eq!(
+            map,
+            Background::Environment {
+                image: 7,
+                rotation: 180f64.to_radians(),
+                scale: 2.0,
+                samples: SAMPLES
+            }
+        );
+        for bad in [
+            "b = { horizon = 1 }",
+            "b = { environment = 'sky.hdr', up = 1 }",
+            "b = { horizon = 1, up = 1, turn = 3 }",
+        ] {
+            assert!(background(bad).unwrap_err().contains("not one thing"), "{bad}");
+        }
+    }
+
+    #[test]
     fn a_light_of_one_kind_has_no_keys_of_another() {
         for (bad, words) in [
             (
@@ -334,6 +477,23 @@ mod tests {
                 "has no `inner`",
             ),
             ("kind = 'point'", "stands nowhere"),
+            (
+                "kind = 'sphere'\nposition = [0, 1, 0]\nu = [1, 0, 0]",
+                "has no `u`",
+            ),
+            ("kind = 'sphere'\nposition = [0, 1, 0]", "has no extent"),
+            (
+                "kind = 'disk'\nposition = [0, 1, 0]\nradius = 0\nat = [0, 0, 0]",
+                "its radius is 0",
+            ),
+            (
+                "kind = 'sphere'\nposition = [0, 1, 0]\nradius = 1\nsamples = 0",
+                "asks for 0 samples",
+            ),
+            (
+                "kind = 'quad'\nposition = [0, 1, 0]\nu = [1, 0, 0]\nv = [2, 0, 0]",
+                "area is zero",
+            ),
             ("kind = 'directional'\ndirection = [0, 0, 0]", "without length"),
             ("kind = 'point'\nposition = [0, 1, 0]\nintensity = -1", "negative"),
             (

@@ -167,8 +167,9 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileEr
     let default_material = assembler.default_material();
     let [include_count, gltf_count] = assembler.file_counts();
     let group_count = assembler.group_count;
+    let surroundings = assembler.surroundings(&source, path, &document)?;
     let mut scene = assembler.scene;
-    surround(&mut scene, &document, &source)?;
+    surround(&mut scene, &document, (surroundings, path), &source)?;
     flatten::flatten(&mut scene, &assembly, default_material)?;
     if scene.instances.iter().all(|i| i.material != default_material) {
         // It is the last one, so no index changes.
@@ -184,10 +185,18 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileEr
     })
 }
 
-fn surround(scene: &mut Scene, document: &Document, source: &Source) -> Result<(), SceneFileError> {
+/// Sets what comes from all around and what fills the air; an environment map is image number `image`.
+fn surround(
+    scene: &mut Scene,
+    document: &Document,
+    (image, path): (u32, &Path),
+    source: &Source,
+) -> Result<(), SceneFileError> {
     scene.ambient = document.ambient.map_or([0.0; 3], |color| color.0);
     scene.background = match &document.background {
-        Some(form) => form.background(),
+        Some(form) => form
+            .background(image)
+            .map_err(|sentence| file_error(path, sentence))?,
         None => Background::Uniform(scene.ambient),
     };
     if let Some(form) = &document.fog {

@@ -1,4 +1,4 @@
-//! What arrives from a punctual light at sixteen points (`KHR_lights_punctual`).
+//! What arrives from a light without extent at sixteen points (`KHR_lights_punctual`).
 
 use glam::DVec3;
 
@@ -32,6 +32,11 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> Illumination {
                 attenuation: weaken(&inverse_distance, falloff),
             }
         }
+        // Points of it are asked one by one, elsewhere.
+        LightKind::Area { .. } => Illumination {
+            wi: [[0.0; LANES]; 3],
+            attenuation: [0.0; LANES],
+        },
         LightKind::Spot {
             position,
             direction,

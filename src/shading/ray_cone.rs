@@ -170,6 +170,7 @@ mod tests {
             projection,
             z_near: 0.1,
             z_far: f64::INFINITY,
+            lens: None,
         }
         .view(width, height)
     }

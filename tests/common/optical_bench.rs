@@ -269,6 +269,7 @@ pub fn see_scene(scene: &Scene, beam: Beam, backend: Backend, depth: u32) -> Vec
         },
         z_near: 0.0,
         z_far: f64::INFINITY,
+        lens: None,
     };
     let settings = RenderSettings {
         width: 1,

@@ -7,9 +7,9 @@ use glam::{DAffine3, DVec3};
 use whit::mesh::Mesh;
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::scene::{
-    AlphaMode, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Interior, Layer, Lecture,
-    Light, LightKind, Material, MetallicRoughness, Model, Parameter, Pattern, Procedural, Projection,
-    Sampler, Scene, Space, Texels, Texture, TextureUse, Wrap,
+    AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Interior,
+    Layer, Lecture, Lens, Light, LightKind, Material, MetallicRoughness, Model, Parameter, Pattern,
+    Procedural, Projection, Sampler, Scene, Space, Texels, Texture, TextureUse, Wrap,
 };
 use whit::volume::{Fog, Grid, Samples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
@@ -71,6 +71,37 @@ pub fn scene(seed: u64) -> Scene {
         };
         scene.fog = Some(Fog::new(extinction, [0.9, 0.8, 0.7], emission, 0.5).unwrap());
     }
+    if r.next() < 0.15 {
+        let texels = (0..32).map(|_| {
+            let bright = r.next() as f32;
+            [bright * bright, bright, 0.5, 1.0]
+        });
+        scene.images.push(Image {
+            name: "sky".into(),
+            width: 8,
+            height: 4,
+            texels: Texels::Floats(texels.collect()),
+        });
+        scene.background = Background::Environment {
+            image: 1,
+            rotation: r.next(),
+            scale: 1.5,
+            samples: 1 + r.below(2) as u32,
+        };
+    }
+    if r.next() < 0.25 {
+        scene.lights.push(soft_light(r));
+    }
+    if r.next() < 0.25 {
+        let aperture = [
+            Aperture::Disk,
+            Aperture::Polygon {
+                blades: 5,
+                rotation: 0.3,
+            },
+        ][r.below(2)];
+        scene.cameras[0].lens = Some(Lens::new(0.3, 4.0, aperture).unwrap());
+    }
     scene.validate().unwrap();
     scene
 }
@@ -102,6 +133,7 @@ fn camera(r: &mut Random) -> Camera {
         },
         z_near,
         z_far: f64::INFINITY,
+        lens: None,
     }
 }
 
@@ -361,4 +393,31 @@ fn volume(r: &mut Random) -> Volume {
     })
     .unwrap()
     .named("cloud")
+}
+
+fn soft_light(r: &mut Random) -> Light {
+    let center = DVec3::new(0.0, 2.5, 2.0) + 1.5 * r.in_cube();
+    let half_u = r.on_sphere();
+    let half_v = half_u.any_orthonormal_vector();
+    let shape = match r.below(3) {
+        0 => AreaShape::Quad {
+            center,
+            half_u,
+            half_v,
+        },
+        1 => AreaShape::Disk {
+            center,
+            half_u,
+            half_v,
+        },
+        _ => AreaShape::Sphere { center, radius: 0.6 },
+    };
+    Light {
+        name: "soft light".into(),
+        intensity: [2.0, 1.5, 1.0],
+        kind: LightKind::Area {
+            shape,
+            samples: 1 + r.below(2) as u32,
+        },
+    }
 }

@@ -225,6 +225,7 @@ impl Textbook<'_> {
             t_far: match light.kind {
                 LightKind::Directional { .. } => f64::INFINITY,
                 LightKind::Point { .. } | LightKind::Spot { .. } => 1.0,
+                LightKind::Area { .. } => unreachable!("{NO_EXTENT}"),
             },
             leaves: Some(meeting.found.left()),
             cone: Cone::NONE,
@@ -442,6 +443,7 @@ fn sunk(meeting: &Meeting, incidence: &Incidence, etas: [Approx; 2], doubt: &mut
 fn background(scene: &Scene, direction: Approx3) -> Approx3 {
     match scene.background {
         Background::Uniform(color) => Approx3::exact_f32(color),
+        Background::Environment { .. } => unreachable!("the textbook knows no environment maps"),
         Background::Gradient { horizon, up, down } => {
             let height = direction.normalize().y;
             let pole = if height.value < 0.0 { down } else { up };
@@ -459,6 +461,9 @@ struct Arriving {
     attenuation: Approx,
 }
 
+/// The textbook has no random numbers.
+const NO_EXTENT: &str = "the textbook knows no lights with an extent";
+
 /// Unnormalised way from `p` to the light.
 fn toward(light: &Light, p: Approx3) -> Approx3 {
     match light.kind {
@@ -466,6 +471,7 @@ fn toward(light: &Light, p: Approx3) -> Approx3 {
         LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
             Approx3::rounded(position) - p
         }
+        LightKind::Area { .. } => unreachable!("{NO_EXTENT}"),
     }
 }
 
@@ -508,6 +514,7 @@ fn arriving(light: &Light, p: Approx3) -> Arriving {
             let part = ((cos - Approx::rounded(cos_outer)) / ramp).clamp(0.0, 1.0);
             by_distance(falloff) * part.squared()
         }
+        LightKind::Area { .. } => unreachable!("{NO_EXTENT}"),
     };
     Arriving { wi, attenuation }
 }

@@ -369,6 +369,7 @@ pub fn inside() -> WaveScene {
     scene.cameras = vec![Camera {
         z_near: 0.85,
         z_far: 6.1,
+        lens: None,
         ..camera([0.2, 0.35, 2.6], [0.05, 0.0, -1.0], perspective(0.95))
     }];
     WaveScene {
@@ -460,6 +461,7 @@ pub fn camera(eye: [f64; 3], target: [f64; 3], projection: Projection) -> Camera
         projection,
         z_near: 0.01,
         z_far: f64::INFINITY,
+        lens: None,
     }
 }
 

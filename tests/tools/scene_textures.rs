@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 use std::path::Path;
 use std::process::ExitCode;
 
-use image::{Rgba, RgbaImage};
+use image::{DynamicImage, Rgb, Rgb32FImage, Rgba, RgbaImage};
 
 fn main() -> ExitCode {
     let Some(folder) = std::env::args().nth(1) else {
@@ -16,9 +16,10 @@ fn main() -> ExitCode {
         return ExitCode::from(2);
     };
     for (name, picture) in [
-        ("globe.png", globe()),
-        ("leaves.png", leaves()),
-        ("lattice.png", lattice()),
+        ("globe.png", DynamicImage::from(globe())),
+        ("leaves.png", leaves().into()),
+        ("lattice.png", lattice().into()),
+        ("sky.hdr", sky().into()),
     ] {
         let path = Path::new(&folder).join(name);
         if let Err(error) = picture.save(&path) {
@@ -54,6 +55,33 @@ fn globe() -> RgbaImage {
             () => [138, 112, 84],
         };
         Rgba([r, g, b, 255])
+    })
+}
+
+/// A clear sky all around, brighter towards the horizon and the sun, over pale ground. The sun is a disk of 2 degrees, four
+/// times the true one's radius, so that it covers some pixels.
+fn sky() -> Rgb32FImage {
+    const SUN: [f32; 3] = [-0.62, 0.55, 0.56];
+    let length = SUN.iter().map(|x| x * x).sum::<f32>().sqrt();
+    Rgb32FImage::from_fn(256, 128, |x, y| {
+        let (turn, angle) = (
+            ((x as f32 + 0.5) / 256.0 - 0.5) * TAU,
+            (y as f32 + 0.5) / 128.0 * TAU / 2.0,
+        );
+        let direction = [angle.sin() * turn.sin(), angle.cos(), -angle.sin() * turn.cos()];
+        let cosine = (0..3).map(|i| direction[i] * SUN[i]).sum::<f32>() / length;
+        if cosine > 2f32.to_radians().cos() {
+            return Rgb([1900.0, 1650.0, 1300.0]);
+        }
+        if direction[1] < 0.0 {
+            return Rgb([0.42, 0.37, 0.3]);
+        }
+        let (haze, glow) = ((1.0 - direction[1]).powi(4), cosine.max(0.0).powi(24));
+        Rgb([
+            0.22 + 0.75 * haze + 1.2 * glow,
+            0.42 + 0.65 * haze + glow,
+            0.95 + 0.35 * haze + 0.7 * glow,
+        ])
     })
 }
 

@@ -8,6 +8,8 @@ use crate::scene::{Camera, Geometry, Layer, Material, Scene};
 pub struct Facts<'s> {
     /// The scene.
     pub scene: &'s Scene,
+    /// Who sees it.
+    pub camera: &'s Camera,
     /// Materials that some instance has.
     pub materials: Vec<&'s Material>,
     /// Meshes that some instance shows, with the name of its material.
@@ -18,7 +20,7 @@ pub struct Facts<'s> {
 
 impl<'s> Facts<'s> {
     /// Those of a scene that has passed [`Scene::validate`].
-    pub fn of(scene: &'s Scene, camera: &Camera) -> Facts<'s> {
+    pub fn of(scene: &'s Scene, camera: &'s Camera) -> Facts<'s> {
         let mut has_material = vec![false; scene.materials.len()];
         // The material that a geometry was first met with.
         let mut shown = vec![None; scene.geometries.len()];
@@ -34,6 +36,7 @@ impl<'s> Facts<'s> {
         };
         Facts {
             scene,
+            camera,
             materials: scene
                 .materials
                 .iter()

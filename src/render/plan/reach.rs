@@ -159,7 +159,15 @@ fn may_be_seen_from_inside(bounds: &Bounds, camera: &Camera) -> bool {
     let ahead = -camera.world_from_camera.matrix3.z_axis;
     let is_point = !matches!(camera.projection, Projection::Orthographic { .. });
     if is_point && camera.z_near == 0.0 {
-        return touch(bounds, &Bounds { min: eye, max: eye });
+        // With a lens they begin around the eye.
+        let reach = camera.lens_radius();
+        return touch(
+            bounds,
+            &Bounds {
+                min: eye - reach,
+                max: eye + reach,
+            },
+        );
     }
     // They begin on the near plane.
     let middle = (0.5 * (bounds.min + bounds.max) - eye).dot(ahead);
@@ -171,7 +179,7 @@ impl Light {
     /// Whether any of its light gets to the box.
     fn lights(&self, bounds: &Bounds) -> bool {
         let (position, falloff) = match &self.kind {
-            LightKind::Directional { .. } => return true,
+            LightKind::Directional { .. } | LightKind::Area { .. } => return true,
             LightKind::Point { position, falloff }
             | LightKind::Spot {
                 position, falloff, ..
@@ -207,6 +215,7 @@ impl Light {
                 min: bounds.min.min(*position),
                 max: bounds.max.max(*position),
             },
+            LightKind::Area { shape, .. } => bounds.union(shape.bounds()),
         }
     }
 }

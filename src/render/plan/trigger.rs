@@ -6,8 +6,8 @@
 use super::Facts;
 use crate::optics::{Absorption, LINE_D};
 use crate::scene::{
-    AlphaMode, Background, Effect, Filter, Lecture, MIRROR_ROUGHNESS, Material, MetallicRoughness, Model,
-    Parameter, Texture,
+    AlphaMode, Background, Effect, Filter, Lecture, Light, LightKind, MIRROR_ROUGHNESS, Material,
+    MetallicRoughness, Model, Parameter, Texture,
 };
 
 /// One way to call for an effect.
@@ -23,12 +23,15 @@ pub struct Trigger {
 /// All triggers. An effect is on if one of its triggers fires.
 pub const TRIGGERS: &[Trigger] = &[
     trigger(Effect::Shadow, "a light that may be hidden", shadow),
+    trigger(Effect::Shadow, "light from all around", |facts| {
+        environment(facts).map(|_| "the environment map may be hidden".into())
+    }),
     trigger(Effect::TransparentShadow, "light goes through", |facts| {
-        casting(facts)?;
+        any_casting(facts)?;
         facts.material(Material::transmits, |_| "lets light through".into())
     }),
     trigger(Effect::TransparentShadow, "surfaces not all there", |facts| {
-        casting(facts)?;
+        any_casting(facts)?;
         facts.material(
             |m| m.alpha != AlphaMode::Opaque,
             |_| "is only partly there".into(),
@@ -161,6 +164,7 @@ pub const TRIGGERS: &[Trigger] = &[
         (facts.scene.background != Background::default()).then(|| match facts.scene.background {
             Background::Uniform([r, g, b]) => format!("background {r}, {g}, {b}"),
             Background::Gradient { .. } => "the background is a gradient".into(),
+            Background::Environment { .. } => "the background is an environment map".into(),
         })
     }),
     trigger(Effect::Volume, "a volume", |facts| {
@@ -175,6 +179,17 @@ pub const TRIGGERS: &[Trigger] = &[
         let fog = facts.scene.fog.filter(|_| facts.scene.has_fog())?;
         Some(format!("fog of extinction {}", fog.extinction()))
     }),
+    trigger(Effect::DepthOfField, "a lens", |facts| {
+        let radius = facts.camera.lens_radius();
+        (radius > 0.0).then(|| format!("the camera's lens has a radius of {radius}"))
+    }),
+    trigger(Effect::AreaLight, "a light with an extent", |facts| {
+        let shines =
+            |light: &&Light| light.intensity != [0.0; 3] && matches!(light.kind, LightKind::Area { .. });
+        let light = facts.scene.lights.iter().find(shines)?;
+        Some(format!("light `{}` has an extent", light.name))
+    }),
+    trigger(Effect::Environment, "an environment map", environment),
 ];
 
 /// Why an effect is off that nothing calls for.
@@ -204,6 +219,9 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::Ambient => "there is no ambient light".into(),
         Effect::Background => "the background is black".into(),
         Effect::Volume => "there is no fog, and no volume with anything in it".into(),
+        Effect::DepthOfField => "the camera is a pinhole".into(),
+        Effect::AreaLight => "no light that shines has an extent".into(),
+        Effect::Environment => "there is no environment map".into(),
     }
 }
 
@@ -219,6 +237,23 @@ fn shadow(facts: &Facts) -> Option<String> {
     Some(format!(
         "{casting} of {of} lights may be hidden; light `{name}`: {reach}"
     ))
+}
+
+/// The environment map that lights the scene.
+fn environment(facts: &Facts) -> Option<String> {
+    match facts.scene.background {
+        Background::Environment { image, scale, .. } if scale > 0.0 => {
+            let name = &facts.scene.images[image as usize].name;
+            Some(format!("`{name}` shines from all around"))
+        }
+        _ => None,
+    }
+}
+
+/// Whether any light may be hidden.
+fn any_casting(facts: &Facts) -> Option<()> {
+    let by_light = casting(facts).map(|_| ());
+    by_light.or_else(|| environment(facts).map(|_| ()))
 }
 
 /// The first light that may be hidden.

@@ -1,0 +1,115 @@
+//! Checks of lights and surroundings.
+
+use glam::DVec3;
+
+use super::validate::{in_range, is_radiance, is_unit};
+use super::{AreaShape, Falloff, Image, Light, LightKind, Texels};
+use crate::shading::{DiskLight, QuadLight, SphereLight};
+
+/// Most points of a light that a surface may ask for one sample: more is a slip of the pen.
+const MAX_LIGHT_SAMPLES: u32 = 4096;
+
+/// What is wrong with a light.
+pub(crate) fn check_light(light: &Light) -> Result<(), String> {
+    if !is_radiance(&light.intensity) {
+        return Err("its intensity is negative or not finite: correct the intensity".into());
+    }
+    let is_place = |p: DVec3| in_range(p.abs().max_element()) && p.is_finite();
+    let is_coefficient = |x: f64| (0.0..f64::INFINITY).contains(&x);
+    let is_falloff = |falloff: Falloff| match falloff {
+        Falloff::InverseSquare { range } => range.is_none_or(|r| r > 0.0),
+        Falloff::Polynomial {
+            constant,
+            linear,
+            quadratic,
+        } => {
+            [constant, linear, quadratic].into_iter().all(is_coefficient)
+                && constant + linear + quadratic > 0.0
+        }
+    };
+    let is_sound = match light.kind {
+        LightKind::Directional { to_light } => is_unit(to_light),
+        LightKind::Point { position, falloff } => is_place(position) && is_falloff(falloff),
+        LightKind::Spot {
+            position,
+            direction,
+            cos_inner,
+            cos_outer,
+            falloff,
+        } => {
+            let has_cone = -1.0 <= cos_outer && cos_outer < cos_inner && cos_inner <= 1.0;
+            is_place(position) && is_falloff(falloff) && is_unit(direction) && has_cone
+        }
+        LightKind::Area { shape, samples } => return check_area(&shape, samples),
+    };
+    if is_sound {
+        Ok(())
+    } else {
+        Err("its place, direction, range or cone makes no sense: correct it".into())
+    }
+}
+
+/// What is wrong with a light that has an extent.
+fn check_area(shape: &AreaShape, samples: u32) -> Result<(), String> {
+    let bounds = shape.bounds();
+    let reach = bounds.min.abs().max(bounds.max.abs());
+    if !(reach.is_finite() && in_range(reach.max_element())) {
+        return Err("its place makes no sense: correct it".into());
+    }
+    check_samples(samples)?;
+    let made = match *shape {
+        AreaShape::Quad {
+            center,
+            half_u,
+            half_v,
+        } => QuadLight::new(center, half_u, half_v).err(),
+        AreaShape::Disk {
+            center,
+            half_u,
+            half_v,
+        } => DiskLight::new(center, half_u, half_v).err(),
+        AreaShape::Sphere { center, radius } => SphereLight::new(center, radius).err(),
+    };
+    made.map_or(Ok(()), |error| Err(error.to_string()))
+}
+
+fn check_samples(samples: u32) -> Result<(), String> {
+    if (1..=MAX_LIGHT_SAMPLES).contains(&samples) {
+        Ok(())
+    } else {
+        Err(format!(
+            "it asks for {samples} samples: give 1 to {MAX_LIGHT_SAMPLES}"
+        ))
+    }
+}
+
+/// What is wrong with an environment map.
+pub(super) fn check_environment(
+    image: Option<&Image>,
+    (rotation, scale): (f64, f32),
+    samples: u32,
+) -> Result<(), String> {
+    let Some(image) = image else {
+        return Err("its image does not exist: give the number of one of the scene's".into());
+    };
+    let Texels::Floats(texels) = &image.texels else {
+        return Err(format!(
+            "{} has 8 bits a channel, too few for light: give an .hdr or .exr file",
+            image.name
+        ));
+    };
+    if let Some(index) = texels
+        .iter()
+        .position(|texel| !texel[..3].iter().all(|channel| channel.is_finite()))
+    {
+        let (x, y) = (index as u32 % image.width, index as u32 / image.width);
+        return Err(format!(
+            "{} is not finite in column {x}, row {y}: repair the image",
+            image.name
+        ));
+    }
+    if !(rotation.is_finite() && is_radiance(&[scale; 3])) {
+        return Err("its rotation is not finite or its scale negative: correct them".into());
+    }
+    check_samples(samples)
+}

@@ -427,7 +427,7 @@ impl<'s> Frame<'s> {
         for group in &mut self.groups {
             let first = group.sample[0];
             let samples = match self.settings.target() {
-                Some(_) => 16 * ROUND * (first / ROUND + 1).next_power_of_two(),
+                Some(_) => 4 * ROUND * (first / ROUND + 1).next_power_of_two(),
                 None => self.settings.spp,
             };
             group.cone = self.settings.camera_cone(&self.view, samples);

@@ -21,7 +21,7 @@ pub(super) struct Forecast {
 
 /// How many times more of the squared error a round must take away than its samples shared out evenly: errors are estimates
 /// themselves.
-const LEAST_ADVANTAGE: f64 = 1.35;
+const LEAST_ADVANTAGE: f64 = 1.1;
 
 impl Forecast {
     /// Counts a pixel of this squared error, which has `count` samples and will have `next`.

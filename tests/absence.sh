@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Proves that effects which a scene does not call for cost nothing by being there: builds whit whole, without the code of
+# Tells whether effects which a scene does not call for cost anything by being there: builds whit whole, without the code of
 # all effects but shadows, and without that of all effects, and has tests/absence.rs count their instructions. Needs
 # valgrind.
 set -euo pipefail

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use rayon::ThreadPool;
+use serde::Serialize;
 
 use crate::accel::bsp::BspAccel;
 #[cfg(feature = "embree")]
@@ -81,13 +82,22 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if asks_embree && !cfg!(feature = "embree") {
         return Err(AccelError::NoEmbree.into());
     }
+    measure_scenes(args, bench_scene, |rows| BenchTable(rows).to_string())
+}
+
+/// Measures each scene by `measure` and prints its rows as `table` puts them; writes all rows as JSON if that is asked for.
+pub(super) fn measure_scenes<Row: Serialize>(
+    args: &BenchArgs,
+    measure: impl Fn(&BenchJob, &Path, &ThreadPool, &Progress) -> Result<Vec<Row>, Failure>,
+    table: impl Fn(&[Row]) -> String,
+) -> Result<(), Failure> {
     let job = BenchJob::new(args);
     let pool = job.tracing.pool()?;
     let progress = Progress::new(Verbosity::Normal);
     let mut rows = Vec::new();
     for path in &args.scenes {
-        let of_scene = bench_scene(&job, path, &pool, &progress)?;
-        progress.suspend(|| output::print(&BenchTable(&of_scene).to_string()))?;
+        let of_scene = measure(&job, path, &pool, &progress)?;
+        progress.suspend(|| output::print(&table(&of_scene)))?;
         rows.extend(of_scene);
         // After each scene, so that later trouble loses nothing.
         if let Some(path) = &args.json {

@@ -17,12 +17,11 @@ use crate::scene::{Camera, Scene};
 use crate::scene_file::SceneFile;
 
 use super::args::BenchArgs;
-use super::bench::BenchJob;
+use super::bench::{BenchJob, measure_scenes};
 use super::failure::Failure;
 use super::interrupt;
 use super::job::choose_camera;
-use super::output;
-use super::progress::{Progress, Verbosity};
+use super::progress::Progress;
 use super::replay::{Engine, RaySet, replay_seconds};
 use super::scene;
 
@@ -36,20 +35,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         check_writable(path)?;
     }
-    let job = BenchJob::new(args);
-    let pool = job.tracing.pool()?;
-    let progress = Progress::new(Verbosity::Normal);
-    let mut rows = Vec::new();
-    for path in &args.scenes {
-        let of_scene = bench_scene(&job, path, &pool, &progress)?;
-        progress.suspend(|| output::print(&ExtentTable(&of_scene).to_string()))?;
-        rows.extend(of_scene);
-        if let Some(path) = &args.json {
-            interrupt::finish_first(|| output::write_json(path, &rows))?;
-        }
-    }
-    progress.clear();
-    Ok(())
+    measure_scenes(args, bench_scene, |rows| ExtentTable(rows).to_string())
 }
 
 /// The rows of one scene.

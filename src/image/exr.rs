@@ -5,6 +5,7 @@
 use std::io::{self, Seek, Write};
 use std::path::Path;
 
+use exr::image::write::channels::WritableChannels;
 use exr::prelude::{
     self as openexr, AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, Layer,
     LayerAttributes, ReadChannels, ReadLayers, SpecificChannels, Text, Vec2, WritableImage,
@@ -19,17 +20,11 @@ pub(super) fn encode(image: &LinearImage, notes: &[Note], out: &mut (impl Write 
         let [r, g, b] = image.pixels[position.y() * width + position.x()];
         (r, g, b)
     });
-    let size = (width, image.height as usize);
-    Image::from_layer(Layer::new(
-        size,
-        attributes(notes),
-        Encoding::UNCOMPRESSED,
-        channels,
-    ))
-    .write()
-    .non_parallel()
-    .to_buffered(out)
-    .map_err(io::Error::other)
+    Image::from_layer(layer(image, channels, notes))
+        .write()
+        .non_parallel()
+        .to_buffered(out)
+        .map_err(io::Error::other)
 }
 
 /// Writes `image` with further channels, which hold a value a pixel.
@@ -56,17 +51,17 @@ pub(super) fn encode_with(
         .iter()
         .map(|channel| AnyChannel::new(channel.name, FlatSamples::F32(channel.values.to_vec())));
     let channels = AnyChannels::sort(rgb.chain(others).collect());
+    Image::from_layer(layer(image, channels, notes))
+        .write()
+        .non_parallel()
+        .to_buffered(out)
+        .map_err(io::Error::other)
+}
+
+/// The one part of a file.
+fn layer<'c, C: WritableChannels<'c> + 'c>(image: &LinearImage, channels: C, notes: &[Note]) -> Layer<C> {
     let size = (image.width as usize, image.height as usize);
-    Image::from_layer(Layer::new(
-        size,
-        attributes(notes),
-        Encoding::UNCOMPRESSED,
-        channels,
-    ))
-    .write()
-    .non_parallel()
-    .to_buffered(out)
-    .map_err(io::Error::other)
+    Layer::new(size, attributes(notes), Encoding::UNCOMPRESSED, channels)
 }
 
 fn attributes(notes: &[Note]) -> LayerAttributes {

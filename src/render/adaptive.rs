@@ -410,15 +410,8 @@ impl Picture {
 
 #[cfg(test)]
 mod tests {
+    use super::super::estimate::estimate;
     use super::*;
-
-    fn estimate(samples: &[f64]) -> Estimate {
-        let mut estimate = Estimate::NONE;
-        for &gray in samples {
-            estimate.add([gray; 3]);
-        }
-        estimate
-    }
 
     #[test]
     fn the_display_value_keeps_close_to_srgb_and_ends_where_it_ends() {

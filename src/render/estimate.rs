@@ -80,17 +80,19 @@ impl Default for Estimate {
     }
 }
 
+/// That of these gray samples.
+#[cfg(test)]
+pub(super) fn estimate(samples: &[f64]) -> Estimate {
+    let mut estimate = Estimate::NONE;
+    for &gray in samples {
+        estimate.add([gray; 3]);
+    }
+    estimate
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn estimate(samples: &[f64]) -> Estimate {
-        let mut estimate = Estimate::NONE;
-        for &gray in samples {
-            estimate.add([gray; 3]);
-        }
-        estimate
-    }
 
     #[test]
     fn mean_and_variance_are_those_of_the_samples() {

@@ -70,41 +70,17 @@ struct RawForm {
     /// Samples along x, y and z.
     size: [usize; 3],
     /// The type of a number.
-    r#type: ElementForm,
+    r#type: Element,
     /// Numbers a sample: 1 (density) or 4 (red, green, blue, density).
     #[serde(default = "one")]
     #[schemars(extend("default" = 1))]
     channels: usize,
     /// The order of a number's bytes.
     #[serde(default)]
-    order: OrderForm,
+    order: ByteOrder,
     /// Bytes before the first number.
     #[serde(default)]
     skip: u64,
-}
-
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-enum ElementForm {
-    U8,
-    I8,
-    U16,
-    I16,
-    U32,
-    I32,
-    U64,
-    I64,
-    F16,
-    F32,
-    F64,
-}
-
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-enum OrderForm {
-    #[default]
-    Little,
-    Big,
 }
 
 /// Fractal noise in a shape, with densities from 0 to 1.
@@ -311,28 +287,11 @@ fn channels(mut grids: Vec<Grid>) -> Result<Grids, String> {
 
 impl RawForm {
     fn header(&self) -> RawHeader {
-        let element = match self.r#type {
-            ElementForm::U8 => Element::U8,
-            ElementForm::I8 => Element::I8,
-            ElementForm::U16 => Element::U16,
-            ElementForm::I16 => Element::I16,
-            ElementForm::U32 => Element::U32,
-            ElementForm::I32 => Element::I32,
-            ElementForm::U64 => Element::U64,
-            ElementForm::I64 => Element::I64,
-            ElementForm::F16 => Element::F16,
-            ElementForm::F32 => Element::F32,
-            ElementForm::F64 => Element::F64,
-        };
-        let order = match self.order {
-            OrderForm::Little => ByteOrder::Little,
-            OrderForm::Big => ByteOrder::Big,
-        };
         RawHeader {
             size: self.size,
             channels: self.channels,
-            element,
-            order,
+            element: self.r#type,
+            order: self.order,
             skip: self.skip,
         }
     }

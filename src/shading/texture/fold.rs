@@ -11,7 +11,12 @@ use super::{constant, slot};
 
 /// Folds the constant textures of a scene that has passed its checks into its materials.
 pub fn fold_constant_textures(scene: &mut Scene) {
-    let colors: Vec<Option<[[f32; 4]; 2]>> = constants_of(scene);
+    let images: Vec<Option<[[f32; 4]; 2]>> = scene.images.iter().map(constant).collect();
+    let color = |texture: &Texture| match texture {
+        Texture::Image { image, .. } => images[*image as usize],
+        Texture::Procedural(rule) => (rule.colors[0] == rule.colors[1]).then_some([rule.colors[0]; 2]),
+    };
+    let colors: Vec<_> = scene.textures.iter().map(color).collect();
     let mut varies = vec![false; scene.materials.len()];
     for instance in &scene.instances {
         let geometry = &scene.geometries[instance.geometry as usize];
@@ -32,38 +37,11 @@ pub fn fold_constant_textures(scene: &mut Scene) {
             material.alpha = AlphaMode::Opaque;
         }
     }
-    for (image, colors) in scene
-        .images
-        .iter_mut()
-        .zip(image_constants(&scene.textures, &colors))
-    {
-        if colors {
+    for (image, color) in scene.images.iter_mut().zip(images) {
+        if color.is_some() {
             shrink(image);
         }
     }
-}
-
-/// The colours, by encoding, of the textures that have one.
-fn constants_of(scene: &Scene) -> Vec<Option<[[f32; 4]; 2]>> {
-    let images: Vec<_> = scene.images.iter().map(constant).collect();
-    let color = |texture: &Texture| match texture {
-        Texture::Image { image, .. } => images[*image as usize],
-        Texture::Procedural(rule) => (rule.colors[0] == rule.colors[1]).then_some([rule.colors[0]; 2]),
-    };
-    scene.textures.iter().map(color).collect()
-}
-
-/// For each image whether it has one colour.
-fn image_constants(textures: &[Texture], colors: &[Option<[[f32; 4]; 2]>]) -> Vec<bool> {
-    let mut images = Vec::new();
-    for (texture, color) in textures.iter().zip(colors) {
-        if let Texture::Image { image, .. } = texture {
-            let image = *image as usize;
-            images.resize(images.len().max(image + 1), false);
-            images[image] = color.is_some();
-        }
-    }
-    images
 }
 
 /// Leaves an image of one colour a single pixel of it.

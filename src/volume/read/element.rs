@@ -1,10 +1,14 @@
 //! Numbers as files hold them: their types, the order of their bytes, and where each lies.
 
+use schemars::JsonSchema;
+use serde::Deserialize;
+
 use super::{Fault, SAVE_AGAIN, THREE_AXES, too_big};
 use crate::volume::Samples;
 
 /// The type of a file's numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
 pub enum Element {
     /// Eight bits without sign; kept as they are.
     U8,
@@ -31,7 +35,8 @@ pub enum Element {
 }
 
 /// The order of a number's bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
 pub enum ByteOrder {
     /// Least significant first.
     #[default]

@@ -330,8 +330,13 @@ impl RenderSettings {
         (estimates + aovs + costs) as u64 + self.filter.bytes_per_pixel()
     }
 
-    /// The cone of one of `samples` samples: a pixel's, by the root of their number narrower each way.
-    fn camera_cone(&self, view: &CameraView, samples: u32) -> Cone {
+    /// The cone of a sample: a pixel's, by the root of the number of samples narrower each way. With adaptive sampling that
+    /// is what a pixel with detail gets.
+    fn camera_cone(&self, view: &CameraView) -> Cone {
+        let samples = match self.target() {
+            Some(target) => target.typical_count().clamp(ROUND, self.spp),
+            None => self.spp,
+        };
         let pixel = Cone::of_pixel(view, [0.5, 0.5], [self.width, self.height]);
         let part = f64::from(samples).sqrt().recip();
         Cone {
@@ -384,7 +389,7 @@ impl<'s> Frame<'s> {
             probe_count: 0,
             costs: (settings.ledger && settings.cost_aovs)
                 .then(|| CostSheet::new(settings.width, settings.height)),
-            camera_cone: settings.camera_cone(&view, settings.spp),
+            camera_cone: settings.camera_cone(&view),
             lens: camera.lens_view().filter(|_| effects.has(Effect::DepthOfField)),
             area_lights: if effects.has(Effect::AreaLight) {
                 soft::area_lights(scene)
@@ -393,7 +398,6 @@ impl<'s> Frame<'s> {
             },
             environment: Environment::of(scene, effects),
         };
-        frame.set_cones();
         frame.set_samples_aside();
         (frame.media_at_eye, frame.probe_count) = frame.media_around(frame.view.ray(0.5, 0.5).origin);
         frame
@@ -413,25 +417,7 @@ impl<'s> Frame<'s> {
     /// Whether paths know how wide they are, as it is not the same for all.
     fn follows_widths(&self) -> bool {
         let effects = self.effects();
-        let differ =
-            effects.has(Effect::Reflection) || effects.has_sheets() || self.settings.target().is_some();
-        effects.has(Effect::TextureFilter) && differ
-    }
-
-    /// Gives samples the width that they have among all of their pixel's.
-    ///
-    /// With adaptive sampling their number is that after their round, times four: the blur of a texture goes with the square
-    /// of the width, so with c / n for n equal samples; rounds that double from 16 up to n, each with its own width, make
-    /// (1 + log2(n / 16) / 2) c / n of it on the average, which is 4 c / n at 1024.
-    fn set_cones(&mut self) {
-        for group in &mut self.groups {
-            let first = group.sample[0];
-            let samples = match self.settings.target() {
-                Some(_) => 4 * ROUND * (first / ROUND + 1).next_power_of_two(),
-                None => self.settings.spp,
-            };
-            group.cone = self.settings.camera_cone(&self.view, samples);
-        }
+        effects.has(Effect::TextureFilter) && (effects.has(Effect::Reflection) || effects.has_sheets())
     }
 
     /// Works out what samples add to the directions of their pixels' corners, where that is the same for all packets.

@@ -173,7 +173,7 @@ impl<'f, 's> Wave<'f, 's> {
                 let travel = Travel {
                     direction: rays[l].direction.normalize(),
                     media: frame.media_at_eye,
-                    cone: group.cone,
+                    cone: frame.camera_cone,
                     sample: group.sample[l],
                     ..Travel::NONE
                 };

@@ -2,7 +2,6 @@
 
 use super::Layout;
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::shading::ray_cone::Cone;
 
 /// How a packet's lanes are spread over pixels and samples: `block * block` pixels of `LANES / block²` samples each.
 ///
@@ -48,7 +47,6 @@ impl PacketShape {
                 exists: sample.map(|sample| sample < spp),
                 sample,
                 aside: None,
-                cone: Cone::default(),
             }
         };
         (0..spp).step_by(self.samples as usize).map(group).collect()
@@ -66,8 +64,6 @@ pub(in crate::render) struct SampleGroup {
     /// What each lane's place adds to the direction through the corner of its pixel, where all lanes have one pixel and all
     /// pixels the same places.
     pub(in crate::render) aside: Option<Lanes3<f64>>,
-    /// How wide the samples' rays are.
-    pub(in crate::render) cone: Cone,
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ mod outcome;
 pub mod plan;
 mod queue;
 mod record;
+mod rough;
 mod sample;
 mod sampler;
 mod samples;
@@ -197,6 +198,8 @@ struct Frame<'s> {
     /// Lights with an extent, at the places of the lights; empty if there are none to simulate.
     area_lights: Vec<Option<AreaLight>>,
     environment: Option<Environment>,
+    /// Camera packets whose whole ray trees are finished before the next are begun.
+    wave: usize,
 }
 
 /// Renders `scene` as `camera` sees it, in the current rayon pool. `None` if it was cancelled.
@@ -392,6 +395,7 @@ impl<'s> Frame<'s> {
                 Vec::new()
             },
             environment: Environment::of(scene, effects),
+            wave: rough::camera_packets(scene, effects),
         };
         frame.set_cones();
         frame.set_samples_aside();

@@ -3,7 +3,7 @@
 //! Estimates are compared in standard errors, which the pixels' own spread tells: their samples are unrelated. The
 //! quadrature has formulas of its own and goes over microfacets evenly.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, DMat3, DVec3};
@@ -331,7 +331,7 @@ fn neither_the_ambient_light_nor_an_environment_map_nor_a_lamp_counts_twice() {
     assert!(with == without && with[0] != [0.0; 3]);
 }
 
-/// Balls of rough metal, paint and glass on a floor, under a lamp and a sky.
+/// Balls of rough metal and glass and a thin pane on a floor, under a lamp and a sky.
 fn still_life(rays: u32, roughness: f32) -> (Scene, Camera) {
     let ball = |x: f64, material: Material| {
         let sphere = Sphere {
@@ -345,11 +345,15 @@ fn still_life(rays: u32, roughness: f32) -> (Scene, Camera) {
     if let Some(inside) = &mut prism.interior {
         inside.ior = Dispersion::Cauchy(Cauchy { a: 1.5, b: 20_000.0 });
     }
+    let pane = DAffine3::from_translation(DVec3::new(-0.8, -1.5, 0.6))
+        * DAffine3::from_rotation_x(FRAC_PI_2)
+        * DAffine3::from_scale(DVec3::splat(0.5));
     let mut scene = scene(vec![
         (Shape::Plane, chalk, DAffine3::IDENTITY),
         ball(-1.6, metal(0.8, roughness, rays)),
         ball(0.0, glass(roughness, rays, false)),
         ball(1.6, prism),
+        (Shape::Quad, glass(roughness, rays, true), pane),
     ]);
     scene.background = Background::Gradient {
         horizon: [0.9, 0.8, 0.6],

@@ -417,8 +417,10 @@ impl<'s> Frame<'s> {
     /// Whether paths know how wide they are, as it is not the same for all.
     fn follows_widths(&self) -> bool {
         let effects = self.effects();
-        let differ =
-            effects.has(Effect::Reflection) || effects.has_sheets() || self.settings.target().is_some();
+        let differ = effects.has(Effect::Reflection)
+            || effects.has_sheets()
+            || effects.has_lobes()
+            || self.settings.target().is_some();
         effects.has(Effect::TextureFilter) && differ
     }
 

@@ -172,8 +172,12 @@ impl<'f, 's> Outcome<'f, 's> {
                 };
                 self.shade_surfaces(&traced, surfaces, stage);
                 if self.frame.effects().has(Effect::Refraction) {
-                    self.cross_surfaces(&traced, travels, surfaces, stage);
+                    self.cross_surfaces(&traced, travels, surfaces);
                     self.meter.part(Account::Refraction);
+                }
+                if self.frame.effects().has(Effect::RoughRefraction) {
+                    self.cross_rough_surfaces(&traced, travels, surfaces, stage);
+                    self.meter.part(Account::RoughRefraction);
                 }
             }
         }

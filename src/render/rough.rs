@@ -272,8 +272,24 @@ impl Outcome<'_, '_> {
         }
     }
 
-    /// Divides a ray that has met a rough surface that light goes through.
-    pub(super) fn cross_roughly(
+    /// Divides the rays that have met rough surfaces that light goes through.
+    pub(super) fn cross_rough_surfaces(
+        &mut self,
+        traced: &Traced,
+        travels: TravelPacket,
+        surfaces: &Surfaces,
+        stage: Stage,
+    ) {
+        for l in 0..LANES {
+            let materials = &surfaces.materials;
+            let seen = surfaces.points.hit[l] && traced.weight.iter().any(|channel| channel[l] != 0.0);
+            if seen && materials.transmits(l) && materials.has_lobe(l) {
+                self.cross_lobe(traced, travels, surfaces, (l, stage));
+            }
+        }
+    }
+
+    fn cross_lobe(
         &mut self,
         traced: &Traced,
         travels: TravelPacket,

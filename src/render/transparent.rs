@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::Frame;
 use super::ledger::Account;
-use super::outcome::{Outcome, Stage, Traced};
+use super::outcome::{Outcome, Traced};
 use super::queue::{PathPacket, Sent};
 use super::rough::{Microfacet, Way};
 use super::surface::{SurfacePacket, Surfaces};
@@ -294,23 +294,14 @@ impl Outcome<'_, '_> {
         present
     }
 
-    /// Divides the rays that have met transparent bodies into reflected and refracted ones.
-    pub(super) fn cross_surfaces(
-        &mut self,
-        traced: &Traced,
-        travels: TravelPacket,
-        surfaces: &Surfaces,
-        stage: Stage,
-    ) {
+    /// Divides the rays that have met transparent bodies into reflected and refracted ones. Rough ones do so elsewhere.
+    pub(super) fn cross_surfaces(&mut self, traced: &Traced, travels: TravelPacket, surfaces: &Surfaces) {
         for l in 0..LANES {
             // Light of one wavelength may have negative weights, whose sum says nothing.
             let seen = traced.weight.iter().any(|channel| channel[l] != 0.0);
-            if surfaces.points.hit[l] && surfaces.materials.transmits(l) && seen {
-                if surfaces.materials.has_lobe(l) {
-                    self.cross_roughly(traced, travels, surfaces, (l, stage));
-                } else {
-                    self.cross(traced, travels, surfaces, l);
-                }
+            let materials = &surfaces.materials;
+            if surfaces.points.hit[l] && seen && materials.transmits(l) && !materials.has_lobe(l) {
+                self.cross(traced, travels, surfaces, l);
             }
         }
     }

@@ -60,7 +60,7 @@ Results go to standard output, everything else to standard error.";
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     /// Render scenes to PNG or EXR images
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Say what was understood of a scene
     Info(InfoArgs),
     /// Print the JSON schema of scene files, for editors

@@ -324,6 +324,35 @@ fn the_ambient_radiance_is_what_a_ray_into_the_void_sees() {
 }
 
 #[test]
+fn rough_rays_may_be_asked_for_in_place_of_the_materials_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("ball.toml");
+    let ball = "background = 1\n[material.m]\nmetal = 'gold'\nroughness = 0.4\nrough_rays = 3\n\
+                [[object]]\nshape = 'sphere'\nmaterial = 'm'\n";
+    fs::write(&scene, ball).unwrap();
+    let picture = |flags: &[&str]| {
+        let out = folder.path().join("a.exr");
+        let common = [
+            "render",
+            path(&scene),
+            "-o",
+            path(&out),
+            "--size",
+            "8x8",
+            "--spp",
+            "1",
+        ];
+        let run = whit(&[&common, flags].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        whit::image::read_exr(&out).unwrap().pixels
+    };
+    let own = picture(&[]);
+    assert!(own == picture(&["--rough-rays", "3"]));
+    let none = picture(&["--rough-rays", "0"]);
+    assert!(own != none && none == picture(&["--effects=-rough-reflection"]));
+}
+
+#[test]
 fn bad_scenes_end_in_one_sentence_and_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.png");
@@ -397,6 +426,7 @@ fn numbers_out_of_range_end_in_one_sentence() {
         ("--adaptive", "nan", "as in 0.004 for one 8-bit code"),
         ("--exposure", "nan", "stops from -100 to 100"),
         ("--ambient", "-1", "zero or more"),
+        ("--rough-rays", "257", "0..=256"),
     ] {
         let flag_and_value = format!("{flag}={value}");
         fails_with(

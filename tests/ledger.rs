@@ -151,6 +151,8 @@ fn rays_add_up_exactly_in_random_scenes() {
         Account::TransparentShadow,
         Account::Reflection,
         Account::Refraction,
+        Account::RoughReflection,
+        Account::RoughRefraction,
         Account::Dispersion,
         Account::Other,
     ] {

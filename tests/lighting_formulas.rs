@@ -162,6 +162,7 @@ fn gltf_material(random: &mut Random, specular: bool) -> Material {
         specular: number(),
         specular_color: color.map(|c| 2.0 * c),
         transmission: 0.0,
+        rough_rays: 0,
     });
     material.interior = Some(Interior {
         ior: Dispersion::Constant(1.0 + 1.5 * f64::from(number())),

@@ -157,6 +157,7 @@ fn what_is_off_has_no_rays() {
             "scene {seed}"
         );
         assert!(on.has_sheets() || ledger.refraction_rays() == 0, "scene {seed}");
+        assert!(on.has_lobes() || ledger.rough_rays() == 0, "scene {seed}");
     }
 }
 
@@ -172,6 +173,7 @@ fn what_is_switched_off_is_off_with_all_that_needs_it() {
         Effect::NestedMedia,
         Effect::Dispersion,
         Effect::Absorption,
+        Effect::RoughRefraction,
     ] {
         assert!(!plan.effects().has(effect), "{effect}");
     }

@@ -250,6 +250,13 @@ fn materials_that_make_no_sense() {
     refused(material("emission = -1"), ":2:", &["negative"]);
     refused(material("roughness = 1.5"), ":1:", &["outside [0, 1]"]);
     refused(
+        material("rough_rays = 300"),
+        ":1:",
+        &["material.m", "its `rough_rays` is 300: give 0 to 256"],
+    );
+    refused(material("rough_rays = -1"), ":2:", &["rough_rays"]);
+    refused(material("rough_rays = 2.5"), ":2:", &["rough_rays"]);
+    refused(
         material("exponent = 3"),
         ":1:",
         &["\"metallic-roughness\" has no `exponent`"],

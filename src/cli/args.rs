@@ -10,8 +10,8 @@ use clap::{Args as ArgGroup, Parser, Subcommand};
 use crate::accel::{Backend, Instancing, Precision};
 use crate::image::ImageFormat;
 use crate::render::{FilterKind, Pattern, PixelFilter};
-use crate::scene::EffectOverrides;
 use crate::scene::picture::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
+use crate::scene::{EffectOverrides, MOST_ROUGH_RAYS};
 
 /// Most samples a pixel.
 const MAX_SPP: i64 = picture::MAX_SPP as i64;
@@ -19,6 +19,8 @@ const MAX_SPP: i64 = picture::MAX_SPP as i64;
 const MAX_DEPTH: i64 = picture::MAX_DEPTH as i64;
 /// Most wavelengths.
 const MAX_WAVELENGTHS: i64 = picture::MAX_WAVELENGTHS as i64;
+/// Most rays into a lobe.
+const MAX_ROUGH_RAYS: i64 = MOST_ROUGH_RAYS as i64;
 /// Image size where neither the command line nor the scene says it.
 const DEFAULT_SIZE: ImageSize = ImageSize {
     width: picture::DEFAULT_SIZE[0],
@@ -58,7 +60,7 @@ Results go to standard output, everything else to standard error.";
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     /// Render scenes to PNG or EXR images
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Say what was understood of a scene
     Info(InfoArgs),
     /// Print the JSON schema of scene files, for editors
@@ -119,6 +121,10 @@ pub(super) struct RenderArgs {
     /// Radiance of the surroundings, as X or R,G,B, in place of the scene's own
     #[arg(long, value_name = "RADIANCE", allow_hyphen_values = true)]
     pub(super) ambient: Option<Ambient>,
+
+    /// Rays that each camera ray sends into the lobe of a rough surface, 0 for none, in place of the materials' own
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=MAX_ROUGH_RAYS))]
+    pub(super) rough_rays: Option<u32>,
 
     /// Stops of exposure for PNG images: radiance is multiplied by 2^EV
     #[arg(long, value_name = "EV", help = or_scene("Stops of exposure for PNG images: radiance is multiplied by 2^EV", 0), value_parser = exposure, allow_hyphen_values = true)]

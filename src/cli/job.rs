@@ -34,6 +34,8 @@ pub(super) struct RenderJob {
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
     pub(super) ambient: Option<[f32; 3]>,
+    /// Rays into lobes, for all materials.
+    pub(super) rough_rays: Option<u32>,
     pub(super) stats: Option<StatsTo>,
     pub(super) verbosity: Verbosity,
 }
@@ -142,6 +144,7 @@ impl RenderJob {
             tracing: Tracing::new(&args.tracing),
             camera: args.camera.clone(),
             ambient: args.ambient.map(|a| a.0),
+            rough_rays: args.rough_rays,
             stats,
             verbosity: if args.quiet {
                 Verbosity::Quiet

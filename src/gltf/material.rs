@@ -272,6 +272,7 @@ fn metallic_roughness(
         specular: specular.number("specularFactor", 1.0, 0.0..=1.0, corrections) as f32,
         specular_color: specular_color.map(|x| x as f32),
         transmission: transmission.number("transmissionFactor", 0.0, 0.0..=1.0, corrections) as f32,
+        ..MetallicRoughness::DEFAULT
     }
 }
 

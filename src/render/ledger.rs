@@ -25,6 +25,10 @@ pub enum Account {
     Reflection,
     /// Rays through surfaces, and the division of light at them.
     Refraction,
+    /// Rays into the lobes of opaque rough surfaces.
+    RoughReflection,
+    /// Rays into the lobes of rough surfaces that light goes through, on either side of them.
+    RoughRefraction,
     /// Rays of a single wavelength, whatever sent them.
     Dispersion,
     /// What bodies swallow on the way of rays.
@@ -52,13 +56,15 @@ pub(super) const ACCOUNTS: usize = Account::ALL.len();
 
 impl Account {
     /// All of them, in the order of reports.
-    pub const ALL: [Account; 16] = [
+    pub const ALL: [Account; 18] = [
         Account::Sampling,
         Account::Camera,
         Account::Shadow,
         Account::TransparentShadow,
         Account::Reflection,
         Account::Refraction,
+        Account::RoughReflection,
+        Account::RoughRefraction,
         Account::Dispersion,
         Account::Absorption,
         Account::Volume,
@@ -80,6 +86,8 @@ impl Account {
             Account::TransparentShadow => "transparent-shadow",
             Account::Reflection => "reflection",
             Account::Refraction => "refraction",
+            Account::RoughReflection => "rough-reflection",
+            Account::RoughRefraction => "rough-refraction",
             Account::Dispersion => "dispersion",
             Account::Absorption => "absorption",
             Account::Volume => "volume",
@@ -128,6 +136,8 @@ pub struct Ledger {
     mirrored_colors: u64,
     /// Of the rays of single wavelengths, those that went through a surface.
     refracted_colors: u64,
+    /// Of the rays of single wavelengths, those of the lobes of rough surfaces.
+    rough_colors: u64,
     /// Seconds of shading, all work on hits together.
     shading: f64,
     /// Seconds of the packets whose shading was watched closely, by what they were for.
@@ -185,7 +195,7 @@ impl Ledger {
         self.of(Account::Shadow).rays + self.of(Account::TransparentShadow).rays
     }
 
-    /// Rays that were mirrored, whether of all wavelengths or of one.
+    /// Rays that smooth surfaces mirrored, whether of all wavelengths or of one.
     pub fn reflection_rays(&self) -> u64 {
         self.of(Account::Reflection).rays + self.mirrored_colors
     }
@@ -193,6 +203,12 @@ impl Ledger {
     /// Rays that went through surfaces, refracted or where one is not there, of all wavelengths or of one.
     pub fn refraction_rays(&self) -> u64 {
         self.of(Account::Refraction).rays + self.refracted_colors
+    }
+
+    /// Rays into the lobes of rough surfaces, of all wavelengths or of one.
+    pub fn rough_rays(&self) -> u64 {
+        let (opaque, clear) = (Account::RoughReflection, Account::RoughRefraction);
+        self.of(opaque).rays + self.of(clear).rays + self.rough_colors
     }
 
     /// Seconds inside the backend, summed over threads.
@@ -212,11 +228,14 @@ impl Ledger {
 
     /// Books rays that surfaces sent out; they shared packets, and so share the time.
     pub(super) fn book_sent(&mut self, all: Tally, sorts: Sorts) {
-        let colors = sorts.mirrored_colors + sorts.refracted_colors;
-        let mirrored = all.rays.saturating_sub(sorts.refracted + colors);
+        let colors = sorts.mirrored_colors + sorts.refracted_colors + sorts.rough_colors;
+        let rough = sorts.rough_reflected + sorts.rough_refracted;
+        let mirrored = all.rays.saturating_sub(sorts.refracted + rough + colors);
         let shared = [
             (Account::Reflection, mirrored),
             (Account::Refraction, sorts.refracted),
+            (Account::RoughReflection, sorts.rough_reflected),
+            (Account::RoughRefraction, sorts.rough_refracted),
             (Account::Dispersion, colors),
         ];
         for (account, rays) in shared {
@@ -230,6 +249,7 @@ impl Ledger {
         }
         self.mirrored_colors += sorts.mirrored_colors;
         self.refracted_colors += sorts.refracted_colors;
+        self.rough_colors += sorts.rough_colors;
     }
 
     /// Books seconds of shading, which are not yet divided.
@@ -304,6 +324,7 @@ impl AddAssign for Ledger {
         }
         self.mirrored_colors += other.mirrored_colors;
         self.refracted_colors += other.refracted_colors;
+        self.rough_colors += other.rough_colors;
         self.shading += other.shading;
         self.lost_rays += other.lost_rays;
         self.lost_weight += other.lost_weight;
@@ -354,7 +375,7 @@ mod tests {
     fn rays_of_one_wavelength_have_an_account_and_keep_their_direction() {
         let mut ledger = Ledger::default();
         let all = Tally {
-            rays: 10,
+            rays: 20,
             seconds: 1.0,
             trace_seconds: 0.5,
         };
@@ -362,12 +383,22 @@ mod tests {
             refracted: 3,
             refracted_colors: 4,
             mirrored_colors: 1,
+            rough_reflected: 2,
+            rough_refracted: 3,
+            rough_colors: 5,
         };
         ledger.book_sent(all, sorts);
-        let rays = [Account::Reflection, Account::Refraction, Account::Dispersion]
-            .map(|account| ledger.of(account).rays);
-        assert_eq!(rays, [2, 3, 5]);
+        let rays = [
+            Account::Reflection,
+            Account::Refraction,
+            Account::RoughReflection,
+            Account::RoughRefraction,
+            Account::Dispersion,
+        ]
+        .map(|account| ledger.of(account).rays);
+        assert_eq!(rays, [2, 3, 2, 3, 10]);
         assert_eq!((ledger.reflection_rays(), ledger.refraction_rays()), (3, 7));
+        assert_eq!(ledger.rough_rays(), 10);
         assert_eq!(ledger.of(Account::Dispersion).seconds, 0.5);
     }
 }

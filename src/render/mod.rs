@@ -18,6 +18,7 @@ mod outcome;
 pub mod plan;
 mod queue;
 mod record;
+mod rough;
 mod sample;
 mod sampler;
 mod samples;
@@ -197,6 +198,8 @@ struct Frame<'s> {
     /// Lights with an extent, at the places of the lights; empty if there are none to simulate.
     area_lights: Vec<Option<AreaLight>>,
     environment: Option<Environment>,
+    /// Camera packets whose whole ray trees are finished before the next are begun.
+    wave: usize,
 }
 
 /// Renders `scene` as `camera` sees it, in the current rayon pool. `None` if it was cancelled.
@@ -397,6 +400,7 @@ impl<'s> Frame<'s> {
                 Vec::new()
             },
             environment: Environment::of(scene, effects),
+            wave: rough::camera_packets(scene, effects),
         };
         frame.set_samples_aside();
         (frame.media_at_eye, frame.probe_count) = frame.media_around(frame.view.ray(0.5, 0.5).origin);
@@ -417,7 +421,8 @@ impl<'s> Frame<'s> {
     /// Whether paths know how wide they are, as it is not the same for all.
     fn follows_widths(&self) -> bool {
         let effects = self.effects();
-        effects.has(Effect::TextureFilter) && (effects.has(Effect::Reflection) || effects.has_sheets())
+        let differ = effects.has(Effect::Reflection) || effects.has_sheets() || effects.has_lobes();
+        effects.has(Effect::TextureFilter) && differ
     }
 
     /// Works out what samples add to the directions of their pixels' corners, where that is the same for all packets.

@@ -175,6 +175,10 @@ impl<'f, 's> Outcome<'f, 's> {
                     self.cross_surfaces(&traced, travels, surfaces);
                     self.meter.part(Account::Refraction);
                 }
+                if self.frame.effects().has(Effect::RoughRefraction) {
+                    self.cross_rough_surfaces(&traced, travels, surfaces, stage);
+                    self.meter.part(Account::RoughRefraction);
+                }
             }
         }
     }
@@ -222,6 +226,10 @@ impl<'f, 's> Outcome<'f, 's> {
             self.reflect(surfaces, &mirrored, traced, stage);
             self.meter.part(Account::Reflection);
         }
+        if frame.effects().has(Effect::RoughReflection) {
+            self.reflect_roughly(traced, surfaces, stage);
+            self.meter.part(Account::RoughReflection);
+        }
     }
 
     /// Queues the mirror rays that still matter. Surfaces that let light through send theirs elsewhere.
@@ -238,7 +246,7 @@ impl<'f, 's> Outcome<'f, 's> {
                 ray: Ray::new(vector(&points.origin), direction),
                 pixel: traced.pixel[l],
                 weight,
-                is_through: false,
+                sender: Account::Reflection,
                 travel: traced.travels.map(|travels| {
                     let arrival = travels.lane(l);
                     Travel {
@@ -270,7 +278,9 @@ impl<'f, 's> Outcome<'f, 's> {
             Some(travel) if self.frame.effects().has_sheets() => travel.depth,
             _ => steps,
         };
-        if depth > settings.depth || largest < settings.weight_cutoff {
+        // Rays into one lobe weigh little each, and together what counts.
+        let together = sent.travel.map_or(1, |travel| travel.split) as f32;
+        if depth > settings.depth || together * largest < settings.weight_cutoff {
             let limit = if depth > settings.depth {
                 Limit::Depth
             } else {

@@ -35,13 +35,13 @@ pub(super) struct Sent {
     pub(super) ray: Ray,
     pub(super) pixel: u32,
     pub(super) weight: [f32; 3],
-    /// Whether it goes through the surface, rather than being mirrored.
-    pub(super) is_through: bool,
+    /// What sent it, and so what it is booked under if it is of all wavelengths.
+    pub(super) sender: Account,
     /// In scenes whose paths keep one.
     pub(super) travel: Option<Travel>,
 }
 
-/// How many rays of a generation are of which sort; the others are mirrored and of all wavelengths.
+/// How many rays of a generation are of which sort; the others are mirrored by smooth surfaces and of all wavelengths.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sorts {
     /// Gone through a surface, of all wavelengths.
@@ -50,27 +50,35 @@ pub(super) struct Sorts {
     pub(super) refracted_colors: u64,
     /// Mirrored, of one wavelength.
     pub(super) mirrored_colors: u64,
+    /// Of the lobes of opaque surfaces, of all wavelengths.
+    pub(super) rough_reflected: u64,
+    /// Of the lobes of surfaces that light goes through, of all wavelengths.
+    pub(super) rough_refracted: u64,
+    /// Of lobes, of one wavelength.
+    pub(super) rough_colors: u64,
 }
 
 impl Sorts {
     #[inline(always)]
     fn count(&mut self, sent: &Sent) {
-        let is_color = sent.travel.is_some_and(|travel| travel.wavelength != 0.0);
-        match (sent.is_through, is_color) {
-            (false, false) => {}
-            (true, false) => self.refracted += 1,
-            (true, true) => self.refracted_colors += 1,
-            (false, true) => self.mirrored_colors += 1,
+        let is_color = sent.account() == Account::Dispersion;
+        match (sent.sender, is_color) {
+            (Account::RoughReflection | Account::RoughRefraction, true) => self.rough_colors += 1,
+            (Account::RoughReflection, false) => self.rough_reflected += 1,
+            (Account::RoughRefraction, false) => self.rough_refracted += 1,
+            (Account::Refraction, true) => self.refracted_colors += 1,
+            (Account::Refraction, false) => self.refracted += 1,
+            (_, true) => self.mirrored_colors += 1,
+            (_, false) => {}
         }
     }
 }
 
 impl Sent {
     fn account(&self) -> Account {
-        match (self.is_through, self.travel) {
-            (_, Some(travel)) if travel.wavelength != 0.0 => Account::Dispersion,
-            (true, _) => Account::Refraction,
-            (false, _) => Account::Reflection,
+        match self.travel {
+            Some(travel) if travel.wavelength != 0.0 => Account::Dispersion,
+            _ => self.sender,
         }
     }
 }

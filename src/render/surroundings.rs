@@ -1,8 +1,8 @@
 //! What lies behind everything, and the light that an environment map gives.
 //!
 //! Rays that miss see the background. With a map, surfaces also send feelers in directions in which it is bright, picked
-//! as points of lights with an extent are ([`super::soft`]). Smooth surfaces see the map by their mirror rays, so to these
-//! feelers they answer without their lobe: it would count twice.
+//! as points of lights with an extent are ([`super::soft`]). Surfaces that see the map by mirror rays, or by rays into
+//! their lobes, answer these feelers without their lobe: it would count twice.
 
 use super::Frame;
 use super::outcome::{Outcome, Stage, Traced};
@@ -95,9 +95,9 @@ impl Outcome<'_, '_> {
             return;
         };
         let mut materials = lit.materials.clone();
-        for roughness in &mut materials.roughness {
-            if *roughness <= MIRROR_ROUGHNESS {
-                *roughness = 0.0;
+        for l in 0..LANES {
+            if materials.roughness[l] <= MIRROR_ROUGHNESS || lit.materials.has_lobe(l) {
+                materials.roughness[l] = 0.0;
             }
         }
         let lit = Lit {

@@ -2,14 +2,16 @@
 //!
 //! A path keeps the bodies around it (nested dielectrics by priority), its exact direction, and the wavelength that it
 //! follows once a dispersive body has split it. At a boundary Fresnel's equations divide its weight between a reflected
-//! and a refracted ray; on its way through a body Beer and Lambert's law takes off what the body swallows. Lane by
+//! and a refracted ray, at a rough one those of its microfacets; on its way through a body Beer and Lambert's law takes off what the body swallows. Lane by
 //! lane and in f64: packets pay for it only in scenes with such materials.
 
 use glam::DVec3;
 
 use super::Frame;
+use super::ledger::Account;
 use super::outcome::{Outcome, Traced};
 use super::queue::{PathPacket, Sent};
+use super::rough::{Microfacet, Way};
 use super::surface::{SurfacePacket, Surfaces};
 use super::travel::{Travel, TravelPacket};
 use crate::accel::{NO_HIT, RayPacket};
@@ -17,7 +19,7 @@ use crate::numeric::{LANES, Lanes3, Ray, spawn_point};
 use crate::optics::{
     Body, Crossing, LINE_D, MediaStack, Passage, Polarised, dielectric, reflect, refract, thin_slab,
 };
-use crate::scene::{Effect, Lecture, Material, Model};
+use crate::scene::{Effect, Lecture, MIRROR_ROUGHNESS, Material, Model};
 use crate::shading::MaterialPacket;
 use crate::shading::ray_cone::Cone;
 
@@ -30,6 +32,11 @@ pub(super) struct Boundary<'m> {
 }
 
 impl Boundary<'_> {
+    /// Whether it has no inside that a ray could be in.
+    pub(super) fn is_wall(&self) -> bool {
+        self.material.is_wall()
+    }
+
     /// Whether bodies of higher priority hide it: the ray does not notice.
     pub(super) fn is_hidden(&self) -> bool {
         self.is_body && !self.crossing.is_real()
@@ -86,6 +93,37 @@ impl Frame<'_> {
             material,
             crossing,
             is_body,
+        }
+    }
+
+    /// What a ray meets in lane `l`.
+    pub(super) fn meeting<'a>(
+        &'a self,
+        traced: &Traced,
+        travels: TravelPacket,
+        surfaces: &'a Surfaces,
+        l: usize,
+    ) -> Meeting<'a> {
+        let arrival = travels.lane(l);
+        let (points, materials) = (&surfaces.points, &surfaces.materials);
+        let boundary = self.boundary(traced.packet.instance[l], points.front[l], &arrival.media);
+        let disperses = self.effects().has(Effect::Dispersion)
+            && arrival.wavelength == 0.0
+            && !boundary.is_wall()
+            && (self.disperses(boundary.crossing.before) || self.disperses(boundary.crossing.after));
+        Meeting {
+            points,
+            l,
+            pixel: traced.pixel[l],
+            weight: std::array::from_fn(|c| traced.weight[c][l]),
+            arrival,
+            cone: self.cone_at(traced, travels, l),
+            curvature: self.curvature(traced.packet, surfaces, l),
+            tints: Tints::of(&boundary.material.model, materials, l),
+            boundary,
+            normal: self.surfaces.interface_normal(traced.packet, surfaces, l),
+            disperses,
+            is_smooth: materials.rich.is_lecture[l] || materials.roughness[l] <= MIRROR_ROUGHNESS,
         }
     }
 
@@ -244,7 +282,7 @@ impl Outcome<'_, '_> {
                 },
                 pixel: traced.pixel[l],
                 weight,
-                is_through: true,
+                sender: Account::Refraction,
                 // Through a gap in a body's surface a ray is inside it as well.
                 travel: Some(Travel {
                     media: boundary.crossing.through,
@@ -256,120 +294,171 @@ impl Outcome<'_, '_> {
         present
     }
 
-    /// Divides the rays that have met transparent bodies into reflected and refracted ones.
+    /// Divides the rays that have met transparent bodies into reflected and refracted ones. Rough ones do so elsewhere.
     pub(super) fn cross_surfaces(&mut self, traced: &Traced, travels: TravelPacket, surfaces: &Surfaces) {
         for l in 0..LANES {
             // Light of one wavelength may have negative weights, whose sum says nothing.
             let seen = traced.weight.iter().any(|channel| channel[l] != 0.0);
-            if surfaces.points.hit[l] && surfaces.materials.transmits(l) && seen {
+            let materials = &surfaces.materials;
+            if surfaces.points.hit[l] && seen && materials.transmits(l) && !materials.has_lobe(l) {
                 self.cross(traced, travels, surfaces, l);
             }
         }
     }
 
     fn cross(&mut self, traced: &Traced, travels: TravelPacket, surfaces: &Surfaces, l: usize) {
-        let frame = self.frame;
-        let arrival = &travels.lane(l);
-        let cone = frame.cone_at(traced, travels, l);
-        let curvature = frame.curvature(traced.packet, surfaces, l);
-        let points = &surfaces.points;
-        let instance = traced.packet.instance[l];
-        let boundary = frame.boundary(instance, points.front[l], &arrival.media);
-        let tints = Tints::of(&boundary.material.model, &surfaces.materials, l);
+        let meeting = self.frame.meeting(traced, travels, surfaces, l);
         let bend = Bend {
-            d: arrival.direction,
-            n: frame.surfaces.interface_normal(traced.packet, surfaces, l),
-            side: points.geometric_normal(l),
+            d: meeting.arrival.direction,
+            n: meeting.normal,
+            side: surfaces.points.geometric_normal(l),
         };
-        let disperses = frame.effects().has(Effect::Dispersion)
-            && arrival.wavelength == 0.0
-            && !boundary.material.is_wall()
-            && (frame.disperses(boundary.crossing.before) || frame.disperses(boundary.crossing.after));
+        self.divide(&meeting, &Facet::Smooth(bend));
+    }
+
+    /// Sends a ray on to both sides of what it has met.
+    pub(super) fn divide(&mut self, meeting: &Meeting, facet: &Facet) {
+        let frame = self.frame;
+        let Meeting {
+            weight,
+            arrival,
+            boundary,
+            ..
+        } = meeting;
         let mut reflected = [0.0; 3];
-        let colors: &[[f32; 3]] = if disperses {
+        let colors: &[[f32; 3]] = if meeting.disperses {
             frame.spectrum.weights()
         } else {
             &[[1.0; 3]]
         };
         for (index, color) in colors.iter().enumerate() {
-            let wavelength = if disperses {
+            let wavelength = if meeting.disperses {
                 frame.spectrum.wavelength(index, 0.5)
             } else {
                 f64::from(arrival.wavelength)
             };
             let nanometres = if wavelength > 0.0 { wavelength } else { LINE_D };
-            let (reflectance, transmittance) = frame.shares(&boundary, bend.cos_i(), nanometres);
-            let (mirrored, through) = tints.weights(reflectance, transmittance);
+            let (reflectance, transmittance) = frame.shares(boundary, facet.cos_i(), nanometres);
+            let (mirrored, through) = meeting.tints.weights(reflectance, transmittance);
             (0..3).for_each(|c| reflected[c] += color[c] * mirrored[c]);
-            let weight: [f32; 3] = std::array::from_fn(|c| traced.weight[c][l] * color[c] * through[c]);
             let etas =
                 [boundary.crossing.before, boundary.crossing.after].map(|body| frame.ior(body, nanometres));
-            let Some(direction) = bend.refracted(&boundary, etas) else {
+            let Some(way) = facet.refracted(boundary, etas) else {
                 continue;
             };
+            let weight = std::array::from_fn(|c| weight[c] * color[c] * through[c] * way.share);
+            let cone = meeting
+                .cone
+                .refracted(etas[1] / etas[0], way.cosines, meeting.curvature);
             let travel = Travel {
                 depth: arrival.depth + 1,
                 wavelength: wavelength as f32,
-                direction,
+                direction: way.direction,
                 media: boundary.crossing.through,
-                cone: cone.refracted(etas[1] / etas[0], bend.cosines(direction), curvature),
+                cone: cone.spread_by(way.spread),
                 ..*arrival
             };
-            let sent = Leaving {
-                pixel: traced.pixel[l],
-                weight,
-                is_through: true,
-                travel,
-            };
-            self.send_from(points, l, &sent);
+            self.send_from(meeting, weight, facet.sender(Account::Refraction), travel);
         }
-        let is_smooth = surfaces.materials.rich.is_lecture[l]
-            || surfaces.materials.roughness[l] <= crate::scene::MIRROR_ROUGHNESS;
-        if is_smooth && frame.effects().has(Effect::Reflection) {
-            let travel = Travel {
-                depth: arrival.depth + 1,
-                direction: bend.reflected(),
-                cone: cone.reflected(curvature),
-                ..*arrival
-            };
-            let weight = std::array::from_fn(|c| traced.weight[c][l] * reflected[c]);
-            let sent = Leaving {
-                pixel: traced.pixel[l],
-                weight,
-                is_through: false,
-                travel,
-            };
-            self.send_from(points, l, &sent);
+        if !facet.reflects(frame, meeting) {
+            return;
         }
+        let Some(way) = facet.reflected() else { return };
+        let travel = Travel {
+            depth: arrival.depth + 1,
+            direction: way.direction,
+            cone: meeting.cone.reflected(meeting.curvature).spread_by(way.spread),
+            ..*arrival
+        };
+        let weight = std::array::from_fn(|c| weight[c] * reflected[c] * way.share);
+        self.send_from(meeting, weight, facet.sender(Account::Reflection), travel);
     }
 
-    /// Sends a ray off the surface of lane `l`, on the side that it goes to.
-    fn send_from(&mut self, points: &SurfacePacket, l: usize, leaving: &Leaving) {
-        let travel = leaving.travel;
+    /// Sends a ray off a surface, on the side that it goes to.
+    fn send_from(&mut self, meeting: &Meeting, weight: [f32; 3], sender: Account, travel: Travel) {
+        let (points, l) = (meeting.points, meeting.l);
         let ng = points.geometric_normal(l);
         let side = if travel.direction.dot(ng) < 0.0 { -ng } else { ng };
         let origin = spawn_point(points.point(l), side, points.error(l));
         let sent = Sent {
             ray: Ray::new(origin, travel.direction.as_vec3()),
-            pixel: leaving.pixel,
-            weight: leaving.weight,
-            is_through: leaving.is_through,
+            pixel: meeting.pixel,
+            weight,
+            sender,
             travel: Some(travel),
         };
         self.send(&sent, 0);
     }
 }
 
-/// A ray that is to leave a surface.
-struct Leaving {
+/// A ray at a boundary that divides it.
+pub(super) struct Meeting<'a> {
+    points: &'a SurfacePacket,
+    l: usize,
     pixel: u32,
     weight: [f32; 3],
-    is_through: bool,
-    travel: Travel,
+    pub(super) arrival: Travel,
+    cone: Cone,
+    curvature: f64,
+    boundary: Boundary<'a>,
+    tints: Tints,
+    /// Unit normal that counts for optics, on the side that the ray came from.
+    pub(super) normal: DVec3,
+    /// Whether wavelengths part there.
+    disperses: bool,
+    /// Whether it is smooth enough to mirror.
+    is_smooth: bool,
 }
 
-/// A direction that meets a boundary.
-struct Bend {
+/// What light meets: all of a smooth surface, or a microfacet of a rough one.
+pub(super) enum Facet<'a> {
+    Smooth(Bend),
+    Rough(Microfacet<'a>),
+}
+
+impl Facet<'_> {
+    fn cos_i(&self) -> f64 {
+        match self {
+            Facet::Smooth(bend) => bend.cos_i(),
+            Facet::Rough(facet) => facet.cos_i(),
+        }
+    }
+
+    /// Whether it sends a ray back.
+    fn reflects(&self, frame: &Frame, meeting: &Meeting) -> bool {
+        match self {
+            Facet::Smooth(_) => meeting.is_smooth && frame.effects().has(Effect::Reflection),
+            Facet::Rough(_) => true,
+        }
+    }
+
+    fn reflected(&self) -> Option<Way> {
+        match self {
+            Facet::Smooth(bend) => Some(bend.way(bend.reflected())),
+            Facet::Rough(facet) => facet.reflected(),
+        }
+    }
+
+    fn refracted(&self, boundary: &Boundary, etas: [f64; 2]) -> Option<Way> {
+        match self {
+            Facet::Smooth(bend) => bend
+                .refracted(boundary, etas)
+                .map(|direction| bend.way(direction)),
+            Facet::Rough(facet) => facet.refracted(boundary, etas),
+        }
+    }
+
+    /// What a ray is booked under that a smooth surface's would be booked under `smooth`.
+    fn sender(&self, smooth: Account) -> Account {
+        match self {
+            Facet::Smooth(_) => smooth,
+            Facet::Rough(_) => Account::RoughRefraction,
+        }
+    }
+}
+
+/// A direction that meets a smooth boundary.
+pub(super) struct Bend {
     /// Unit direction of travel.
     d: DVec3,
     /// Unit normal that counts for optics, on the side that the ray came from.
@@ -383,9 +472,14 @@ impl Bend {
         (-self.d.dot(self.n)).clamp(0.0, 1.0)
     }
 
-    /// The cosines of the angles on both sides, for a ray that goes on along `direction`.
-    fn cosines(&self, direction: DVec3) -> [f64; 2] {
-        [self.cos_i(), direction.dot(self.n).abs()]
+    /// The way along `direction`.
+    fn way(&self, direction: DVec3) -> Way {
+        Way {
+            direction,
+            cosines: [self.cos_i(), direction.dot(self.n).abs()],
+            share: 1.0,
+            spread: 0.0,
+        }
     }
 
     fn reflected(&self) -> DVec3 {

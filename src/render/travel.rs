@@ -23,8 +23,10 @@ pub(super) struct Travel {
     pub(super) media: MediaStack,
     /// How wide it is.
     pub(super) cone: Cone,
-    /// Which of its pixel's samples it is a part of.
+    /// Which of its pixel's samples it is a part of. Rays into one lobe count as so many samples.
     pub(super) sample: u32,
+    /// Of how many rays into the lobe of the surface that the eye sees it is one; 1 if that sent no others.
+    pub(super) split: u32,
 }
 
 impl Travel {
@@ -39,6 +41,7 @@ impl Travel {
             spread: 0.0,
         },
         sample: 0,
+        split: 1,
     };
 }
 
@@ -50,6 +53,7 @@ pub(super) struct Travels {
     media: MediaColumn,
     cone: Column<Cone>,
     sample: Column<u32>,
+    split: Column<u32>,
 }
 
 impl Travels {
@@ -62,6 +66,7 @@ impl Travels {
             media: MediaColumn::new(effects),
             cone: Column::new(follows_widths),
             sample: Column::new(effects.samples_light()),
+            split: Column::new(effects.has_lobes()),
         }
     }
 
@@ -84,6 +89,7 @@ impl Travels {
         self.media.resize(packets);
         self.cone.resize(packets, Travel::NONE.cone);
         self.sample.resize(packets, 0);
+        self.split.resize(packets, Travel::NONE.split);
     }
 
     /// Writes lane `l` of packet `packet`.
@@ -94,6 +100,7 @@ impl Travels {
         self.media.set(packet, l, &travel.media);
         self.cone.set(packet, l, travel.cone);
         self.sample.set(packet, l, travel.sample);
+        self.split.set(packet, l, travel.split);
     }
 
     /// Those of one packet.
@@ -123,6 +130,7 @@ impl TravelPacket<'_> {
             media: travels.media.get(packet, l),
             cone: self.cone(l),
             sample: self.sample(l),
+            split: travels.split.get(packet, l, Travel::NONE.split),
         }
     }
 

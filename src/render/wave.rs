@@ -26,7 +26,7 @@ use crate::accel::{RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes};
 
 /// Camera packets whose whole ray trees are finished before the next are begun, so that queues stay small at any
-/// number of samples.
+/// number of samples; fewer where lobes take many rays.
 pub(super) const WAVE: usize = 64;
 
 /// Steps after which any path ends: what passes through a thousand surfaces that are not there is a trap for renderers.
@@ -136,7 +136,7 @@ impl<'f, 's> Wave<'f, 's> {
         if self.current.len() == BATCH {
             self.trace_camera_batch();
         }
-        if self.packets.is_multiple_of(WAVE) {
+        if self.packets.is_multiple_of(self.frame.wave) {
             self.finish();
         }
     }

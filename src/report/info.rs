@@ -104,10 +104,16 @@ impl MaterialInfo {
         let (model, values) = match &material.model {
             Model::MetallicRoughness(m) => (
                 "metallic-roughness",
-                format!(
-                    "metallic {}, roughness {}, transmission {}",
-                    m.metallic, m.roughness, m.transmission
-                ),
+                match material.rough_rays() {
+                    0 => format!(
+                        "metallic {}, roughness {}, transmission {}",
+                        m.metallic, m.roughness, m.transmission
+                    ),
+                    rays => format!(
+                        "metallic {}, roughness {} by {rays} rays, transmission {}",
+                        m.metallic, m.roughness, m.transmission
+                    ),
+                },
             ),
             Model::Lecture(l) => (
                 "lecture",

@@ -57,11 +57,15 @@ pub enum Effect {
     AreaLight,
     /// An image all around lights the scene.
     Environment,
+    /// Rough surfaces show a blurred image.
+    RoughReflection,
+    /// Rough surfaces that light goes through show blurred images of both sides.
+    RoughRefraction,
 }
 
 impl Effect {
     /// All of them, in the order of reports.
-    pub const ALL: [Effect; 24] = [
+    pub const ALL: [Effect; 26] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -86,6 +90,8 @@ impl Effect {
         Effect::DepthOfField,
         Effect::AreaLight,
         Effect::Environment,
+        Effect::RoughReflection,
+        Effect::RoughRefraction,
     ];
 
     /// What the command line and reports call it.
@@ -115,6 +121,8 @@ impl Effect {
             Effect::DepthOfField => "depth-of-field",
             Effect::AreaLight => "area-light",
             Effect::Environment => "environment",
+            Effect::RoughReflection => "rough-reflection",
+            Effect::RoughRefraction => "rough-refraction",
         }
     }
 
@@ -122,7 +130,9 @@ impl Effect {
     pub const fn needs(self) -> Option<Effect> {
         match self {
             Effect::TransparentShadow => Some(Effect::Shadow),
-            Effect::NestedMedia | Effect::Dispersion | Effect::Absorption => Some(Effect::Refraction),
+            Effect::NestedMedia | Effect::Dispersion | Effect::Absorption | Effect::RoughRefraction => {
+                Some(Effect::Refraction)
+            }
             _ => None,
         }
     }
@@ -154,6 +164,8 @@ impl Effect {
             Effect::DepthOfField => "everything is in focus",
             Effect::AreaLight => "lights with an extent are dark",
             Effect::Environment => "the environment map is seen and lights nothing",
+            Effect::RoughReflection => "rough surfaces reflect lights only, and smooth ones sharply",
+            Effect::RoughRefraction => "what is seen through rough surfaces is sharp",
         }
     }
 
@@ -226,6 +238,7 @@ impl EffectSet {
             || self.has(Effect::Specular)
             || self.has(Effect::Refraction)
             || self.has(Effect::Occlusion)
+            || self.has_lobes()
     }
 
     /// Whether light goes on behind some surfaces.
@@ -237,7 +250,13 @@ impl EffectSet {
     /// Whether surfaces pick at random what they ask for light.
     #[inline(always)]
     pub const fn samples_light(self) -> bool {
-        self.has(Effect::AreaLight) || self.has(Effect::Environment)
+        self.has(Effect::AreaLight) || self.has(Effect::Environment) || self.has_lobes()
+    }
+
+    /// Whether rough surfaces send rays into their lobes.
+    #[inline(always)]
+    pub const fn has_lobes(self) -> bool {
+        self.has(Effect::RoughReflection) || self.has(Effect::RoughRefraction)
     }
 
     /// Whether anything is seen without a light.

@@ -2,8 +2,8 @@
 //!
 //! A parameter is a factor times whatever textures are layered on it.
 
-use super::Layer;
 use super::texture::Parameter;
+use super::{Layer, Scene};
 use crate::optics::{Absorption, Dispersion};
 
 /// A surface description.
@@ -50,6 +50,10 @@ pub struct MetallicRoughness {
     pub specular_color: [f32; 3],
     /// How much of what is not reflected goes through rather than being scattered, 0 to 1.
     pub transmission: f32,
+    /// Rays that the lobe of a rough surface is looked into by where the eye sees it, up to [`MOST_ROUGH_RAYS`]; one where
+    /// other rays meet it. With 0 it reflects as a mirror up to [`MIRROR_ROUGHNESS`] and only lights beyond, and refracts as a
+    /// smooth one.
+    pub rough_rays: u32,
 }
 
 impl MetallicRoughness {
@@ -60,6 +64,7 @@ impl MetallicRoughness {
         specular: 1.0,
         specular_color: [1.0; 3],
         transmission: 0.0,
+        rough_rays: 0,
     };
 }
 
@@ -149,11 +154,25 @@ impl Default for Material {
 }
 
 /// Surfaces up to this perceptual roughness reflect an image: their lobe's width (alpha = 0.01, about half a degree)
-/// is that of a few pixels. Rougher ones would need many rays for one reflection.
+/// is that of a few pixels. Rougher ones need many rays for one reflection, which they send if they are told how many.
 pub const MIRROR_ROUGHNESS: f32 = 0.1;
+
+/// Most rays into one lobe. Samples of a pixel serve as well beyond.
+pub const MOST_ROUGH_RAYS: u32 = 256;
 
 /// Index of refraction where a material states none: glTF's, that of window glass.
 pub const DEFAULT_IOR: f64 = 1.5;
+
+impl Scene {
+    /// Has every material of the metallic-roughness model send so many rays into its lobe.
+    pub fn set_rough_rays(&mut self, rays: u32) {
+        for material in &mut self.materials {
+            if let Model::MetallicRoughness(model) = &mut material.model {
+                model.rough_rays = rays;
+            }
+        }
+    }
+}
 
 impl Material {
     /// A material of the metallic-roughness model without textures.
@@ -185,6 +204,15 @@ impl Material {
             Model::MetallicRoughness(model) => model.transmission > 0.0,
             Model::Lecture(lecture) => lecture.transmission != [0.0; 3],
             Model::Unlit => false,
+        }
+    }
+
+    /// Rays that are sent into the lobes of its rough places where the eye sees them; 0 if it has none or sends none.
+    pub fn rough_rays(&self) -> u32 {
+        match &self.model {
+            // A texture multiplies the factor: what is smooth stays smooth.
+            Model::MetallicRoughness(model) if model.roughness > 0.0 => model.rough_rays,
+            _ => 0,
         }
     }
 

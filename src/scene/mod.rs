@@ -22,7 +22,8 @@ pub use instance::Instance;
 pub use lens::{Aperture, Lens, LensError, LensView};
 pub use light::{AreaShape, Falloff, Light, LightKind};
 pub use material::{
-    AlphaMode, DEFAULT_IOR, Interior, Lecture, MIRROR_ROUGHNESS, Material, MetallicRoughness, Model,
+    AlphaMode, DEFAULT_IOR, Interior, Lecture, MIRROR_ROUGHNESS, MOST_ROUGH_RAYS, Material,
+    MetallicRoughness, Model,
 };
 pub use normalise::Normalisation;
 pub use texture::{

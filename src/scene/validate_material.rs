@@ -1,7 +1,9 @@
 //! The checks of materials and procedural textures.
 
 use super::validate::is_radiance;
-use super::{Layer, Material, Model, Parameter, Pattern, Procedural, Scene, Texels, Texture};
+use super::{
+    Layer, MOST_ROUGH_RAYS, Material, Model, Parameter, Pattern, Procedural, Scene, Texels, Texture,
+};
 use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
 
 /// Octaves of noise that mean anything: each halves the height, so sixteen reach the last bits of a display value.
@@ -38,6 +40,12 @@ pub(super) fn check_model(model: &Model) -> Result<(), String> {
                 return Err(
                     "its specular or transmission factor is outside [0, 1]: correct the factor".into(),
                 );
+            }
+            if model.rough_rays > MOST_ROUGH_RAYS {
+                return Err(format!(
+                    "it asks for {} rough rays: give 0 to {MOST_ROUGH_RAYS}",
+                    model.rough_rays
+                ));
             }
             if !is_radiance(&model.specular_color) {
                 return Err("its specular colour is negative or not finite: correct the colour".into());

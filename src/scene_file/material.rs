@@ -6,7 +6,9 @@ use serde::Deserialize;
 use super::medium::{CauchyForm, Glass, SellmeierForm};
 use super::value::{Color, NoValue, Param, Rgba, Textured};
 use crate::optics::Conductor;
-use crate::scene::{AlphaMode, Lecture, Material, MetallicRoughness, Model, Parameter, UvTransform};
+use crate::scene::{
+    AlphaMode, Lecture, MOST_ROUGH_RAYS, Material, MetallicRoughness, Model, Parameter, UvTransform,
+};
 
 /// What surfaces are made of. Every parameter that may have a texture is a value, or
 /// `{ texture = "NAME", value = ... }`, which multiplies the two.
@@ -51,6 +53,11 @@ pub(super) struct MaterialForm {
     /// 0 a mirror, 1 chalk.
     #[schemars(extend("default" = ROUGHNESS))]
     roughness: Option<Param<f32>>,
+    /// Rays that each camera ray sends into the lobe of a rough surface, 0 to 256, for blurred reflections and frosted glass; other
+    /// rays send one. With 0 a surface up to a roughness of 0.1 is a mirror, a rougher one reflects only lights, and any
+    /// refracts sharply.
+    #[schemars(extend("default" = 0))]
+    rough_rays: Option<u32>,
     /// glTF's packing in one texture: roughness in green, metalness in blue.
     metallic_roughness: Option<Textured<NoValue>>,
     /// Colour of a dielectric's reflection.
@@ -240,13 +247,23 @@ impl MaterialForm {
                 .as_ref()
                 .map_or(usual.specular_color, |p| p.value().0),
             transmission: number(&self.transmission, "transmission", clear)?,
+            rough_rays: self.rough_rays()?,
         })
+    }
+
+    fn rough_rays(&self) -> Result<u32, String> {
+        match self.rough_rays.unwrap_or(0) {
+            rays @ 0..=MOST_ROUGH_RAYS => Ok(rays),
+            rays => Err(format!(
+                "its `rough_rays` is {rays}: give 0 to {MOST_ROUGH_RAYS}, and more samples a pixel"
+            )),
+        }
     }
 
     /// Refuses keys that the model does not have.
     fn check_keys(&self) -> Result<(), String> {
         use ModelName::{Lecture, MetallicRoughness};
-        let keys: [(bool, &str, &[ModelName]); 14] = [
+        let keys: [(bool, &str, &[ModelName]); 15] = [
             (self.ambient.is_some(), "ambient", &[Lecture]),
             (self.diffuse.is_some(), "diffuse", &[Lecture]),
             (self.exponent.is_some(), "exponent", &[Lecture]),
@@ -262,6 +279,7 @@ impl MaterialForm {
             (self.glass.is_some(), "glass", &[Lecture, MetallicRoughness]),
             (self.metallic.is_some(), "metallic", &[MetallicRoughness]),
             (self.roughness.is_some(), "roughness", &[MetallicRoughness]),
+            (self.rough_rays.is_some(), "rough_rays", &[MetallicRoughness]),
             (
                 self.metallic_roughness.is_some(),
                 "metallic_roughness",
@@ -394,6 +412,11 @@ mod tests {
         for (bad, words) in [
             ("exponent = 3", "has no `exponent`"),
             ("model = 'unlit'\nroughness = 1", "has no `roughness`"),
+            ("model = 'lecture'\nrough_rays = 4", "has no `rough_rays`"),
+            (
+                "roughness = 0.3\nrough_rays = 257",
+                "its `rough_rays` is 257: give 0 to 256",
+            ),
             ("specular = [1, 0, 0]", "has a number there"),
             ("glass = 'water'\nior = 1.3", "both `glass` and `ior`"),
             ("glass = 'water'\nmetal = 'gold'", "both a `metal`"),

@@ -48,6 +48,8 @@ pub struct RichLanes {
     pub exponent: Lanes<f32>,
     /// The lecture's kr, linear RGB.
     pub reflection: Lanes3<f32>,
+    /// Rays that a lobe is looked into by where the eye sees it.
+    pub rough_rays: Lanes<u32>,
 }
 
 /// Reflectance of a dielectric at normal incidence in air.
@@ -79,6 +81,7 @@ impl MaterialPacket {
             diffuse: [[0.0; LANES]; 3],
             exponent: [1.0; LANES],
             reflection: [[0.0; LANES]; 3],
+            rough_rays: [0; LANES],
         },
     };
 
@@ -111,6 +114,20 @@ impl MaterialPacket {
     pub fn transmits(&self, l: usize) -> bool {
         let through = &self.rich.transmission;
         through[0][l] + through[1][l] + through[2][l] > 0.0
+    }
+
+    /// Whether the surface in lane `l` shows what is around by rays into its lobe, rather than by a mirror ray or not at all.
+    #[inline(always)]
+    pub fn has_lobe(&self, l: usize) -> bool {
+        if !self.effects.has_lobes() {
+            return false;
+        }
+        let effect = if self.effects.has(Effect::Refraction) && self.transmits(l) {
+            Effect::RoughRefraction
+        } else {
+            Effect::RoughReflection
+        };
+        self.effects.has(effect) && self.rich.rough_rays[l] > 0 && self.roughness[l] > 0.0
     }
 
     #[inline(always)]
@@ -154,6 +171,7 @@ impl MaterialPacket {
         rich.is_lecture[l] = factors.is_lecture;
         rich.exponent[l] = factors.lecture.exponent;
         rich.occlusion[l] = 1.0;
+        rich.rough_rays[l] = factors.model.rough_rays;
         for channel in 0..3 {
             rich.specular_color[channel][l] = if is_specular {
                 factors.specular_color[channel]

@@ -1,7 +1,8 @@
 //! glTF's metallic-roughness model (glTF 2.0, Appendix B): Lambert under a Fresnel-weighted GGX lobe.
 //!
 //! Punctual lights are answered by the whole lobe. The surroundings are answered by one mirror ray where the surface
-//! is smooth enough to show an image, and by the ambient term elsewhere.
+//! is smooth enough to show an image, by rays into the lobe where the material asks for them, and by the ambient term
+//! elsewhere.
 
 use std::f32::consts::PI;
 
@@ -42,8 +43,17 @@ impl MaterialPacket {
         }
     }
 
+    /// Schlick's reflectance of lane `l` where light meets the surface, or a microfacet of it, under the cosine `cosine`.
+    pub fn fresnel(&self, cosine: f32, l: usize) -> [f32; 3] {
+        let grazing = fifth_power(1.0 - cosine);
+        std::array::from_fn(|channel| {
+            let f0 = self.f0::<true>(channel, l);
+            f0 + (self.f90::<true>(l) - f0) * grazing
+        })
+    }
+
     /// Radiance that leaves without any light's help: emission, and the surroundings `ambient` seen diffusely, and
-    /// specularly where no mirror ray brings them.
+    /// specularly where no other ray brings them.
     #[inline(always)]
     pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
         if self.effects.is_rich() {
@@ -58,7 +68,7 @@ impl MaterialPacket {
         let rich = &self.rich;
         let mut rough = [0.0; LANES];
         for l in 0..LANES {
-            rough[l] = if self.roughness[l] <= MIRROR_ROUGHNESS {
+            rough[l] = if self.roughness[l] <= MIRROR_ROUGHNESS || (RICH && self.has_lobe(l)) {
                 0.0
             } else {
                 1.0
@@ -147,7 +157,7 @@ fn direct_of<const RICH: bool>(
 }
 
 /// The mirror ray of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, zero where the surface is
-/// rougher than [`MIRROR_ROUGHNESS`]; the lecture's kr in its lanes.
+/// rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe; the lecture's kr in its lanes.
 #[inline(always)]
 pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> (Lanes3<f32>, Lanes3<f32>) {
     let mut direction = [[0.0; LANES]; 3];
@@ -157,7 +167,7 @@ pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> 
         for axis in 0..3 {
             direction[axis][l] = 2.0 * cosine * ns[axis][l] - wo[axis][l];
         }
-        let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS {
+        let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS && !material.has_lobe(l) {
             1.0
         } else {
             0.0

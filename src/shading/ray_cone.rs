@@ -59,6 +59,15 @@ impl Cone {
         }
     }
 
+    /// The same with `spread` more: that of a lobe which the ray is one of several rays into.
+    #[inline(always)]
+    pub fn spread_by(self, spread: f64) -> Cone {
+        Cone {
+            spread: self.spread + spread,
+            ..self
+        }
+    }
+
     /// After refraction by the relative index `eta`, transmitted over incident, at a surface of this mean `curvature`,
     /// positive where it bulges to the incident side; `cos_i` and `cos_t` are the cosines of both angles, positive.
     ///

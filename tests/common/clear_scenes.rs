@@ -137,6 +137,7 @@ pub fn blackboard() -> WaveScene {
             specular: 0.8,
             specular_color: [1.0, 0.6, 0.3],
             transmission: 0.0,
+            rough_rays: 0,
         }),
         interior: inside(1.7, [1.0; 3], 0),
         ..matte([0.2, 0.4, 0.6], 0.3)
@@ -502,6 +503,7 @@ pub fn window() -> WaveScene {
             specular: 0.9,
             specular_color: [0.9, 1.0, 0.8],
             transmission,
+            rough_rays: 0,
         }),
         interior,
         ..matte([0.7, 0.9, 0.8], 0.0)

@@ -102,6 +102,9 @@ pub fn scene(seed: u64) -> Scene {
         ][r.below(2)];
         scene.cameras[0].lens = Some(Lens::new(0.3, 4.0, aperture).unwrap());
     }
+    if r.next() < 0.35 {
+        scene.set_rough_rays(1 + 2 * r.below(2) as u32);
+    }
     scene.validate().unwrap();
     scene
 }

@@ -190,6 +190,14 @@ pub const TRIGGERS: &[Trigger] = &[
         Some(format!("light `{}` has an extent", light.name))
     }),
     trigger(Effect::Environment, "an environment map", environment),
+    trigger(Effect::RoughReflection, "rough rays", |facts| {
+        // A texture may leave places that nothing goes through.
+        let is_opaque = |m: &Material| !m.transmits() || m.layer(Parameter::Transmission).is_some();
+        facts.material(|m| is_opaque(m) && m.rough_rays() > 0, blurs)
+    }),
+    trigger(Effect::RoughRefraction, "rough rays", |facts| {
+        facts.material(|m| m.transmits() && m.rough_rays() > 0, blurs)
+    }),
 ];
 
 /// Why an effect is off that nothing calls for.
@@ -222,6 +230,8 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::DepthOfField => "the camera is a pinhole".into(),
         Effect::AreaLight => "no light that shines has an extent".into(),
         Effect::Environment => "there is no environment map".into(),
+        Effect::RoughReflection => "no rough material that is opaque asks for rays".into(),
+        Effect::RoughRefraction => "no rough material that lets light through asks for rays".into(),
     }
 }
 
@@ -290,6 +300,17 @@ fn is_smooth(material: &Material) -> bool {
 /// Whether a texture may make it smooth.
 fn may_be_smooth(material: &Material) -> bool {
     material.may_mirror() && !is_smooth(material) && matches!(material.model, Model::MetallicRoughness(_))
+}
+
+/// How a material's rough places show what is around.
+fn blurs(material: &Material) -> String {
+    match (&material.model, material.rough_rays()) {
+        (Model::MetallicRoughness(model), 1) => format!("has roughness {} and sends a ray", model.roughness),
+        (Model::MetallicRoughness(model), rays) => {
+            format!("has roughness {} and sends {rays} rays", model.roughness)
+        }
+        _ => String::new(),
+    }
 }
 
 fn disperses(material: &Material) -> bool {

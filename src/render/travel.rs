@@ -25,6 +25,8 @@ pub(super) struct Travel {
     pub(super) cone: Cone,
     /// Which of its pixel's samples it is a part of.
     pub(super) sample: u32,
+    /// When its rays are sent, as in [`crate::numeric::Ray::time`].
+    pub(super) time: f32,
 }
 
 impl Travel {
@@ -39,6 +41,7 @@ impl Travel {
             spread: 0.0,
         },
         sample: 0,
+        time: 0.0,
     };
 }
 
@@ -50,6 +53,7 @@ pub(super) struct Travels {
     media: MediaColumn,
     cone: Column<Cone>,
     sample: Column<u32>,
+    time: Column<f32>,
 }
 
 impl Travels {
@@ -62,13 +66,14 @@ impl Travels {
             media: MediaColumn::new(effects),
             cone: Column::new(follows_widths),
             sample: Column::new(effects.samples_light()),
+            time: Column::new(effects.has(Effect::MotionBlur)),
         }
     }
 
     /// Whether there is nothing to know.
     pub(super) fn is_void(&self) -> bool {
         // Every other column is only there with the first of these.
-        !(self.depth.is_kept || self.cone.is_kept || self.sample.is_kept)
+        !(self.depth.is_kept || self.cone.is_kept || self.sample.is_kept || self.time.is_kept)
     }
 
     /// Forgets all packets.
@@ -84,6 +89,7 @@ impl Travels {
         self.media.resize(packets);
         self.cone.resize(packets, Travel::NONE.cone);
         self.sample.resize(packets, 0);
+        self.time.resize(packets, 0.0);
     }
 
     /// Writes lane `l` of packet `packet`.
@@ -94,6 +100,7 @@ impl Travels {
         self.media.set(packet, l, &travel.media);
         self.cone.set(packet, l, travel.cone);
         self.sample.set(packet, l, travel.sample);
+        self.time.set(packet, l, travel.time);
     }
 
     /// Those of one packet.
@@ -123,6 +130,7 @@ impl TravelPacket<'_> {
             media: travels.media.get(packet, l),
             cone: self.cone(l),
             sample: self.sample(l),
+            time: travels.time.get(packet, l, 0.0),
         }
     }
 

@@ -57,11 +57,13 @@ pub enum Effect {
     AreaLight,
     /// An image all around lights the scene.
     Environment,
+    /// What moves while the shutter is open is blurred.
+    MotionBlur,
 }
 
 impl Effect {
     /// All of them, in the order of reports.
-    pub const ALL: [Effect; 24] = [
+    pub const ALL: [Effect; 25] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -86,6 +88,7 @@ impl Effect {
         Effect::DepthOfField,
         Effect::AreaLight,
         Effect::Environment,
+        Effect::MotionBlur,
     ];
 
     /// What the command line and reports call it.
@@ -115,6 +118,7 @@ impl Effect {
             Effect::DepthOfField => "depth-of-field",
             Effect::AreaLight => "area-light",
             Effect::Environment => "environment",
+            Effect::MotionBlur => "motion-blur",
         }
     }
 
@@ -154,6 +158,7 @@ impl Effect {
             Effect::DepthOfField => "everything is in focus",
             Effect::AreaLight => "lights with an extent are dark",
             Effect::Environment => "the environment map is seen and lights nothing",
+            Effect::MotionBlur => "everything stands where its motion begins",
         }
     }
 

@@ -190,6 +190,22 @@ pub const TRIGGERS: &[Trigger] = &[
         Some(format!("light `{}` has an extent", light.name))
     }),
     trigger(Effect::Environment, "an environment map", environment),
+    trigger(Effect::MotionBlur, "an instance moves", |facts| {
+        let mut moving = facts
+            .scene
+            .instances
+            .iter()
+            .filter(|instance| instance.is_moving());
+        let first = moving.next()?;
+        Some(match moving.count() {
+            0 => format!("`{}` moves", first.name),
+            more => format!("`{}` moves, and {more} more objects", first.name),
+        })
+    }),
+    trigger(Effect::MotionBlur, "the camera moves", |facts| {
+        let camera = facts.camera;
+        camera.motion().map(|_| format!("camera `{}` moves", camera.name))
+    }),
 ];
 
 /// Why an effect is off that nothing calls for.
@@ -222,6 +238,7 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::DepthOfField => "the camera is a pinhole".into(),
         Effect::AreaLight => "no light that shines has an extent".into(),
         Effect::Environment => "there is no environment map".into(),
+        Effect::MotionBlur => "nothing moves".into(),
     }
 }
 

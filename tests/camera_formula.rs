@@ -58,6 +58,8 @@ impl LectureCamera {
             z_near: self.n,
             z_far: f64::INFINITY,
             lens: None,
+            world_from_camera_end: None,
+            shutter: Default::default(),
         }
     }
 }

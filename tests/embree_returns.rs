@@ -26,6 +26,7 @@ enum Kind {
     NativeInstances,
     All,
     AllNative,
+    Moving,
 }
 
 impl Kind {
@@ -42,7 +43,7 @@ impl Kind {
             Kind::Triangles => [true, false, false],
             Kind::Spheres => [false, true, false],
             Kind::PlacedMeshes | Kind::NativeInstances => [false, false, true],
-            Kind::All | Kind::AllNative => [true; 3],
+            Kind::All | Kind::AllNative | Kind::Moving => [true; 3],
         }
     }
 }
@@ -86,6 +87,13 @@ fn scene(kind: Kind) -> Scene {
             place(1, map);
         }
     }
+    if let Kind::Moving = kind {
+        for instance in instances.iter_mut().skip(1).step_by(2) {
+            let start = instance.world_from_object();
+            let end = DAffine3::from_translation(DVec3::X) * start * DAffine3::from_rotation_y(1.0);
+            *instance = Instance::moving("", instance.geometry, 0, [start, end]).unwrap();
+        }
+    }
     Scene {
         geometries: vec![tetrahedron(), Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
         instances,
@@ -107,7 +115,13 @@ fn packets() -> Vec<RayPacket> {
                     Vec3::new((n * 1.7).sin(), (n * 2.3).cos(), (n * 0.9).sin()),
                 )
             };
-            packet.set(lane, &ray);
+            packet.set(
+                lane,
+                &Ray {
+                    time: n % 7.0 / 7.0,
+                    ..ray
+                },
+            );
         }
         packet.drop_untraceable();
         packet
@@ -125,6 +139,7 @@ fn every_call_flag_kernel_and_kind_returns() {
         Kind::NativeInstances,
         Kind::All,
         Kind::AllNative,
+        Kind::Moving,
     ] {
         for precision in [Precision::Fast, Precision::Robust] {
             for kernel in [Kernel::Packet, Kernel::Single] {

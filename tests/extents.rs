@@ -220,6 +220,8 @@ fn camera(projection: Projection, eye: DVec3, at: DVec3, z_near: f64) -> Camera 
         z_near,
         z_far: f64::INFINITY,
         lens: None,
+        world_from_camera_end: None,
+        shutter: Default::default(),
     }
 }
 
@@ -238,6 +240,7 @@ fn film_rays(view: &CameraView, width: usize) -> Vec<Ray> {
                 direction: ray.direction.as_vec3(),
                 t_near: ray.t_near as f32,
                 t_far: ray.t_far as f32,
+                time: 0.0,
             });
         }
     }

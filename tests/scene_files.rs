@@ -107,6 +107,59 @@ fn nested_groups_and_copies_are_flattened_in_written_order() {
 }
 
 #[test]
+fn what_moves_in_a_group_that_moves_goes_from_where_both_begin_to_where_both_end() {
+    let scene = load_text(
+        "[[group.a.object]]\nshape = 'sphere'\ntransform = [{ translate = [1, 0, 0] }]\n\
+         transform_end = [{ translate = [3, 0, 0] }]\n[[group.a.object]]\nshape = 'cube'\n\
+         [[object]]\ngroup = 'a'\ntransform_end = [{ rotate = [0, 0, 1, 90] }]\n\
+         [[object]]\nshape = 'cube'\ntransform = [{ scale = 2 }]\ntransform_end = [{ scale = 2 }]\n\
+         [camera]\nfrom = [0, 0, 9]\nat = [0, 0, 0]\nend = { at = [1, 0, 0] }\nshutter = [0.25, 0.5]\n",
+        &[],
+    )
+    .scene;
+    let ends = scene.instances[0].motion().unwrap().ends();
+    // (1, 0, 0) to begin with; in the end (3, 0, 0), turned to (0, 3, 0).
+    assert_eq!(ends[0].translation, DVec3::X);
+    assert!((ends[1].translation - 3.0 * DVec3::Y).length() < 1e-15);
+    let moving: Vec<bool> = scene.instances.iter().map(|i| i.is_moving()).collect();
+    assert_eq!(moving, [true, true, false]);
+    let camera = &scene.cameras[0];
+    assert_eq!((camera.shutter.open, camera.shutter.close), (0.25, 0.5));
+    let end = camera.world_from_camera_end.unwrap();
+    assert_eq!(end.translation, camera.world_from_camera.translation);
+    assert!((end.matrix3.z_axis - DVec3::new(-1.0, 0.0, 9.0).normalize()).length() < 1e-15);
+}
+
+#[test]
+fn a_far_away_scene_that_moves_is_brought_near_with_its_motion_and_its_camera() {
+    let scene = load_text(
+        "[[object]]\nshape = 'cube'\ntransform = [{ translate = [1e7, 0, 0] }]\n\
+         transform_end = [{ translate = [1.0000004e7, 0, 0] }]\n\
+         [camera]\nfrom = [1e7, 0, 9]\nat = [1e7, 0, 0]\nend = { from = [1e7, 3, 9] }\n",
+        &[],
+    )
+    .scene;
+    // The box around all of the motion, from 1e7 - 1 to 1e7 + 5, is within some of its sizes of the origin.
+    let bounds = scene.bounds();
+    assert!(
+        (bounds.extent().x - 6.0).abs() < 1e-6 && bounds.magnitude() < 60.0,
+        "{bounds:?}"
+    );
+    let [from, to] = scene.instances[0]
+        .motion()
+        .unwrap()
+        .ends()
+        .map(|map| map.translation);
+    assert_eq!(to - from, DVec3::new(4.0, 0.0, 0.0));
+    let camera = &scene.cameras[0];
+    let eyes = [camera.world_from_camera, camera.world_from_camera_end.unwrap()].map(|map| map.translation);
+    assert_eq!(
+        eyes.map(|eye| eye - from),
+        [DVec3::new(0.0, 0.0, 9.0), DVec3::new(0.0, 3.0, 9.0)]
+    );
+}
+
+#[test]
 fn a_material_goes_to_members_that_have_none() {
     let scene = load_text(
         "[material.red]\n[material.blue]\n\

@@ -411,6 +411,62 @@ fn nests_that_are_too_deep() {
 }
 
 #[test]
+fn motions_that_cannot_be() {
+    let moving = |end: &str| format!("{BALL}transform_end = [\n  {{ scale = 2 }},\n  {end},\n]\n");
+    refused(
+        moving("{ scale = [1, 0, 1] }"),
+        ":5:",
+        &["object 1.transform_end 2", "singular"],
+    );
+    refused(
+        moving("{ scale = [1, -1, 1] }"),
+        ":3:",
+        &["object 1.transform_end", "mirror both or neither"],
+    );
+    let turning = "transform_end = [{ rotate = [0, 1, 0, 9] }]\n";
+    let with_a_light = format!("{BALL}[[light]]\nkind = 'directional'\ndirection = [0, -1, 0]\n");
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("lamp.toml"), with_a_light).unwrap();
+    refused_in(
+        folder.path(),
+        format!("[[object]]\ninclude = 'lamp.toml'\nlights = true\n{turning}"),
+        ":1:",
+        &["object 1", "lights", "take away"],
+    );
+    let with_a_volume = format!(
+        "{BALL}[[volume]]\ncloud = {{ shape = 'puff', size = [4, 4, 4] }}\ntransfer = [{{ value = 0, extinction = 1 }}]\n"
+    );
+    fs::write(folder.path().join("smoke.toml"), with_a_volume).unwrap();
+    let run_of = format!("[[object]]\ninclude = 'smoke.toml'\n{turning}");
+    fs::write(folder.path().join("moving.toml"), run_of).unwrap();
+    let run = whit(&["info", &folder.path().join("moving.toml").display().to_string()]);
+    assert_eq!(run.code, 2);
+    assert!(
+        run.stderr.contains("smoke.toml:3:") && run.stderr.contains("volumes cannot"),
+        "{}",
+        run.stderr
+    );
+    let camera = |lines: &str| format!("{BALL}[camera]\nfrom = [0, 0, 5]\nat = [0, 0, 0]\n{lines}\n");
+    refused(
+        camera("shutter = [0.5, 0.25]"),
+        ":3:",
+        &["camera", "open from 0.5 to 0.25"],
+    );
+    refused(camera("shutter = [0, 1.5]"), ":3:", &["camera", "from 0 to 1"]);
+    refused(camera("shutter = [0, nan]"), ":3:", &["camera", "from 0 to 1"]);
+    refused(
+        camera("end = { from = [0, 0, 0] }"),
+        ":3:",
+        &["camera", "at its `end`, looks nowhere"],
+    );
+    refused(
+        camera("end = { to = [0, 0, 0] }"),
+        ":6:",
+        &["camera.end.to", "not known here"],
+    );
+}
+
+#[test]
 fn files_that_are_no_scene_at_all() {
     refused("", ": ", &["nothing to render", "add an [[object]]"]);
     refused("# only a comment\n", ": ", &["add an [[object]]"]);

@@ -115,6 +115,7 @@ const BEYOND: [(&str, &str); 8] = [
     ("fire", "volumes are held to closed forms by tests/volumes.rs"),
     ("fog_beam", "fog is held to closed forms by tests/volumes.rs"),
     ("rough", "lobes are looked into in random directions"),
+    ("motion", "rays are sent at random times"),
     ("scan", "volumes are held to closed forms by tests/volumes.rs"),
     ("smoke", "volumes are held to closed forms by tests/volumes.rs"),
     ("soft_shadows", "lights are asked at random points"),

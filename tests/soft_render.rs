@@ -76,6 +76,8 @@ fn camera(place: DVec3, projection: Projection) -> Camera {
         z_near: 0.0,
         z_far: f64::INFINITY,
         lens: None,
+        world_from_camera_end: None,
+        shutter: Default::default(),
     }
 }
 

@@ -68,6 +68,8 @@ fn on_axis() -> Camera {
         z_near: 0.0,
         z_far: f64::INFINITY,
         lens: None,
+        world_from_camera_end: None,
+        shutter: Default::default(),
     }
 }
 

@@ -155,6 +155,10 @@ impl Carried {
         if instancing != Instancing::Native || instance.is_identity() {
             return Carried::default();
         }
+        if instance.is_moving() {
+            // Embree is never left to place these.
+            return Carried::default();
+        }
         let (map, inverse) = (instance.world_from_object(), instance.object_from_world().matrix3);
         let norm = |m: &DMat3| (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element();
         let size = |v: DVec3| v.abs().max_element();

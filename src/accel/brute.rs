@@ -90,13 +90,13 @@ pub(super) fn blocks(scene: &Scene, index: u32, ray: &Ray) -> bool {
     }
 }
 
-/// The ray in an instance's object space. A baked mesh sees the ray itself.
+/// The ray in an instance's object space at its time. A baked mesh sees the ray itself.
 #[inline(always)]
 pub(super) fn ray_in(instance: &Instance, ray: &Ray) -> Ray {
     if instance.is_identity() {
         *ray
     } else {
-        object_ray(&instance.object_from_world(), ray)
+        object_ray(&instance.pose(ray.time).object_from_world(), ray)
     }
 }
 

@@ -39,7 +39,8 @@ pub struct RayPacket {
     pub t_near: [f32; LANES],
     /// Ray directions: x, y, z; not normalised.
     pub direction: [[f32; LANES]; 3],
-    time: [f32; LANES],
+    /// When rays are sent, as in [`Ray::time`].
+    pub time: [f32; LANES],
     /// In: farthest parameters that count. Out: the parameter of the hit, or -∞ for a blocked lane.
     pub t_far: [f32; LANES],
     mask: [u32; LANES],
@@ -105,6 +106,7 @@ impl RayPacket {
         }
         self.t_near[lane] = ray.t_near;
         self.t_far[lane] = ray.t_far;
+        self.time[lane] = ray.time;
         self.instance[lane] = NO_HIT;
         self.level[lane] = NO_HIT;
         self.active[lane] = ACTIVE;
@@ -119,6 +121,7 @@ impl RayPacket {
             direction: vector(&self.direction),
             t_near: self.t_near[lane],
             t_far: self.t_far[lane],
+            time: self.time[lane],
         }
     }
 
@@ -232,6 +235,7 @@ mod tests {
             direction: Vec3::new(4.0, 5.0, 6.0),
             t_near: 0.5,
             t_far: 7.0,
+            time: 0.25,
         };
         packet.set(11, &ray);
         assert_eq!(packet.ray(11), ray);

@@ -8,10 +8,14 @@ use multiversion::multiversion;
 
 use super::RayPacket;
 use crate::numeric::{LANES, Lanes};
-use crate::scene::Scene;
+use crate::scene::{Instance, Scene};
 
 /// The infinite planes of a scene, in the order of their instances.
-pub(super) struct Planes(Vec<PlaneForm>);
+pub(super) struct Planes {
+    still: Vec<PlaneForm>,
+    /// Those that move, with their numbers.
+    moving: Vec<(u32, Instance)>,
+}
 
 /// A placed plane as the height above it: the last row of the map to its object space, where it is z = 0.
 struct PlaneForm {
@@ -25,33 +29,50 @@ impl Planes {
     pub(super) fn of(scene: &Scene) -> Planes {
         let planes = (0u32..)
             .zip(&scene.instances)
-            .filter(|(_, instance)| scene.geometries[instance.geometry as usize].is_unbounded())
-            .map(|(index, instance)| PlaneForm::new(index, &instance.object_from_world()));
-        Planes(planes.collect())
+            .filter(|(_, instance)| scene.geometries[instance.geometry as usize].is_unbounded());
+        let (moving, still): (Vec<_>, Vec<_>) = planes.partition(|(_, instance)| instance.is_moving());
+        let form = |(index, instance): (u32, &Instance)| PlaneForm::new(index, &instance.object_from_world());
+        Planes {
+            still: still.into_iter().map(form).collect(),
+            moving: moving
+                .into_iter()
+                .map(|(index, instance)| (index, instance.clone()))
+                .collect(),
+        }
     }
 
     /// Whether there are none.
     #[inline(always)]
     pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.still.is_empty() && self.moving.is_empty()
     }
 
     /// How many there are.
     pub(super) fn count(&self) -> usize {
-        self.0.len()
+        self.still.len() + self.moving.len()
     }
 
     /// Takes over the hits that are nearer than what the packets hold.
     pub(super) fn intersect(&self, packets: &mut [RayPacket]) {
         for packet in packets {
-            nearest(&self.0, packet);
+            nearest(&self.still, packet);
+            for (index, plane) in &self.moving {
+                let crossings = moving_crossings(*index, plane, packet);
+                take(*index, &crossings, packet);
+            }
         }
     }
 
     /// Blocks the lanes that meet any.
     pub(super) fn occluded(&self, packets: &mut [RayPacket]) {
         for packet in packets {
-            block(&self.0, packet);
+            block(&self.still, packet);
+            for (index, plane) in &self.moving {
+                let crossings = moving_crossings(*index, plane, packet);
+                (0..LANES)
+                    .filter(|&l| crossings[l] < f32::INFINITY)
+                    .for_each(|l| packet.set_blocked(l));
+            }
         }
     }
 }
@@ -71,45 +92,68 @@ impl PlaneForm {
     /// The operations of [`crate::shape::Plane`] on the ray in object space, in the same order, to the same bits.
     #[inline(always)]
     fn crossings(&self, packet: &RayPacket) -> Lanes<f32> {
+        let mut crossings = [f32::INFINITY; LANES];
+        for l in 0..LANES {
+            crossings[l] = self.crossing(packet, l);
+        }
+        crossings
+    }
+
+    /// That of lane `l`.
+    #[inline(always)]
+    fn crossing(&self, packet: &RayPacket, l: usize) -> f32 {
         let rise = |v: [f32; 3]| {
             let [x, y, z] = v.map(f64::from);
             self.gradient.x * x + self.gradient.y * y + self.gradient.z * z
         };
-        let mut crossings = [f32::INFINITY; LANES];
-        for l in 0..LANES {
-            let of = |v: &[Lanes<f32>; 3]| [v[0][l], v[1][l], v[2][l]];
-            let (height, slope) = (
-                rise(of(&packet.origin)) + self.offset,
-                rise(of(&packet.direction)),
-            );
-            // The sum makes +0 of -0.
-            let exact = -height / slope + 0.0;
-            let t = exact as f32;
-            let crosses = (packet.active[l] != 0)
-                & (slope != 0.0)
-                & (exact >= f64::from(packet.t_near[l]))
-                & (t <= packet.t_far[l]);
-            crossings[l] = if crosses { t } else { f32::INFINITY };
-        }
-        crossings
+        let of = |v: &[Lanes<f32>; 3]| [v[0][l], v[1][l], v[2][l]];
+        let (height, slope) = (
+            rise(of(&packet.origin)) + self.offset,
+            rise(of(&packet.direction)),
+        );
+        // The sum makes +0 of -0.
+        let exact = -height / slope + 0.0;
+        let t = exact as f32;
+        let crosses = (packet.active[l] != 0)
+            & (slope != 0.0)
+            & (exact >= f64::from(packet.t_near[l]))
+            & (t <= packet.t_far[l]);
+        if crosses { t } else { f32::INFINITY }
     }
+}
+
+/// [`PlaneForm::crossings`] of a plane that moves: each ray meets it where it is at its time.
+fn moving_crossings(index: u32, plane: &Instance, packet: &RayPacket) -> Lanes<f32> {
+    std::array::from_fn(|l| {
+        if !packet.is_active(l) {
+            return f32::INFINITY;
+        }
+        let pose = plane.pose(packet.time[l]);
+        PlaneForm::new(index, &pose.object_from_world()).crossing(packet, l)
+    })
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn nearest(planes: &[PlaneForm], packet: &mut RayPacket) {
     for plane in planes {
         let crossings = plane.crossings(packet);
-        for l in 0..LANES {
-            let t = crossings[l];
-            // Where nothing was hit, the instance held is the highest number.
-            let is_first = (t < packet.t_far[l]) | (plane.instance < packet.instance[l]);
-            let taken = (t < f32::INFINITY) & is_first;
-            packet.t_far[l] = if taken { t } else { packet.t_far[l] };
-            packet.u[l] = if taken { 0.0 } else { packet.u[l] };
-            packet.v[l] = if taken { 0.0 } else { packet.v[l] };
-            packet.primitive[l] = if taken { 0 } else { packet.primitive[l] };
-            packet.instance[l] = if taken { plane.instance } else { packet.instance[l] };
-        }
+        take(plane.instance, &crossings, packet);
+    }
+}
+
+/// Takes over the crossings of a plane where they are the nearest.
+#[inline(always)]
+fn take(instance: u32, crossings: &Lanes<f32>, packet: &mut RayPacket) {
+    for l in 0..LANES {
+        let t = crossings[l];
+        // Where nothing was hit, the instance held is the highest number.
+        let is_first = (t < packet.t_far[l]) | (instance < packet.instance[l]);
+        let taken = (t < f32::INFINITY) & is_first;
+        packet.t_far[l] = if taken { t } else { packet.t_far[l] };
+        packet.u[l] = if taken { 0.0 } else { packet.u[l] };
+        packet.v[l] = if taken { 0.0 } else { packet.v[l] };
+        packet.primitive[l] = if taken { 0 } else { packet.primitive[l] };
+        packet.instance[l] = if taken { instance } else { packet.instance[l] };
     }
 }
 

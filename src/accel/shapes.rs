@@ -9,19 +9,20 @@ use glam::DVec3;
 
 use super::Hit;
 use crate::numeric::Ray;
-use crate::scene::Instance;
+use crate::scene::{Instance, Pose};
 use crate::shape::{Implicit, Shape, ShapeHit, ShapeRay, Sphere};
 
 /// Where a ray meets a placed shape first within its interval: `primitive` is the part of the shape.
 #[inline(always)]
 pub(super) fn shape_hit(index: u32, instance: &Instance, shape: &Shape, ray: &Ray) -> Option<Hit> {
-    let ShapeHit { t, part } = match world_sphere(instance, shape) {
+    let pose = instance.pose(ray.time);
+    let ShapeHit { t, part } = match world_sphere(&pose, shape) {
         Some(sphere) => {
             let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
             let t = sphere.nearest(origin, direction, f64::from(ray.t_near), f64::INFINITY)?;
             ShapeHit { t, part: 0 }
         }
-        None => shape.intersect(&shape_ray(instance, ray))?,
+        None => shape.intersect(&shape_ray(&pose, ray))?,
     };
     let t = t as f32;
     (t <= ray.t_far && t < f32::INFINITY).then_some(Hit {
@@ -33,19 +34,20 @@ pub(super) fn shape_hit(index: u32, instance: &Instance, shape: &Shape, ray: &Ra
     })
 }
 
-/// The sphere in world space that an instance is, if it is one: rays need not be carried anywhere to meet it.
+/// The sphere in world space that an instance is, if it is one and stands still: rays need not be carried anywhere to meet
+/// it.
 #[inline(always)]
-pub(super) fn world_sphere(instance: &Instance, shape: &Shape) -> Option<Sphere> {
+pub(super) fn world_sphere(pose: &Pose, shape: &Shape) -> Option<Sphere> {
     match shape {
-        Shape::Sphere(sphere) => instance.world_sphere(sphere),
+        Shape::Sphere(sphere) => pose.world_sphere(sphere),
         _ => None,
     }
 }
 
 /// The ray in object space, from its nearest parameter on.
 #[inline(always)]
-fn shape_ray(instance: &Instance, ray: &Ray) -> ShapeRay {
-    let (origin, direction) = object_line(instance, ray);
+fn shape_ray(pose: &Pose, ray: &Ray) -> ShapeRay {
+    let (origin, direction) = object_line(pose, ray);
     ShapeRay {
         t_near: ray.t_near.into(),
         ..ShapeRay::new(origin, direction)
@@ -54,8 +56,8 @@ fn shape_ray(instance: &Instance, ray: &Ray) -> ShapeRay {
 
 /// Origin and direction in object space; the parameter keeps its meaning.
 #[inline(always)]
-fn object_line(instance: &Instance, ray: &Ray) -> (DVec3, DVec3) {
-    let map = instance.object_from_world();
+fn object_line(pose: &Pose, ray: &Ray) -> (DVec3, DVec3) {
+    let map = pose.object_from_world();
     (
         map.transform_point3(ray.origin.as_dvec3()),
         map.transform_vector3(ray.direction.as_dvec3()),

@@ -440,6 +440,8 @@ mod tests {
                 z_near: 0.0,
                 z_far: f64::INFINITY,
                 lens: None,
+                world_from_camera_end: None,
+                shutter: Default::default(),
             })
             .collect();
         Scene {

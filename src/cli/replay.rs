@@ -134,6 +134,7 @@ fn random_ray(bounds: &Bounds, random: &mut SplitMix) -> Ray {
         direction: Vec3::new((radius * cos) as f32, (radius * sin) as f32, z as f32),
         t_near: 0.0,
         t_far: f32::INFINITY,
+        time: random.next() as f32,
     }
 }
 

@@ -52,6 +52,8 @@ pub(crate) fn framing_camera(bounds: &Bounds) -> Camera {
         z_near: 0.0,
         z_far: f64::INFINITY,
         lens: None,
+        world_from_camera_end: None,
+        shutter: Default::default(),
     }
 }
 
@@ -95,6 +97,8 @@ impl Document {
             z_near,
             z_far,
             lens: None,
+            world_from_camera_end: None,
+            shutter: Default::default(),
         }))
     }
 

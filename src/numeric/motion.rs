@@ -56,6 +56,11 @@ impl Motion {
         self.start == self.end
     }
 
+    /// The maps at both ends.
+    pub fn ends(&self) -> [DAffine3; 2] {
+        [self.start, self.end]
+    }
+
     /// The map at time `s`; at 0 and 1, and beyond them, the bits of the ends.
     pub fn at(&self, s: f64) -> DAffine3 {
         if s <= 0.0 || self.is_still() {
@@ -74,33 +79,56 @@ impl Motion {
     }
 
     /// A box in the target space that holds all of `bounds` at all times.
-    ///
-    /// A corner p runs along x(s) = Q(s) y(s) + T(s) with y(s) = S(s) p, where T and y are linear. As Q turns at the rate
-    /// ω, |x''| <= ω² |y| + 2 ω |y'|, and over a step δ no curve leaves its chord by more than δ²/8 of that. The box of the
-    /// corners at the ends of all steps, padded by so much, holds the corners, and everything else lies between them.
     pub fn bounds(&self, bounds: &Bounds) -> Bounds {
+        self.bounds_of(bounds, |map| bounds.transformed(map))
+    }
+
+    /// A box in the target space that holds at all times what `bounds` hold, by boxes around it: `boxed` gives one for each
+    /// map.
+    pub fn bounds_of(&self, bounds: &Bounds, boxed: impl Fn(&DAffine3) -> Bounds) -> Bounds {
+        let steps = self.step_count();
+        (0..=steps)
+            .map(|step| self.step_bounds(bounds, [step, steps], &boxed))
+            .fold(Bounds::EMPTY, Bounds::union)
+    }
+
+    /// Of how many steps [`Motion::bounds`] takes the boxes.
+    pub fn step_count(&self) -> u32 {
+        if self.turning.is_some() { TURNING_STEPS } else { 1 }
+    }
+
+    /// A box after `step` of `steps` equal steps such that, between it and the next step's, the one that is interpolated
+    /// linearly holds at its time what `bounds` hold; `boxed` as in [`Motion::bounds_of`].
+    ///
+    /// A point p runs along x(s) = Q(s) y(s) + T(s) with y(s) = S(s) p, where T and y are linear. As Q turns at the rate
+    /// ω, |x''| <= ω² |y| + 2 ω |y'|, and over a step δ no curve leaves its chord by more than δ²/8 of that. The chord lies
+    /// within the interpolated boxes, as its ends lie within the boxes at both ends of the step, and so the curve lies
+    /// within them if they are padded by so much.
+    pub fn step_bounds(
+        &self,
+        bounds: &Bounds,
+        [step, steps]: [u32; 2],
+        boxed: impl Fn(&DAffine3) -> Bounds,
+    ) -> Bounds {
         if bounds.is_empty() {
             return Bounds::EMPTY;
         }
         if !(bounds.min.is_finite() && bounds.max.is_finite()) {
             return EVERYWHERE;
         }
-        let steps = if self.turning.is_some() { TURNING_STEPS } else { 1 };
-        let swept = (0..=steps)
-            .map(|step| bounds.transformed(&self.at(f64::from(step) / f64::from(steps))))
-            .fold(Bounds::EMPTY, Bounds::union);
+        let exact = boxed(&self.at(f64::from(step) / f64::from(steps)));
+        if self.is_still() {
+            return exact;
+        }
         let radius = bounds.min.abs().max(bounds.max.abs()).length();
         let sag = self.turning.as_ref().map_or(0.0, |turning| {
             let step = f64::from(steps).recip();
             step * step / 8.0 * turning.acceleration(radius)
         });
         let pad = DVec3::splat(sag + self.rounding(radius));
-        if self.is_still() {
-            return swept;
-        }
         Bounds {
-            min: swept.min - pad,
-            max: swept.max + pad,
+            min: exact.min - pad,
+            max: exact.max + pad,
         }
     }
 

@@ -17,6 +17,8 @@ pub struct Ray {
     pub t_near: f32,
     /// Farthest parameter that counts as a hit; may be infinite.
     pub t_far: f32,
+    /// When it is sent, from 0 where motions begin to 1 where they end. Only what moves asks for it.
+    pub time: f32,
 }
 
 impl Ray {
@@ -24,13 +26,14 @@ impl Ray {
     /// the largest float, so that products of two stay finite. Embree's own limit is the same.
     pub const LIMIT: f32 = 1.844e18;
 
-    /// A ray over `t` in [0, ∞).
+    /// A ray over `t` in [0, ∞), at time 0.
     pub fn new(origin: Vec3, direction: Vec3) -> Ray {
         Ray {
             origin,
             direction,
             t_near: 0.0,
             t_far: f32::INFINITY,
+            time: 0.0,
         }
     }
 

@@ -57,7 +57,9 @@ use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes, Ray};
 use crate::optics::{Body, MediaStack, SpectralSampler};
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
-use crate::scene::{Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, LensView, Scene};
+use crate::scene::{
+    Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, LensView, Scene, Shutter,
+};
 use crate::shading::AreaLight;
 use crate::shading::ray_cone::Cone;
 use crate::volume::SkipEmpty;
@@ -65,6 +67,7 @@ use adaptive::ROUND;
 use costs::CostSheet;
 use estimate::Estimate;
 use film::Tile;
+use lens::MovingCamera;
 use meter::Meter;
 use sampler::{Layout, PacketShape, SampleGroup};
 use surface::{SurfaceScene, Surfaces};
@@ -195,6 +198,10 @@ struct Frame<'s> {
     camera_cone: Cone,
     /// Where camera rays leave it, if it is no pinhole.
     lens: Option<LensView>,
+    /// Where it is when, if it moves.
+    motion: Option<MovingCamera>,
+    /// When samples are taken, where anything moves.
+    shutter: Shutter,
     /// Lights with an extent, at the places of the lights; empty if there are none to simulate.
     area_lights: Vec<Option<AreaLight>>,
     environment: Option<Environment>,
@@ -394,6 +401,8 @@ impl<'s> Frame<'s> {
                 .then(|| CostSheet::new(settings.width, settings.height)),
             camera_cone: settings.camera_cone(&view),
             lens: camera.lens_view().filter(|_| effects.has(Effect::DepthOfField)),
+            motion: MovingCamera::of(camera, [settings.width, settings.height], effects),
+            shutter: camera.shutter,
             area_lights: if effects.has(Effect::AreaLight) {
                 soft::area_lights(scene)
             } else {
@@ -403,7 +412,7 @@ impl<'s> Frame<'s> {
             wave: rough::camera_packets(scene, effects),
         };
         frame.set_samples_aside();
-        (frame.media_at_eye, frame.probe_count) = frame.media_around(frame.view.ray(0.5, 0.5).origin);
+        (frame.media_at_eye, frame.probe_count) = frame.media_at_eye();
         frame
     }
 
@@ -415,7 +424,9 @@ impl<'s> Frame<'s> {
 
     /// Whether paths keep more than their weights.
     fn travels(&self) -> bool {
-        self.effects().has_sheets() || self.effects().samples_light() || self.follows_widths()
+        let effects = self.effects();
+        let is_sampled = effects.samples_light() || effects.has(Effect::MotionBlur);
+        effects.has_sheets() || is_sampled || self.follows_widths()
     }
 
     /// Whether paths know how wide they are, as it is not the same for all.
@@ -442,9 +453,22 @@ impl<'s> Frame<'s> {
         }
     }
 
-    /// The bodies around `p`, by the surfaces that a ray from there meets: a body that is left before it is entered is
+    /// The bodies around the camera in the middle of the time, with the number of rays asked.
+    fn media_at_eye(&self) -> (MediaStack, u64) {
+        if !self.effects().has(Effect::MotionBlur) {
+            return self.media_around(self.view.ray(0.5, 0.5).origin, 0.0);
+        }
+        let middle = self.shutter.time(0.5);
+        let view = self
+            .motion
+            .as_ref()
+            .map_or(self.view, |moving| moving.at(middle).0);
+        self.media_around(view.ray(0.5, 0.5).origin, middle)
+    }
+
+    /// The bodies around `p` at `time`, by the surfaces that a ray from there meets: a body that is left before it is entered is
     /// one of them. With the number of rays asked.
-    fn media_around(&self, p: DVec3) -> (MediaStack, u64) {
+    fn media_around(&self, p: DVec3, time: f32) -> (MediaStack, u64) {
         let (mut around, mut probe_count) = (MediaStack::EMPTY, 0);
         if !self.effects().has(Effect::Refraction) {
             return (around, probe_count);
@@ -453,7 +477,10 @@ impl<'s> Frame<'s> {
         let mut surfaces = Surfaces::new(self.effects());
         let mut packet = [RayPacket::EMPTY];
         // Slanted, so that it runs along no edges of what is built along the axes.
-        let mut ray = Ray::new(p.as_vec3(), Vec3::new(0.236_068, 0.854_102, 0.463_525));
+        let mut ray = Ray {
+            time,
+            ..Ray::new(p.as_vec3(), Vec3::new(0.236_068, 0.854_102, 0.463_525))
+        };
         for _ in 0..MOST_BOUNDARIES {
             packet[0].recycle();
             packet[0].set(0, &ray);

@@ -186,6 +186,7 @@ impl Generation {
             accounts[last][lane] = sent.account();
         }
         if let Some(travel) = sent.travel {
+            self.packets[last].time[lane] = travel.time;
             self.set_travel(lane, &travel);
         }
         self.filled += 1;

@@ -4,14 +4,14 @@
 //! more in f64, and the point is then projected onto the surface, which takes its own rounding away.
 
 use crate::numeric::{Ray, transform_normal};
-use crate::scene::Instance;
+use crate::scene::Pose;
 use crate::shape::{Implicit, Shape, ShapePoint, ShapeRay};
 
 /// The point of `part` at the end of `ray`, whose `t_far` is the hit's parameter.
 ///
 /// The normal is the outward one. Where the placement mirrors, `dpdu x dpdv` points against it.
-pub(super) fn world_point(instance: &Instance, shape: &Shape, ray: &Ray, part: u32) -> ShapePoint {
-    let (map, inverse) = (instance.world_from_object(), instance.object_from_world());
+pub(super) fn world_point(pose: &Pose, shape: &Shape, ray: &Ray, part: u32) -> ShapePoint {
+    let (map, inverse) = (pose.world_from_object(), pose.object_from_world());
     let line = ShapeRay::new(
         inverse.transform_point3(ray.origin.as_dvec3()),
         inverse.transform_vector3(ray.direction.as_dvec3()),
@@ -28,7 +28,7 @@ pub(super) fn world_point(instance: &Instance, shape: &Shape, ray: &Ray, part: u
     // Rounding may lose a grazed crossing; what was reported is then the best there is.
     let t = if nearest.is_nan() { reported } else { nearest };
     let point = shape.point(line.at(t), part);
-    if instance.is_identity() {
+    if pose.is_identity() {
         return point;
     }
     let p = map.transform_point3(point.p);
@@ -47,6 +47,7 @@ mod tests {
     use glam::{DAffine3, DVec3, Vec3};
 
     use super::*;
+    use crate::scene::Instance;
     use crate::shape::Sphere;
 
     #[test]
@@ -58,7 +59,7 @@ mod tests {
             t_far: 4.133_975,
             ..Ray::new(Vec3::new(1.0, 5.0, 0.0), Vec3::NEG_Y)
         };
-        let point = world_point(&instance, &Shape::Sphere(Sphere::UNIT), &ray, 0);
+        let point = world_point(&instance.pose(0.0), &Shape::Sphere(Sphere::UNIT), &ray, 0);
         assert!((point.p - DVec3::new(1.0, 0.75f64.sqrt(), 0.0)).length() < 1e-15);
         let gradient = DVec3::new(1.0, 2.0 * 3f64.sqrt(), 0.0).normalize();
         assert!((point.n - gradient).length() < 1e-15, "{}", point.n);
@@ -82,7 +83,7 @@ mod tests {
             &mut |hit| parts.push(hit),
         );
         for (hit, z) in parts.iter().zip([1.0, -1.0]) {
-            let point = world_point(&instance, &Shape::Cube, &ray(hit.t as f32), hit.part);
+            let point = world_point(&instance.pose(0.0), &Shape::Cube, &ray(hit.t as f32), hit.part);
             assert_eq!((point.p, point.n), (DVec3::new(0.25, 0.5, z), z * DVec3::Z));
         }
         assert_eq!(parts.len(), 2);

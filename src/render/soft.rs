@@ -180,6 +180,9 @@ impl Outcome<'_, '_> {
     pub(super) fn keep_feelers(&mut self, traced: &Traced, casts: bool) {
         let (packet, feeler) = self.feelers.next();
         feeler.pixel = *traced.pixel;
+        if self.frame.effects().has(Effect::MotionBlur) {
+            packet.time = traced.packet.time;
+        }
         if !casts {
             // Nothing to ask; but light is summed in the order in which it was found.
             packet.active = [0; LANES];

@@ -20,7 +20,7 @@ use crate::numeric::{
     LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_bound,
     triangle_spawn_error,
 };
-use crate::scene::{Effect, EffectSet, Geometry, Instance, Material, Scene};
+use crate::scene::{Effect, EffectSet, Geometry, Material, Pose, Scene};
 use crate::shading::ray_cone::triangle_curvature;
 use crate::shading::{MaterialPacket, TextureSet};
 use crate::shape::Shape;
@@ -222,11 +222,11 @@ impl<'s> SurfaceScene<'s> {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
-            let instance = &self.scene.instances[packet.instance[l] as usize];
+            let pose = self.pose(packet, l);
             let placed = match &view.kind {
                 Kind::Mesh(_) if !view.is_placed => continue,
-                Kind::Mesh(_) => placed_triangle(packet, gathered, l, instance),
-                Kind::Shape(shape) => placed_shape(packet, l, shape, instance),
+                Kind::Mesh(_) => placed_triangle(packet, gathered, l, &pose),
+                Kind::Shape(shape) => placed_shape(packet, l, shape, &pose),
             };
             let wo = lane(&surfaces.wo, l).as_dvec3();
             let front = !(placed.ng.dot(wo) < 0.0);
@@ -269,13 +269,8 @@ impl<'s> SurfaceScene<'s> {
     /// it is flat, or not known.
     pub(super) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
         let view = &self.views[packet.instance[l] as usize];
-        let scale = self
-            .instance(packet.instance[l])
-            .world_from_object()
-            .matrix3
-            .determinant()
-            .abs()
-            .cbrt();
+        let map = self.pose(packet, l).world_from_object();
+        let scale = map.matrix3.determinant().abs().cbrt();
         let outside = match &view.kind {
             Kind::Shape(Shape::Sphere(sphere)) => 1.0 / (sphere.radius * scale),
             Kind::Mesh(_) if surfaces.gathered.smooth[l] => {
@@ -293,9 +288,9 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// The instance of a hit.
-    pub(super) fn instance(&self, instance: u32) -> &Instance {
-        &self.scene.instances[instance as usize]
+    /// Where the instance stands that lane `l` has hit, at the time of the ray.
+    pub(super) fn pose(&self, packet: &RayPacket, l: usize) -> Pose<'_> {
+        self.scene.instances[packet.instance[l] as usize].pose(packet.time[l])
     }
 
     /// The instance of a hit, as it is shaded.
@@ -316,11 +311,11 @@ impl InstanceView<'_> {
     }
 
     /// Texture coordinates of a hit and the point's derivatives by them, in world space; zero where there are none.
-    pub(super) fn chart(&self, instance: &Instance, set: u32, packet: &RayPacket, l: usize) -> Chart {
+    pub(super) fn chart(&self, pose: &Pose, set: u32, packet: &RayPacket, l: usize) -> Chart {
         match &self.kind {
             Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
                 Some(set) => {
-                    let linear = instance.world_from_object().matrix3;
+                    let linear = pose.world_from_object().matrix3;
                     Chart {
                         uv: mesh.interpolate(set, packet, l),
                         derivatives: mesh.derivatives(set, packet.primitive[l]).map(|d| linear * d),
@@ -332,7 +327,7 @@ impl InstanceView<'_> {
                 },
             },
             Kind::Shape(shape) => {
-                let point = world_point(instance, shape, &packet.ray(l), packet.primitive[l]);
+                let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
                 Chart {
                     uv: point.uv.map(|x| x as f32),
                     derivatives: [point.dpdu, point.dpdv],
@@ -552,11 +547,11 @@ struct Placed {
     error: SpawnError,
 }
 
-fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, instance: &Instance) -> Placed {
+fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, pose: &Pose) -> Placed {
     let [a, b, c] = std::array::from_fn(|corner| lane(&gathered.corners[corner], l).as_dvec3());
     let (e1, e2) = (b - a, c - a);
     let (u, v) = (f64::from(packet.u[l]), f64::from(packet.v[l]));
-    let map = instance.world_from_object();
+    let map = pose.world_from_object();
     let p = map.transform_point3(a + u * e1 + v * e2);
     let ns = gathered.smooth[l].then(|| {
         let [na, nb, nc] = std::array::from_fn(|corner| lane(&gathered.normals[corner], l).as_dvec3());
@@ -568,14 +563,14 @@ fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, instance: 
         ns: ns.filter(|n| *n != DVec3::ZERO),
         error: triangle_spawn_error(a.as_vec3(), e1.as_vec3(), e2.as_vec3()).transformed(
             &map,
-            &instance.object_from_world(),
+            &pose.object_from_world(),
             p,
         ),
     }
 }
 
-fn placed_shape(packet: &RayPacket, l: usize, shape: &Shape, instance: &Instance) -> Placed {
-    let point = world_point(instance, shape, &packet.ray(l), packet.primitive[l]);
+fn placed_shape(packet: &RayPacket, l: usize, shape: &Shape, pose: &Pose) -> Placed {
+    let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
     Placed {
         p: point.p,
         ng: point.n,

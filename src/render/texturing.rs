@@ -9,7 +9,7 @@ use super::surface::{InstanceView, SurfacePacket, SurfaceScene};
 use super::travel::TravelPacket;
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes3};
-use crate::scene::{Effect, Instance, Layer, Model, Parameter};
+use crate::scene::{Effect, Layer, Model, Parameter, Pose};
 use crate::shading::normal_map::{TangentFrame, bumped, kept_visible, transformed_derivatives};
 use crate::shading::ray_cone::{Cone, axes_on_surface, uv_of};
 use crate::shading::{Footprint, MaterialPacket, RichLanes, TexturePoint};
@@ -39,7 +39,7 @@ impl Widths<'_> {
 /// A hit as textures see it, in world space unless said otherwise.
 struct Textured<'a> {
     view: &'a InstanceView<'a>,
-    instance: &'a Instance,
+    pose: &'a Pose<'a>,
     packet: &'a RayPacket,
     l: usize,
     p_object: DVec3,
@@ -83,8 +83,8 @@ impl SurfaceScene<'_> {
     ) {
         let view = self.view(packet.instance[l]);
         let material = self.material_of(view);
-        let instance = self.instance(packet.instance[l]);
-        let hit = Textured::new((view, instance), (packet, widths, l), points);
+        let pose = self.pose(packet, l);
+        let hit = Textured::new((view, &pose), (packet, widths, l), points);
         let mut alpha = material.base_color[3];
         let mut normal = None;
         for layer in &material.layers {
@@ -93,7 +93,7 @@ impl SurfaceScene<'_> {
             }
             let (chart, at, footprint) = hit.look_up(layer);
             if layer.parameter == Parameter::Bump {
-                let object_from_world = instance.object_from_world().matrix3;
+                let object_from_world = pose.object_from_world().matrix3;
                 let by_object = chart.derivatives.map(|derivative| object_from_world * derivative);
                 let gradient = self.textures().height_gradient(&layer.texture, &at, by_object);
                 let n = normal.unwrap_or_else(|| points.outward_normal(l));
@@ -160,7 +160,7 @@ impl SurfacePacket {
 
 impl<'a> Textured<'a> {
     fn new(
-        (view, instance): (&'a InstanceView<'a>, &'a Instance),
+        (view, pose): (&'a InstanceView<'a>, &'a Pose<'a>),
         (packet, widths, l): (&'a RayPacket, Widths, usize),
         points: &SurfacePacket,
     ) -> Textured<'a> {
@@ -173,10 +173,10 @@ impl<'a> Textured<'a> {
         let cone = widths.at_start(l).after(f64::from(packet.t_far[l]) * length);
         Textured {
             view,
-            instance,
+            pose,
             packet,
             l,
-            p_object: instance.object_from_world().transform_point3(carved),
+            p_object: pose.object_from_world().transform_point3(carved),
             axes: axes_on_surface(cone.width, direction / length, ng),
         }
     }
@@ -185,13 +185,13 @@ impl<'a> Textured<'a> {
     fn look_up(&self, layer: &Layer) -> (Chart, TexturePoint, Footprint) {
         let chart = self
             .view
-            .chart(self.instance, layer.texture.tex_coord, self.packet, self.l);
+            .chart(self.pose, layer.texture.tex_coord, self.packet, self.l);
         let transform = &layer.texture.transform;
         let turned = |[u, v]: [f32; 2]| {
             let matrix = transform.matrix;
             [0, 1].map(|row| matrix[row][0] * u + matrix[row][1] * v)
         };
-        let object_from_world = self.instance.object_from_world().matrix3;
+        let object_from_world = self.pose.object_from_world().matrix3;
         let footprint = Footprint {
             uv: self.axes.map(|axis| turned(uv_of(axis, chart.derivatives))),
             object: self.axes.map(|axis| object_from_world * axis),
@@ -203,10 +203,10 @@ impl<'a> Textured<'a> {
     /// The frame that a normal map on the surface with the outward unit normal `n` is meant in.
     fn tangent_frame(&self, layer: &Layer, chart: &Chart, n: DVec3) -> Option<TangentFrame> {
         if let Some([x, y, z, w]) = self.view.tangent(self.packet, self.l) {
-            let instance = self.instance;
+            let pose = self.pose;
             let tangent = DVec3::new(x.into(), y.into(), z.into());
-            let handedness = if instance.is_mirrored() { -w } else { w };
-            let tangent = instance.world_from_object().matrix3 * tangent;
+            let handedness = if pose.is_mirrored() { -w } else { w };
+            let tangent = pose.world_from_object().matrix3 * tangent;
             return TangentFrame::from_tangent(n, tangent, handedness);
         }
         let derivatives = transformed_derivatives(chart.derivatives, &layer.texture.transform)?;

@@ -27,6 +27,8 @@ pub(super) struct Travel {
     pub(super) sample: u32,
     /// Of how many rays into the lobe of the surface that the eye sees it is one; 1 if that sent no others.
     pub(super) split: u32,
+    /// When its rays are sent, as in [`crate::numeric::Ray::time`].
+    pub(super) time: f32,
 }
 
 impl Travel {
@@ -42,6 +44,7 @@ impl Travel {
         },
         sample: 0,
         split: 1,
+        time: 0.0,
     };
 }
 
@@ -54,6 +57,7 @@ pub(super) struct Travels {
     cone: Column<Cone>,
     sample: Column<u32>,
     split: Column<u32>,
+    time: Column<f32>,
 }
 
 impl Travels {
@@ -67,13 +71,14 @@ impl Travels {
             cone: Column::new(follows_widths),
             sample: Column::new(effects.samples_light()),
             split: Column::new(effects.has_lobes()),
+            time: Column::new(effects.has(Effect::MotionBlur)),
         }
     }
 
     /// Whether there is nothing to know.
     pub(super) fn is_void(&self) -> bool {
         // Every other column is only there with the first of these.
-        !(self.depth.is_kept || self.cone.is_kept || self.sample.is_kept)
+        !(self.depth.is_kept || self.cone.is_kept || self.sample.is_kept || self.time.is_kept)
     }
 
     /// Forgets all packets.
@@ -90,6 +95,7 @@ impl Travels {
         self.cone.resize(packets, Travel::NONE.cone);
         self.sample.resize(packets, 0);
         self.split.resize(packets, Travel::NONE.split);
+        self.time.resize(packets, 0.0);
     }
 
     /// Writes lane `l` of packet `packet`.
@@ -101,6 +107,7 @@ impl Travels {
         self.cone.set(packet, l, travel.cone);
         self.sample.set(packet, l, travel.sample);
         self.split.set(packet, l, travel.split);
+        self.time.set(packet, l, travel.time);
     }
 
     /// Those of one packet.
@@ -131,6 +138,7 @@ impl TravelPacket<'_> {
             cone: self.cone(l),
             sample: self.sample(l),
             split: travels.split.get(packet, l, Travel::NONE.split),
+            time: travels.time.get(packet, l, 0.0),
         }
     }
 

@@ -108,6 +108,7 @@ impl Outcome<'_, '_> {
                 meter: &mut self.meter,
                 media: travels.map_or(MediaStack::EMPTY, |travels| travels.media(l)),
                 stage,
+                time: packet.time[l],
                 origin: Origin {
                     corner: self.corner,
                     label: path.pixel[l],
@@ -149,6 +150,8 @@ struct Lamps<'a, 'f, 's> {
     /// The bodies around the ray.
     media: MediaStack,
     stage: Stage,
+    /// When the ray is sent.
+    time: f32,
     /// Whose light it is.
     origin: Origin,
 }
@@ -203,6 +206,9 @@ impl Lamps<'_, '_, '_> {
     fn answer(&mut self, casts: bool) -> Lanes3<f32> {
         let reach = self.feelers.next().0.t_far;
         if casts {
+            if self.frame.effects().has(Effect::MotionBlur) {
+                self.feelers.next().0.time = [self.time; LANES];
+            }
             self.feelers.keep_medium(&self.media);
             self.feelers.keep();
             let (packets, feelers, media) = self.feelers.take_with_media();

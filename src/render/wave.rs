@@ -24,6 +24,7 @@ use super::surface::Surfaces;
 use super::travel::Travel;
 use crate::accel::{RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes};
+use crate::scene::Effect;
 
 /// Camera packets whose whole ray trees are finished before the next are begun, so that queues stay small at any
 /// number of samples; fewer where lobes take many rays.
@@ -160,7 +161,12 @@ impl<'f, 's> Wave<'f, 's> {
             .then(|| lane_positions(frame, block, group));
         let position = per_pixel.as_ref().unwrap_or(&group.position);
         fill_camera_packet(frame, block, group, position, (packet, &mut path.pixel));
-        let rays = frame.lens.map(|_| frame.camera_rays(block, group, position));
+        if frame.effects().has(Effect::MotionBlur) {
+            packet.time = frame.times(block, group);
+        }
+        let time = packet.time;
+        let is_bent = frame.lens.is_some() || frame.motion.is_some();
+        let rays = is_bent.then(|| frame.camera_rays(block, (group, &time), position));
         if let Some(rays) = &rays {
             lens::aim(packet, rays);
         }
@@ -168,13 +174,14 @@ impl<'f, 's> Wave<'f, 's> {
             samples.expect(&mut path.pixel, position, &packet.active);
         }
         if frame.travels() {
-            let rays = rays.unwrap_or_else(|| frame.camera_rays(block, group, position));
+            let rays = rays.unwrap_or_else(|| frame.camera_rays(block, (group, &time), position));
             for l in 0..LANES {
                 let travel = Travel {
                     direction: rays[l].direction.normalize(),
                     media: frame.media_at_eye,
                     cone: frame.camera_cone,
                     sample: group.sample[l],
+                    time: time[l],
                     ..Travel::NONE
                 };
                 self.current.set_travel(l, &travel);

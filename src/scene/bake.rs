@@ -66,7 +66,7 @@ pub(crate) fn is_carved(material: &Material, textures: &[Texture]) -> bool {
 }
 
 impl Scene {
-    /// Bakes every mesh that stands in the world exactly once, unless it stands there unmoved or its object space is seen.
+    /// Bakes every mesh that stands in the world exactly once, unless it stands there unmoved, moves, or its object space is seen.
     ///
     /// Rounding to f32 may leave triangles without an area; they are dropped, and their number is returned with the
     /// name of the instance they belonged to.
@@ -81,7 +81,8 @@ impl Scene {
                 .materials
                 .get(instance.material as usize)
                 .is_some_and(|m| is_carved(m, &self.textures));
-            if use_counts[instance.geometry as usize] != 1 || instance.is_identity() || is_carved {
+            let is_settled = instance.is_identity() || instance.is_moving();
+            if use_counts[instance.geometry as usize] != 1 || is_settled || is_carved {
                 continue;
             }
             *mesh = bake_mesh(mesh, &instance.world_from_object());

@@ -3,6 +3,7 @@
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::{Lens, LensView};
+use crate::numeric::Motion;
 
 /// A camera in world space. Object space looks along -z with +y up, as in glTF.
 #[derive(Clone, Debug)]
@@ -19,6 +20,36 @@ pub struct Camera {
     pub z_far: f64,
     /// What makes things out of focus; `None` for a pinhole.
     pub lens: Option<Lens>,
+    /// Camera to world where its motion ends; `None` if it stands still. Orthonormal, without scale.
+    pub world_from_camera_end: Option<DAffine3>,
+    /// When the film is exposed.
+    pub shutter: Shutter,
+}
+
+/// When a shutter opens and closes, as parts of all motions, the camera's own and those of instances: from 0 where they
+/// begin to 1 where they end. By default it is open all the time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shutter {
+    /// The first moment, 0 or more.
+    pub open: f64,
+    /// The last moment, 1 or less, and not before `open`.
+    pub close: f64,
+}
+
+impl Default for Shutter {
+    fn default() -> Shutter {
+        Shutter {
+            open: 0.0,
+            close: 1.0,
+        }
+    }
+}
+
+impl Shutter {
+    /// When a sample is taken whose number for that, in [0, 1), is `u`.
+    pub fn time(&self, u: f64) -> f32 {
+        (self.open + (self.close - self.open) * u) as f32
+    }
 }
 
 /// How film points map to rays.
@@ -141,6 +172,12 @@ impl Camera {
 }
 
 impl Camera {
+    /// Its motion, if it moves.
+    pub fn motion(&self) -> Option<Motion> {
+        let motion = Motion::new(self.world_from_camera, self.world_from_camera_end?);
+        motion.ok().filter(|motion| !motion.is_still())
+    }
+
     /// The radius of its lens in metres; 0 for a pinhole.
     pub fn lens_radius(&self) -> f64 {
         self.lens.map_or(0.0, |lens| lens.radius())
@@ -202,6 +239,8 @@ mod tests {
             z_near: 0.5,
             z_far: f64::INFINITY,
             lens: None,
+            world_from_camera_end: None,
+            shutter: Default::default(),
         }
     }
 

@@ -61,11 +61,13 @@ pub enum Effect {
     RoughReflection,
     /// Rough surfaces that light goes through show blurred images of both sides.
     RoughRefraction,
+    /// What moves while the shutter is open is blurred.
+    MotionBlur,
 }
 
 impl Effect {
     /// All of them, in the order of reports.
-    pub const ALL: [Effect; 26] = [
+    pub const ALL: [Effect; 27] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -92,6 +94,7 @@ impl Effect {
         Effect::Environment,
         Effect::RoughReflection,
         Effect::RoughRefraction,
+        Effect::MotionBlur,
     ];
 
     /// What the command line and reports call it.
@@ -123,6 +126,7 @@ impl Effect {
             Effect::Environment => "environment",
             Effect::RoughReflection => "rough-reflection",
             Effect::RoughRefraction => "rough-refraction",
+            Effect::MotionBlur => "motion-blur",
         }
     }
 
@@ -166,6 +170,7 @@ impl Effect {
             Effect::Environment => "the environment map is seen and lights nothing",
             Effect::RoughReflection => "rough surfaces reflect lights only, and smooth ones sharply",
             Effect::RoughRefraction => "what is seen through rough surfaces is sharp",
+            Effect::MotionBlur => "everything stands where its motion begins",
         }
     }
 

@@ -2,14 +2,14 @@
 //!
 //! A scene may hold millions of instances, most of them spheres that are moved and scaled or meshes that stand where
 //! they are. Two matrices for each would take 192 bytes, so matrices are kept only where the placement turns, mirrors or
-//! stretches; the others are made from a scale and a translation when they are asked for.
+//! stretches; the others are made from a scale and a translation when they are asked for. What moves keeps its motion.
 
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::Geometry;
-use crate::numeric::{self, Bounds, SingularMatrix};
+use crate::numeric::{self, Bounds, Motion, MotionError, SingularMatrix};
 use crate::shape::{Shape, Sphere};
 
 /// A geometry placed in the world.
@@ -33,6 +33,8 @@ enum Placement {
     Similar(Similarity),
     /// Anything else that can be inverted.
     Affine(Box<Affine>),
+    /// It changes with time.
+    Moving(Box<Motion>),
 }
 
 /// A uniform scale and a translation: `p * scale + translation`.
@@ -44,10 +46,11 @@ pub(crate) struct Similarity {
     pub(crate) translation: DVec3,
 }
 
+/// A map and its inverse.
 #[derive(Clone, Debug)]
-struct Affine {
-    world_from_object: DAffine3,
-    object_from_world: DAffine3,
+pub(super) struct Affine {
+    pub(super) world_from_object: DAffine3,
+    pub(super) object_from_world: DAffine3,
 }
 
 impl Instance {
@@ -66,10 +69,58 @@ impl Instance {
         })
     }
 
-    /// Places it anew; where the map cannot be inverted, it stays where it is.
+    /// Places `geometry` by the first map where its motion begins and by the second where it ends; see [`Motion`] for what
+    /// is between. If they are the same, it stands still.
+    pub fn moving(
+        name: impl Into<Arc<str>>,
+        geometry: u32,
+        material: u32,
+        world_from_object: [DAffine3; 2],
+    ) -> Result<Instance, MotionError> {
+        Ok(Instance {
+            name: name.into(),
+            geometry,
+            material,
+            placement: Placement::between(world_from_object)?,
+        })
+    }
+
+    /// Places it anew, and it stands still; where the map cannot be inverted, nothing changes.
     pub fn place(&mut self, world_from_object: DAffine3) -> Result<(), SingularMatrix> {
         self.placement = Placement::new(&world_from_object)?;
         Ok(())
+    }
+
+    /// Places it anew where its motion begins and where it ends, by what `placed` makes of the maps there.
+    pub(crate) fn replace(&mut self, placed: impl Fn(DAffine3) -> DAffine3) -> Result<(), MotionError> {
+        match self.motion() {
+            Some(motion) => self.placement = Placement::between(motion.ends().map(placed))?,
+            None => self.place(placed(self.world_from_object()))?,
+        }
+        Ok(())
+    }
+
+    /// Its motion, if it moves.
+    pub fn motion(&self) -> Option<&Motion> {
+        match &self.placement {
+            Placement::Moving(motion) => Some(motion),
+            _ => None,
+        }
+    }
+
+    /// Whether it moves.
+    #[inline(always)]
+    pub fn is_moving(&self) -> bool {
+        matches!(self.placement, Placement::Moving(_))
+    }
+
+    /// The maps at `time`, if it moves.
+    #[inline(always)]
+    pub(super) fn moving_at(&self, time: f32) -> Option<Affine> {
+        match &self.placement {
+            Placement::Moving(motion) => Some(Affine::of(motion, time)),
+            _ => None,
+        }
     }
 
     /// Makes object space world space.
@@ -77,7 +128,7 @@ impl Instance {
         self.placement = Placement::Unmoved;
     }
 
-    /// Object to world.
+    /// Object to world; of what moves, where its motion begins (see [`Instance::pose`]).
     #[inline]
     pub fn world_from_object(&self) -> DAffine3 {
         match &self.placement {
@@ -87,10 +138,11 @@ impl Instance {
                 translation: *translation,
             },
             Placement::Affine(affine) => affine.world_from_object,
+            Placement::Moving(motion) => motion.at(0.0),
         }
     }
 
-    /// World to object, the checked inverse.
+    /// World to object, the checked inverse; of what moves, where its motion begins.
     #[inline]
     pub fn object_from_world(&self) -> DAffine3 {
         match &self.placement {
@@ -103,6 +155,7 @@ impl Instance {
                 }
             }
             Placement::Affine(affine) => affine.object_from_world,
+            Placement::Moving(motion) => Affine::of(motion, 0.0).object_from_world,
         }
     }
 
@@ -116,7 +169,8 @@ impl Instance {
     pub fn is_mirrored(&self) -> bool {
         match &self.placement {
             Placement::Affine(affine) => affine.world_from_object.matrix3.determinant() < 0.0,
-            _ => false,
+            Placement::Moving(motion) => motion.at(0.0).matrix3.determinant() < 0.0,
+            Placement::Unmoved | Placement::Similar(_) => false,
         }
     }
 
@@ -129,23 +183,25 @@ impl Instance {
                 center: *scale * sphere.center + *translation,
                 radius: *scale * sphere.radius,
             }),
-            Placement::Affine(_) => None,
+            Placement::Affine(_) | Placement::Moving(_) => None,
         }
     }
 
-    /// A box around the instance in world space; `object_bounds` are those of its `geometry`, and finite.
+    /// A box around the instance in world space at all times; `object_bounds` are those of its `geometry`, and finite.
     pub(crate) fn world_bounds(&self, geometry: &Geometry, object_bounds: &Bounds) -> Bounds {
-        let map = self.world_from_object();
-        let Geometry::Shape(Shape::Sphere(sphere)) = geometry else {
-            return object_bounds.transformed(&map);
-        };
-        // An ellipsoid reaches as far along an axis as the matrix's row is long, not to the corners of a turned box.
-        let rows = map.matrix3.transpose();
-        let reach = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
-        let center = map.transform_point3(sphere.center);
-        Bounds {
-            min: center - sphere.radius * reach,
-            max: center + sphere.radius * reach,
+        let boxed = |map: &DAffine3| placed_bounds(map, geometry, object_bounds);
+        match &self.placement {
+            Placement::Moving(motion) => motion.bounds_of(object_bounds, boxed),
+            _ => boxed(&self.world_from_object()),
+        }
+    }
+
+    /// A box of [`Motion::step_bounds`] in world space, after the first of `steps`; for what stands still the same at each.
+    pub(crate) fn step_bounds(&self, geometry: &Geometry, object_bounds: &Bounds, steps: [u32; 2]) -> Bounds {
+        let boxed = |map: &DAffine3| placed_bounds(map, geometry, object_bounds);
+        match &self.placement {
+            Placement::Moving(motion) => motion.step_bounds(object_bounds, steps, boxed),
+            _ => boxed(&self.world_from_object()),
         }
     }
 
@@ -153,12 +209,49 @@ impl Instance {
     pub fn heap_byte_count(&self) -> usize {
         match self.placement {
             Placement::Affine(_) => size_of::<Affine>(),
-            _ => 0,
+            Placement::Moving(_) => size_of::<Motion>(),
+            Placement::Unmoved | Placement::Similar(_) => 0,
+        }
+    }
+}
+
+/// A box around a geometry that is placed by `map`.
+fn placed_bounds(map: &DAffine3, geometry: &Geometry, object_bounds: &Bounds) -> Bounds {
+    let Geometry::Shape(Shape::Sphere(sphere)) = geometry else {
+        return object_bounds.transformed(map);
+    };
+    // An ellipsoid reaches as far along an axis as the matrix's row is long, not to the corners of a turned box.
+    let rows = map.matrix3.transpose();
+    let reach = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
+    let center = map.transform_point3(sphere.center);
+    Bounds {
+        min: center - sphere.radius * reach,
+        max: center + sphere.radius * reach,
+    }
+}
+
+impl Affine {
+    /// The maps of a motion at `time`.
+    fn of(motion: &Motion, time: f32) -> Affine {
+        let world_from_object = motion.at(f64::from(time));
+        Affine {
+            // In between it exists, if with few digits at worst.
+            object_from_world: numeric::inverse(&world_from_object)
+                .unwrap_or_else(|_| world_from_object.inverse()),
+            world_from_object,
         }
     }
 }
 
 impl Placement {
+    fn between(ends: [DAffine3; 2]) -> Result<Placement, MotionError> {
+        let [start, end] = ends;
+        if start == end {
+            return Ok(Placement::new(&start)?);
+        }
+        Ok(Placement::Moving(Box::new(Motion::new(start, end)?)))
+    }
+
     fn new(map: &DAffine3) -> Result<Placement, SingularMatrix> {
         if *map == DAffine3::IDENTITY {
             return Ok(Placement::Unmoved);
@@ -235,6 +328,65 @@ mod tests {
                 .max_element()
                 < 1e-15
         );
+    }
+
+    #[test]
+    fn a_motion_from_a_place_to_the_same_is_none() {
+        let map = DAffine3::from_rotation_x(0.4);
+        let instance = Instance::moving("", 0, 0, [map; 2]).unwrap();
+        assert!(!instance.is_moving());
+        assert_eq!(instance.world_from_object(), map);
+        let mut turning = Instance::moving("", 0, 0, [map, DAffine3::IDENTITY]).unwrap();
+        assert!(turning.is_moving() && !turning.is_identity());
+        turning
+            .replace(|map| DAffine3::from_translation(DVec3::X) * map)
+            .unwrap();
+        assert_eq!(turning.pose(1.0).world_from_object().translation, DVec3::X);
+        turning.place(map).unwrap();
+        assert!(!turning.is_moving());
+    }
+
+    #[test]
+    fn the_box_of_what_moves_holds_it_at_all_times_and_so_do_boxes_between_those_of_steps() {
+        let start = DAffine3::from_translation(DVec3::new(1.0, 0.5, 0.0))
+            * DAffine3::from_scale(DVec3::new(2.0, 0.3, 1.0));
+        let end = DAffine3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 2.9)
+            * DAffine3::from_scale(DVec3::new(1.0, 1.3, 0.2));
+        let instance = Instance::moving("", 0, 0, [start, end]).unwrap();
+        for shape in [Shape::Cube, Shape::Sphere(Sphere::UNIT)] {
+            let geometry = Geometry::Shape(shape);
+            let object = geometry.bounds();
+            let all = instance.world_bounds(&geometry, &object);
+            let steps = 16;
+            for number in 0..=1600u32 {
+                let time = f64::from(number) / 1600.0;
+                let exact = placed_bounds(
+                    &instance.pose(time as f32).world_from_object(),
+                    &geometry,
+                    &object,
+                );
+                let step = (number / 100).min(steps - 1);
+                let [from, to] =
+                    [step, step + 1].map(|step| instance.step_bounds(&geometry, &object, [step, steps]));
+                let part = time * f64::from(steps) - f64::from(step);
+                let between = Bounds {
+                    min: from.min.lerp(to.min, part),
+                    max: from.max.lerp(to.max, part),
+                };
+                for held in [&all, &between] {
+                    // The time is rounded to f32, in which what is met is up to 12 away per unit of it.
+                    let slack = DVec3::splat(12.0 * 0.5f64.powi(25));
+                    assert!(
+                        (exact.min + slack).cmpge(held.min).all()
+                            && (exact.max - slack).cmple(held.max).all()
+                    );
+                }
+                // Padding is small: boxes of neighbouring steps differ by more.
+                assert!(
+                    number % 100 != 0 || (exact.min - from.min).min(exact.min - to.min).max_element() < 0.05
+                );
+            }
+        }
     }
 
     #[test]

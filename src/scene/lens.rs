@@ -183,6 +183,8 @@ mod tests {
             z_near: 0.25,
             z_far: 100.0,
             lens: None,
+            world_from_camera_end: None,
+            shutter: Default::default(),
         }
     }
 

@@ -9,6 +9,7 @@ mod light;
 mod material;
 mod normalise;
 pub mod picture;
+mod pose;
 pub(crate) mod survey;
 mod texture;
 mod validate;
@@ -16,7 +17,7 @@ mod validate_light;
 mod validate_material;
 mod volumes;
 
-pub use camera::{Camera, CameraRay, CameraView, Projection};
+pub use camera::{Camera, CameraRay, CameraView, Projection, Shutter};
 pub use effect::{Effect, EffectOverrides, EffectSet};
 pub use instance::Instance;
 pub use lens::{Aperture, Lens, LensError, LensView};
@@ -26,6 +27,7 @@ pub use material::{
     MetallicRoughness, Model,
 };
 pub use normalise::Normalisation;
+pub use pose::Pose;
 pub use texture::{
     Encoding, Filter, Image, Layer, Parameter, Pattern, Procedural, Sampler, Space, Texels, Texture,
     TextureUse, UvTransform, Wrap,

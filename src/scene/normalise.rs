@@ -128,21 +128,25 @@ impl Scene {
         self.normalisation = self.normalisation.then(&normalisation);
     }
 
-    /// Gives meshes that stand in the world several times, and whose own coordinates are badly placed, better ones; the
+    /// Gives meshes that stand in the world several times or move, and whose own coordinates are badly placed, better ones; the
     /// change is undone in the instances' transforms. `bounds` are those of the geometries.
     pub(crate) fn normalise_object_spaces(&mut self, bounds: &[Bounds]) {
         let use_counts = self.use_counts();
+        let mut moves = vec![false; self.geometries.len()];
+        for instance in &self.instances {
+            moves[instance.geometry as usize] |= instance.is_moving();
+        }
         for (index, geometry) in self.geometries.iter_mut().enumerate() {
             let normalisation = Normalisation::fitting(&bounds[index]);
             let Geometry::Mesh(mesh) = geometry else { continue };
-            if use_counts[index] < 2 || normalisation.is_identity() {
+            if !(use_counts[index] > 1 || moves[index]) || normalisation.is_identity() {
                 continue;
             }
             *mesh = moved_mesh(mesh, &normalisation);
             let back = normalisation.inverse_map();
             for instance in self.instances.iter_mut().filter(|i| i.geometry as usize == index) {
                 // The factor is a power of two: a map that had an inverse keeps one.
-                let is_placed = instance.place(instance.world_from_object() * back);
+                let is_placed = instance.replace(|map| map * back);
                 debug_assert!(is_placed.is_ok());
             }
         }
@@ -172,10 +176,9 @@ impl Scene {
                     Geometry::Shape(_) => (),
                 }
             }
-            let old = instance.world_from_object();
             // A power of two changes no condition number, so the inverse exists where it did; computed afresh it is
             // free of the cancellation of far translations.
-            let is_placed = instance.place(DAffine3 {
+            let is_placed = instance.replace(|old| DAffine3 {
                 matrix3: old.matrix3 * normalisation.scale,
                 translation: normalisation.point(old.translation),
             });
@@ -186,8 +189,10 @@ impl Scene {
     fn move_cameras(&mut self, normalisation: &Normalisation) {
         let scale = normalisation.scale;
         for camera in &mut self.cameras {
-            let place = &mut camera.world_from_camera.translation;
-            *place = normalisation.point(*place);
+            let end = camera.world_from_camera_end.as_mut();
+            for map in end.into_iter().chain([&mut camera.world_from_camera]) {
+                map.translation = normalisation.point(map.translation);
+            }
             camera.z_near *= scale;
             camera.z_far *= scale;
             camera.lens = camera.lens.map(|lens| lens.scaled(scale));
@@ -318,6 +323,8 @@ mod tests {
                 z_near: 0.5 * scale,
                 z_far: f64::INFINITY,
                 lens: None,
+                world_from_camera_end: None,
+                shutter: Default::default(),
             }],
             materials: vec![Default::default()],
             ..Scene::default()

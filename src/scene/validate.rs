@@ -2,14 +2,16 @@
 
 use std::f64::consts::PI;
 
-use glam::{DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 
 use super::survey::{all_finite, survey};
 use super::validate_light::{check_environment, check_light};
 use super::validate_material::{check_interior, check_model, check_procedural, check_texels};
-use super::{AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Space, Texture};
+use super::{
+    AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texture,
+};
 use crate::mesh::Mesh;
-use crate::numeric::{Bounds, Ray};
+use crate::numeric::{Bounds, Motion, Ray};
 use crate::shape::{Implicit, Shape, Sphere, Torus};
 
 /// What is wrong with a scene, worded as advice.
@@ -105,7 +107,11 @@ impl Scene {
         };
         // What has no end is held to be where its origin is.
         let reach = if geometry.is_unbounded() {
-            instance.world_from_object().translation.abs().max_element()
+            let reach = |map: &DAffine3| map.translation.abs().max_element();
+            let [start, end] = instance
+                .motion()
+                .map_or([instance.world_from_object(); 2], Motion::ends);
+            reach(&start).max(reach(&end))
         } else {
             let bounds = &bounds[instance.geometry as usize];
             instance.world_bounds(geometry, bounds).magnitude()
@@ -278,11 +284,28 @@ fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
 
 /// What is wrong with a camera.
 pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
-    let place = camera.world_from_camera.translation;
-    let axes = camera.world_from_camera.matrix3;
-    let gram = axes.transpose() * axes - DMat3::IDENTITY;
-    if !(place.is_finite() && in_range(place.abs().max_element()) && row_sum(&gram) <= 3.0 * UNIT_TOLERANCE) {
-        return Err("its place is not finite or its axes are not orthonormal: correct its transform".into());
+    for map in [Some(camera.world_from_camera), camera.world_from_camera_end]
+        .into_iter()
+        .flatten()
+    {
+        let (place, axes) = (map.translation, map.matrix3);
+        let gram = axes.transpose() * axes - DMat3::IDENTITY;
+        let is_near = place.is_finite() && in_range(place.abs().max_element());
+        if !(is_near && row_sum(&gram) <= 3.0 * UNIT_TOLERANCE) {
+            return Err(
+                "its place is not finite or its axes are not orthonormal: correct its transform".into(),
+            );
+        }
+    }
+    let end = camera.world_from_camera_end;
+    if end.is_some_and(|end| Motion::new(camera.world_from_camera, end).is_err()) {
+        return Err("it is mirrored where its motion begins or where it ends and not at the other: correct its transform".into());
+    }
+    let Shutter { open, close } = camera.shutter;
+    if !(0.0 <= open && open <= close && close <= 1.0) {
+        return Err(format!(
+            "its shutter is open from {open} to {close}: give two parts of the motion from 0 to 1, the lesser first"
+        ));
     }
     let is_sound = match camera.projection {
         Projection::Perspective { y_fov, .. } => y_fov > 0.0 && y_fov < PI,
@@ -409,6 +432,8 @@ mod tests {
                 z_near: 0.0,
                 z_far: f64::INFINITY,
                 lens: None,
+                world_from_camera_end: None,
+                shutter: Default::default(),
             }],
             ..Scene::default()
         }

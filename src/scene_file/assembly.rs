@@ -13,11 +13,12 @@ use super::SceneFileError;
 use super::appearance::{TEXEL_BYTES, budget_of};
 use super::document::{Document, ObjectForm};
 use super::fault::{Fault, Source, file_error, suggestion};
-use super::placement::{Copies, map_of};
+use super::placement::{Copies, Step, map_of};
 use super::shape::{PlacedShape, ShapeForm, ShapeRef};
 use super::value::At;
 use super::volume::{MadeVolume, VolumeForm};
 use crate::gltf::{self, LoadOptions};
+use crate::numeric::Motion;
 use crate::scene::{Camera, Geometry, Layer, Light, Scene, Texture};
 
 /// Objects that are placed together: a group's, a file's.
@@ -43,8 +44,8 @@ pub(super) struct PlacedVolume {
 #[derive(Debug)]
 pub(super) struct Node {
     pub(super) name: Arc<str>,
-    /// What its own transforms do.
-    pub(super) map: DAffine3,
+    /// What its own transforms do where motions begin and where they end.
+    pub(super) maps: [DAffine3; 2],
     pub(super) copies: Option<Copies>,
     pub(super) what: What,
     pub(super) material: Option<u32>,
@@ -259,8 +260,17 @@ impl Assembler {
             .name
             .as_ref()
             .map_or_else(|| format!("object {}", number + 1), |n| n.to_string());
-        let map = map_of(form.transform.iter().map(|step| &**step))
-            .map_err(|(step, sentence)| source.error(form.transform[step].fault(sentence)))?;
+        let map_of = |steps: &[At<Step>]| {
+            map_of(steps.iter().map(|step| &**step))
+                .map_err(|(step, sentence)| source.error(steps[step].fault(sentence)))
+        };
+        let start = map_of(&form.transform)?;
+        let mut end = start;
+        if let Some(steps) = &form.transform_end {
+            end = map_of(steps)?;
+            Motion::new(start, end)
+                .map_err(|e| source.error(steps.fault(format!("cannot be moved to: {e}"))))?;
+        }
         let material = match &form.material {
             None => None,
             Some(name) => Some(find("material", name, &unit.materials).map_err(|f| source.error(f))?),
@@ -275,7 +285,7 @@ impl Assembler {
             .map_err(|sentence| source.error(form.fault(sentence)))?;
         Ok(Node {
             name: name.into(),
-            map,
+            maps: [start, end],
             copies,
             what,
             material,
@@ -444,7 +454,7 @@ impl Assembler {
             .instances
             .into_iter()
             .map(|instance| Node {
-                map: instance.world_from_object(),
+                maps: [instance.world_from_object(); 2],
                 name: instance.name,
                 copies: None,
                 what: What::Geometry(instance.geometry + geometries),

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::value::{At, Vector};
-use crate::scene::{Aperture, Camera, Lens, Projection};
+use crate::scene::{Aperture, Camera, Lens, Projection, Shutter};
 
 /// A camera, by look-at (`from`, `at`, `up`, with `fov` for a perspective or `height` for a parallel projection) or by
 /// the lecture's frame (`eye`, `i`, `j`, `k`, `near`, `window`).
@@ -42,6 +42,31 @@ pub(super) struct CameraForm {
     far: Option<f64>,
     /// A thin lens in place of the pinhole: things are sharp in one plane only.
     lens: Option<LensForm>,
+    /// Where it is where motions end, if it moves: what is not given is as it is where they begin.
+    end: Option<EndForm>,
+    /// When the shutter opens and closes, as parts of all motions: from 0 where they begin to 1 where they end.
+    #[schemars(extend("default" = [0.0, 1.0]))]
+    shutter: Option<[f64; 2]>,
+}
+
+/// Where a camera is where motions end; in between it goes evenly, and turns evenly the short way round.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct EndForm {
+    /// Where it stands.
+    from: Option<Vector>,
+    /// What it looks at.
+    at: Option<Vector>,
+    /// What is up in the picture.
+    up: Option<Vector>,
+    /// The lecture's E.
+    eye: Option<Vector>,
+    /// The lecture's i.
+    i: Option<Vector>,
+    /// The lecture's j.
+    j: Option<Vector>,
+    /// The lecture's k.
+    k: Option<Vector>,
 }
 
 /// A thin lens. A picture with one needs many samples a pixel.
@@ -85,10 +110,13 @@ const FOV: f64 = 45.0;
 impl CameraForm {
     /// The camera, called by its number where it has no name.
     pub(super) fn camera(&self, number: usize) -> Result<Camera, String> {
-        let (world_from_camera, projection) = if self.eye.is_some() {
-            self.lecture()?
-        } else {
-            self.look_at()?
+        let (world_from_camera, projection) = self.view()?;
+        let world_from_camera_end = match self.end {
+            None => None,
+            Some(end) => {
+                let (map, _) = (self.ending(end).view()).map_err(|fault| format!("at its `end`, {fault}"))?;
+                (map != world_from_camera).then_some(map)
+            }
         };
         let name = self
             .name
@@ -101,9 +129,38 @@ impl CameraForm {
             z_near: self.near.unwrap_or(0.0),
             z_far: self.far.unwrap_or(f64::INFINITY),
             lens: self.lens.as_ref().map(LensForm::lens).transpose()?,
+            world_from_camera_end,
+            shutter: self
+                .shutter
+                .map_or_else(Shutter::default, |[open, close]| Shutter { open, close }),
         };
         crate::scene::check_camera(&camera)?;
         Ok(camera)
+    }
+
+    fn view(&self) -> Result<(DAffine3, Projection), String> {
+        if self.eye.is_some() {
+            self.lecture()
+        } else {
+            self.look_at()
+        }
+    }
+
+    /// The camera that stands still where this one's motion ends.
+    fn ending(&self, end: EndForm) -> CameraForm {
+        CameraForm {
+            name: None,
+            from: end.from.or(self.from),
+            at: end.at.or(self.at),
+            up: end.up.or(self.up),
+            eye: end.eye.or(self.eye),
+            i: end.i.or(self.i),
+            j: end.j.or(self.j),
+            k: end.k.or(self.k),
+            lens: None,
+            end: None,
+            ..*self
+        }
     }
 
     fn lecture(&self) -> Result<(DAffine3, Projection), String> {

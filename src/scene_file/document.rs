@@ -114,6 +114,9 @@ pub(super) struct ObjectForm {
     /// What is done to it, in the order written: the first first.
     #[serde(default)]
     pub(super) transform: Vec<At<Step>>,
+    /// What is done to it instead where the motion ends, which makes it move from the one to the other: translation and
+    /// scale evenly, turns evenly the short way round, so by less than half a turn.
+    pub(super) transform_end: Option<At<Vec<At<Step>>>>,
     /// Copies in a row, grid or block.
     pub(super) repeat: Option<At<Repeat>>,
     /// Copies at random places of a box.

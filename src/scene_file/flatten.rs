@@ -9,18 +9,25 @@ use super::assembly::{Assembly, Node, What};
 use super::fault::file_error;
 use super::placement::Copies;
 use crate::gltf::{dropped_sentence, framing_camera};
-use crate::numeric::Bounds;
+use crate::numeric::{Bounds, MotionError};
 use crate::scene::{AreaShape, Camera, Geometry, Instance, Light, LightKind, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
 
 /// What comes down to an object from those that it is in.
 #[derive(Clone, Copy)]
 struct Inherited {
-    world: DAffine3,
+    /// Where motions begin and where they end.
+    world: [DAffine3; 2],
     material: u32,
     /// Whether lights and cameras come along.
     lights: bool,
     cameras: bool,
+}
+
+impl Inherited {
+    fn moves(&self) -> bool {
+        self.world[0] != self.world[1]
+    }
 }
 
 /// Puts the objects of `assembly` into the scene; `default_material` goes to those that have none.
@@ -31,7 +38,7 @@ pub(super) fn flatten(
 ) -> Result<(), SceneFileError> {
     scene.instances.reserve(assembly.count as usize);
     let top = Inherited {
-        world: DAffine3::IDENTITY,
+        world: [DAffine3::IDENTITY; 2],
         material: default_material,
         lights: true,
         cameras: true,
@@ -48,7 +55,7 @@ fn place_assembly(
         let lights = assembly
             .lights
             .iter()
-            .map(|light| moved_light(light, &inherited.world));
+            .map(|light| moved_light(light, &inherited.world[0]));
         scene.lights.extend(lights);
     }
     if inherited.cameras {
@@ -57,7 +64,7 @@ fn place_assembly(
             .cameras
             .extend(cameras.filter_map(|camera| moved_camera(camera, &inherited.world)));
     }
-    place_volumes(scene, assembly, &inherited.world)?;
+    place_volumes(scene, assembly, &inherited)?;
     for node in &assembly.nodes {
         let count = node.copies.as_ref().map_or(1, Copies::count);
         for number in 0..count {
@@ -66,7 +73,7 @@ fn place_assembly(
                 .as_ref()
                 .map_or(DAffine3::IDENTITY, |copies| copies.map(number));
             let inside = Inherited {
-                world: inherited.world * copy * node.map,
+                world: [0, 1].map(|end| inherited.world[end] * copy * node.maps[end]),
                 material: node.material.unwrap_or(inherited.material),
                 lights: inherited.lights && node.lights,
                 cameras: inherited.cameras && node.cameras,
@@ -80,26 +87,52 @@ fn place_assembly(
 /// Most volumes of a scene: every ray asks each.
 const MAX_VOLUMES: usize = 4096;
 
-fn place_volumes(scene: &mut Scene, assembly: &Assembly, world: &DAffine3) -> Result<(), SceneFileError> {
+fn place_volumes(
+    scene: &mut Scene,
+    assembly: &Assembly,
+    inherited: &Inherited,
+) -> Result<(), SceneFileError> {
     for volume in &assembly.volumes {
         let fail = |sentence: String| volume.source.error_at(volume.span.clone(), sentence);
+        if inherited.moves() {
+            return Err(fail(
+                "is in something that moves, and volumes cannot: take away its `transform_end`".into(),
+            ));
+        }
         if scene.volumes.len() == MAX_VOLUMES {
             return Err(fail(format!(
                 "is one of more than {MAX_VOLUMES} volumes in all: make fewer copies"
             )));
         }
-        let placed = volume.made.placed(world).map_err(|e| fail(e.to_string()))?;
+        let placed = volume
+            .made
+            .placed(&inherited.world[0])
+            .map_err(|e| fail(e.to_string()))?;
         scene.volumes.push(placed);
     }
     Ok(())
 }
 
 fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), SceneFileError> {
+    if let What::Assembly(assembly) | What::Import(assembly) = &node.what
+        && inside.moves()
+        && inside.lights
+        && !assembly.lights.is_empty()
+    {
+        let sentence =
+            "moves, and the lights that come with it cannot: take away `lights` or its `transform_end`";
+        return Err(node.source.error_at(node.span.clone(), sentence.into()));
+    }
     match &node.what {
         What::Geometry(geometry) => {
-            let instance = Instance::new(node.name.clone(), *geometry, inside.material, inside.world)
+            let instance = Instance::moving(node.name.clone(), *geometry, inside.material, inside.world)
                 .map_err(|e| {
-                    let sentence = format!("with all that it is in, {e}: scale less extremely");
+                    let sentence = match e {
+                        MotionError::Singular(e) => {
+                            format!("with all that it is in, {e}: scale less extremely")
+                        }
+                        MotionError::Mirrored => format!("with all that it is in, {e}"),
+                    };
                     node.source.error_at(node.span.clone(), sentence)
                 })?;
             scene.instances.push(instance);
@@ -205,19 +238,31 @@ fn moved_shape(shape: AreaShape, world: &DAffine3) -> AreaShape {
 
 /// The camera where `world` puts it, without scale, shear and mirroring: the view axis keeps its direction, up is made
 /// orthogonal to it.
-fn moved_camera(camera: &Camera, world: &DAffine3) -> Option<Camera> {
+fn moved_camera(camera: &Camera, world: &[DAffine3; 2]) -> Option<Camera> {
+    let [start, end] = *world;
+    let world_from_camera = rigid(&start, &camera.world_from_camera)?;
+    let ending = rigid(
+        &end,
+        &camera.world_from_camera_end.unwrap_or(camera.world_from_camera),
+    )?;
+    Some(Camera {
+        world_from_camera,
+        world_from_camera_end: (ending != world_from_camera).then_some(ending),
+        ..camera.clone()
+    })
+}
+
+/// The place of a camera in something that `world` places.
+fn rigid(world: &DAffine3, world_from_camera: &DAffine3) -> Option<DAffine3> {
     if *world == DAffine3::IDENTITY {
-        return Some(camera.clone());
+        return Some(*world_from_camera);
     }
-    let map = *world * camera.world_from_camera;
+    let map = *world * *world_from_camera;
     let back = map.matrix3.z_axis.try_normalize()?;
     let up = map.matrix3.y_axis;
     let up = (up - up.dot(back) * back).try_normalize()?;
     let axes = DMat3::from_cols(up.cross(back), up, back);
-    Some(Camera {
-        world_from_camera: DAffine3::from_mat3_translation(axes, map.translation),
-        ..camera.clone()
-    })
+    Some(DAffine3::from_mat3_translation(axes, map.translation))
 }
 
 /// Places everything well, bakes what stands once, and supplies a camera where there is none.

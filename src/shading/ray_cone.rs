@@ -180,6 +180,8 @@ mod tests {
             z_near: 0.1,
             z_far: f64::INFINITY,
             lens: None,
+            world_from_camera_end: None,
+            shutter: Default::default(),
         }
         .view(width, height)
     }

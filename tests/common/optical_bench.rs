@@ -270,6 +270,8 @@ pub fn see_scene(scene: &Scene, beam: Beam, backend: Backend, depth: u32) -> Vec
         z_near: 0.0,
         z_far: f64::INFINITY,
         lens: None,
+        world_from_camera_end: None,
+        shutter: Default::default(),
     };
     let settings = RenderSettings {
         width: 1,

@@ -9,7 +9,7 @@ use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::scene::{
     AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Interior,
     Layer, Lecture, Lens, Light, LightKind, Material, MetallicRoughness, Model, Parameter, Pattern,
-    Procedural, Projection, Sampler, Scene, Space, Texels, Texture, TextureUse, Wrap,
+    Procedural, Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureUse, Wrap,
 };
 use whit::volume::{Fog, Grid, Samples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
@@ -105,6 +105,23 @@ pub fn scene(seed: u64) -> Scene {
     if r.next() < 0.35 {
         scene.set_rough_rays(1 + 2 * r.below(2) as u32);
     }
+    if r.next() < 0.12 {
+        let moved = &mut scene.instances[0];
+        let start = moved.world_from_object();
+        let end = DAffine3::from_translation(0.7 * r.in_cube())
+            * start
+            * DAffine3::from_axis_angle(r.on_sphere(), 2.0 * r.next());
+        *moved = Instance::moving("moved", moved.geometry, moved.material, [start, end]).unwrap();
+    }
+    if r.next() < 0.06 {
+        let camera = &mut scene.cameras[0];
+        let end = DAffine3::from_translation(0.3 * r.in_cube()) * camera.world_from_camera;
+        camera.world_from_camera_end = Some(end * DAffine3::from_rotation_z(0.2));
+        camera.shutter = Shutter {
+            open: 0.1,
+            close: 0.8,
+        };
+    }
     scene.validate().unwrap();
     scene
 }
@@ -137,6 +154,8 @@ fn camera(r: &mut Random) -> Camera {
         z_near,
         z_far: f64::INFINITY,
         lens: None,
+        world_from_camera_end: None,
+        shutter: Default::default(),
     }
 }
 

@@ -17,6 +17,7 @@ pub(super) mod row {
     pub(crate) const ORIGIN: usize = 0;
     pub(crate) const T_NEAR: usize = 3;
     pub(crate) const DIRECTION: usize = 4;
+    pub(crate) const TIME: usize = 7;
     pub(crate) const T_FAR: usize = 8;
     pub(crate) const MASK: usize = 9;
     pub(crate) const U: usize = 15;
@@ -32,6 +33,7 @@ const _: () = {
     assert!(offset_of!(RayPacket, origin) == offset_of!(sys::RTCRayHit16, ray.org_x));
     assert!(offset_of!(RayPacket, t_near) == offset_of!(sys::RTCRayHit16, ray.tnear));
     assert!(offset_of!(RayPacket, direction) == offset_of!(sys::RTCRayHit16, ray.dir_x));
+    assert!(offset_of!(RayPacket, time) == offset_of!(sys::RTCRayHit16, ray.time));
     assert!(offset_of!(RayPacket, t_far) == offset_of!(sys::RTCRayHit16, ray.tfar));
     assert!(offset_of!(RayPacket, u) == offset_of!(sys::RTCRayHit16, hit.u));
     assert!(offset_of!(RayPacket, v) == offset_of!(sys::RTCRayHit16, hit.v));
@@ -100,6 +102,7 @@ impl<const W: usize> Lanes<W> {
         }
         self.rows[row::T_NEAR][lane] = ray.t_near.to_bits();
         self.rows[row::T_FAR][lane] = ray.t_far.to_bits();
+        self.rows[row::TIME][lane] = ray.time.to_bits();
         self.active[lane] = if ray.is_traceable() { ACTIVE } else { 0 };
     }
 
@@ -237,12 +240,12 @@ impl Foreign {
     }
 }
 
-/// The ray of one lane out of loaded rows.
+/// The ray of one lane out of loaded rows; `interval` is nearest and farthest parameter and the time.
 #[inline(always)]
 pub(super) fn ray_of<const W: usize>(
     origin: &[[f32; W]; 3],
     direction: &[[f32; W]; 3],
-    interval: (f32, f32),
+    interval: (f32, f32, f32),
     lane: usize,
 ) -> Ray {
     let vector = |v: &[[f32; W]; 3]| Vec3::new(v[0][lane], v[1][lane], v[2][lane]);
@@ -251,5 +254,6 @@ pub(super) fn ray_of<const W: usize>(
         direction: vector(direction),
         t_near: interval.0,
         t_far: interval.1,
+        time: interval.2,
     }
 }

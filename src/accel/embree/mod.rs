@@ -10,6 +10,9 @@
 //! in f32 by an inverse in f32 (see `native`). On 3.13.5 a coherent `rtcOccluded16` over them never returns, so Embree is
 //! never told of coherence where it has instances.
 //!
+//! What moves is a second user geometry, whose boxes Embree interpolates between steps of time; the callback works out the
+//! instance's place at each ray's time. Where nothing moves there is none, and Embree asks for no time.
+//!
 //! Infinite planes are outside Embree, which would drop them.
 //!
 //! Ties go to the smallest `t`, then instance, then primitive, wherever a callback decides. Of native triangles that
@@ -41,7 +44,7 @@ use crate::scene::{Instance, Scene};
 pub struct EmbreeAccel<'s> {
     // In the order of release: whoever is called back goes last.
     world: EmbreeScene<'s>,
-    user: Arc<UserGeometry<'s>>,
+    users: [Arc<UserGeometry<'s>>; 2],
     device: Device,
     /// For coherent and for incoherent rays.
     widths: [Width; 2],
@@ -67,7 +70,7 @@ impl<'s> EmbreeAccel<'s> {
         let width = Width::of(&device, options.kernel);
         let Built {
             world,
-            user,
+            users,
             held_back_count,
             native_instance_count,
         } = scene::build(scene, &device, options)?;
@@ -76,20 +79,24 @@ impl<'s> EmbreeAccel<'s> {
             device.identity().version,
             options.precision,
             scene::native_triangle_count(scene),
-            user.primitive_count(),
+            users[0].primitive_count(),
         );
+        if users[1].primitive_count() > 0 {
+            summary += &format!(", {} that move", users[1].primitive_count());
+        }
         if native_instance_count > 0 {
             summary += &format!(", {native_instance_count} placed meshes as Embree's instances");
         }
         if held_back_count > 0 {
             summary += &format!(", {held_back_count} triangles held back that coincide with earlier ones");
         }
-        let object_count = user.primitive_count() + native_instance_count;
+        let user_count: usize = users.iter().map(|user| user.primitive_count()).sum();
+        let object_count = user_count + native_instance_count;
         let widths = [width, width.for_incoherent(object_count)];
         let is_placed = |instance: &&Instance| scene::placed_mesh(scene, instance).is_some();
         Ok(EmbreeAccel {
             world,
-            user,
+            users,
             device,
             widths,
             planes: Planes::of(scene),
@@ -114,7 +121,7 @@ impl<'s> EmbreeAccel<'s> {
 
     /// How many callbacks have panicked since the build. Their lanes missed; the message is on standard error.
     pub fn panicked_callback_count(&self) -> u64 {
-        self.user.panic_count()
+        self.users.iter().map(|user| user.panic_count()).sum()
     }
 }
 
@@ -135,7 +142,10 @@ impl Accel for EmbreeAccel<'_> {
 
     fn report(&self) -> AccelReport {
         let memory = self.device.memory();
-        let untold = self.user.byte_count() + native::RECORD_BYTES * self.native_instance_count as u64;
+        let [still, moving] = &self.users;
+        let untold = still.byte_count()
+            + moving.own_byte_count()
+            + native::RECORD_BYTES * self.native_instance_count as u64;
         AccelReport {
             bytes: memory.bytes() + untold,
             peak_bytes: memory.peak_bytes() + untold,

@@ -5,7 +5,7 @@
 //! the map, where the callback is off by 2^-24 of object space (the bound is in `accel::agreement`). One ray is carried
 //! once for all triangles of a mesh, so edges within it stay closed; its place is what is rounded.
 //!
-//! Maps that would lose more than the condition numbers allowed here stay with the callback, and so do those by which a
+//! What moves stays with the callback, as do maps that would lose more than the condition numbers allowed here and those by which a
 //! ray could leave the range of coordinates in which Embree 3.13, as Debian builds it, does not end the process.
 
 use glam::{DAffine3, DMat3};
@@ -26,7 +26,7 @@ const CONDITION_LIMIT: f64 = (1 << 6) as f64;
 
 /// Whether a placed mesh becomes an instance of Embree's own.
 pub(super) fn takes(instance: &Instance, instancing: Instancing) -> bool {
-    if instancing != Instancing::Native {
+    if instancing != Instancing::Native || instance.is_moving() {
         return false;
     }
     let (map, inverse) = (instance.world_from_object(), instance.object_from_world());

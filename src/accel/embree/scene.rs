@@ -82,8 +82,8 @@ impl Drop for EmbreeScene<'_> {
 pub(super) struct Built<'s> {
     /// The scene that rays start in.
     pub(super) world: EmbreeScene<'s>,
-    /// What the callbacks answer.
-    pub(super) user: Arc<UserGeometry<'s>>,
+    /// What the callbacks answer: what stands still, and what moves.
+    pub(super) users: [Arc<UserGeometry<'s>>; 2],
     /// Triangles that were held back because they coincide with an earlier one.
     pub(super) held_back_count: usize,
     /// Placed meshes that are Embree's own instances.
@@ -104,25 +104,28 @@ pub(super) fn build<'s>(
     let plan = in_pool(options.threads, || Plan::new(scene));
     let held_back_count = plan.held_back_count(scene);
     let parts = plan.build_placed(device, options, &mut progress)?;
-    let user = Arc::new(UserGeometry::new(scene, parts, instancing));
+    let users = UserGeometry::pair(scene, parts, instancing).map(Arc::new);
 
     let mut world = EmbreeScene::new(device, options.precision)?;
     for (instance, part) in &plan.native {
         world.attach_mesh(device, part, *instance)?;
     }
-    if user.primitive_count() > 0 {
-        // Instances have the numbers below it, and their hits carry the number that the callback writes.
-        world.attach_user(device, &user, scene.instances.len() as u32)?;
+    // Instances have the numbers below these, and their hits carry the number that the callback writes.
+    for (user, id) in users.iter().zip(scene.instances.len() as u32..) {
+        if user.primitive_count() > 0 {
+            world.attach_user(device, user, id)?;
+        }
     }
-    let native_instance_count = attach_instances(scene, device, &mut world, &user, instancing)?;
-    let object_count = user.primitive_count() + native_instance_count;
+    let [still, moving] = &users;
+    let native_instance_count = attach_instances(scene, device, &mut world, still, instancing)?;
+    let object_count = still.primitive_count() + moving.primitive_count() + native_instance_count;
     world.commit(
         device,
         &progress.stage(native_triangle_count(scene) + object_count),
     )?;
     Ok(Built {
         world,
-        user,
+        users,
         held_back_count,
         native_instance_count,
     })
@@ -325,6 +328,10 @@ impl<'s> EmbreeScene<'s> {
         let data = Arc::as_ptr(user).cast_mut().cast::<c_void>();
         // SAFETY: the geometry is live and of the user kind.
         unsafe { sys::rtcSetGeometryUserPrimitiveCount(geometry.0, count) };
+        if user.step_count() > 0 {
+            // SAFETY: as above.
+            unsafe { sys::rtcSetGeometryTimeStepCount(geometry.0, user.step_count() + 1) };
+        }
         // SAFETY: `EmbreeAccel` keeps the `Arc` until the scene is released; callbacks only share it.
         unsafe { sys::rtcSetGeometryUserData(geometry.0, data) };
         // SAFETY: the callbacks take the data just set, and run only for this geometry.

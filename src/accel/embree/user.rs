@@ -1,9 +1,11 @@
-//! The user geometry: shapes and placed meshes, each one primitive, tested by callbacks from Embree.
+//! The user geometry: shapes and placed meshes, each one primitive, tested by callbacks from Embree. What moves is a second
+//! one, as Embree walks trees of boxes that move more slowly than those of boxes that do not.
 //!
 //! A callback gets the rays of one Embree packet, of any width, and the number of one primitive. It writes hits into the
 //! packet itself, under the number of the scene's instance.
 
 use std::panic::{self, AssertUnwindSafe};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use embree_sys as sys;
@@ -17,7 +19,7 @@ use super::trace::{hit_of, new_query, number_of_instance};
 use crate::accel::shapes::{shape_hit, world_sphere};
 use crate::accel::{ACTIVE, Hit, Instancing, NO_HIT, RayOrder};
 use crate::mesh::lanes::{dispatch, lanes};
-use crate::numeric::{Bounds, object_ray};
+use crate::numeric::{Bounds, Motion, object_ray};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::Shape;
 
@@ -27,7 +29,9 @@ pub(super) struct UserGeometry<'s> {
     /// The instance that each primitive is.
     instances: Vec<u32>,
     /// By geometry; absent where it is no placed mesh.
-    parts: Vec<Option<Box<Part<'s>>>>,
+    parts: Arc<[Option<Box<Part<'s>>>]>,
+    /// Equal steps of time between the boxes that Embree is told; 0 where nothing moves.
+    step_count: u32,
     panic_count: AtomicU64,
 }
 
@@ -46,16 +50,18 @@ pub(super) fn is_user(scene: &Scene, instance: &Instance, instancing: Instancing
 }
 
 impl<'s> UserGeometry<'s> {
-    /// `parts` holds a committed scene for every mesh with a placed instance.
-    pub(super) fn new(
+    /// What stands still, and what moves; `parts` holds a committed scene for every mesh with a placed instance.
+    pub(super) fn pair(
         scene: &'s Scene,
         parts: Vec<Option<EmbreeScene<'s>>>,
         instancing: Instancing,
-    ) -> UserGeometry<'s> {
+    ) -> [UserGeometry<'s>; 2] {
         let instances = (0u32..)
             .zip(&scene.instances)
-            .filter(|(_, instance)| is_user(scene, instance, instancing))
-            .map(|(index, _)| index);
+            .filter(|(_, instance)| is_user(scene, instance, instancing));
+        let (moving, still): (Vec<_>, Vec<_>) = instances.partition(|(_, instance)| instance.is_moving());
+        let motions = moving.iter().filter_map(|(_, instance)| instance.motion());
+        let step_count = motions.map(Motion::step_count).max().unwrap_or(0);
         let parts = parts.into_iter().zip(&scene.geometries).map(|(part, geometry)| {
             let with_bounds = |scene| {
                 Box::new(Part {
@@ -65,12 +71,19 @@ impl<'s> UserGeometry<'s> {
             };
             part.map(with_bounds)
         });
-        UserGeometry {
+        let parts: Arc<[_]> = parts.collect();
+        [(still, 0), (moving, step_count)].map(|(instances, step_count)| UserGeometry {
             scene,
-            instances: instances.collect(),
-            parts: parts.collect(),
+            instances: instances.into_iter().map(|(index, _)| index).collect(),
+            parts: parts.clone(),
+            step_count,
             panic_count: AtomicU64::new(0),
-        }
+        })
+    }
+
+    /// Equal steps of time between the boxes of a primitive; 0 where nothing moves.
+    pub(super) fn step_count(&self) -> u32 {
+        self.step_count
     }
 
     /// Shapes and placed meshes.
@@ -85,21 +98,36 @@ impl<'s> UserGeometry<'s> {
         Some((index, self.scene.instances.get(index as usize)?))
     }
 
-    /// The box of a primitive in world space, padded.
-    fn bounds(&self, primitive: usize) -> Option<([f32; 3], [f32; 3])> {
+    /// The box of a primitive in world space after that many steps of time, padded.
+    ///
+    /// Embree interpolates boxes in f32, by a part of a step that is off by 2^-24 of all steps, over which a box moves by
+    /// twice the largest coordinate at most.
+    fn bounds(&self, primitive: usize, step: u32) -> Option<([f32; 3], [f32; 3])> {
         let (_, instance) = self.instance(primitive)?;
         let geometry = &self.scene.geometries[instance.geometry as usize];
         let object = match (&self.parts[instance.geometry as usize], geometry) {
             (Some(part), _) => part.bounds,
             (None, shape) => shape.bounds(),
         };
-        Some(padded(&instance.world_bounds(geometry, &object)))
+        if self.step_count == 0 {
+            let world = instance.world_bounds(geometry, &object);
+            return Some(padded(&world, PLACEMENT_PADDING * world.magnitude()));
+        }
+        let now = instance.step_bounds(geometry, &object, [step, self.step_count]);
+        let always = instance.world_bounds(geometry, &object).magnitude();
+        let interpolation = UNIT * f64::from(2 * self.step_count + 4);
+        Some(padded(&now, (PLACEMENT_PADDING + interpolation) * always))
+    }
+
+    /// Bytes that it takes itself, and its parts.
+    pub(super) fn byte_count(&self) -> u64 {
+        let parts = self.parts.iter().flatten().count() * size_of::<Part>();
+        self.own_byte_count() + (size_of_val(&*self.parts) + parts) as u64
     }
 
     /// Bytes that it takes itself.
-    pub(super) fn byte_count(&self) -> u64 {
-        let parts = self.parts.iter().flatten().count() * size_of::<Part>();
-        (size_of_val(&*self.instances) + size_of_val(&*self.parts) + parts) as u64
+    pub(super) fn own_byte_count(&self) -> u64 {
+        size_of_val(&*self.instances) as u64
     }
 
     /// Callbacks that have panicked.
@@ -130,9 +158,11 @@ impl<'s> UserGeometry<'s> {
 /// Part of a box's largest coordinate by which it is padded: object-space rays are rounded to f32, which moves them
 /// against the geometry by a few 2^-24 of the coordinates involved.
 const PLACEMENT_PADDING: f64 = 1.0 / (1 << 20) as f64;
+/// Half a unit in the last place of an f32 at 1.
+const UNIT: f64 = 1.0 / (1 << 24) as f64;
 
-fn padded(world: &Bounds) -> ([f32; 3], [f32; 3]) {
-    let padding = DVec3::splat(PLACEMENT_PADDING * world.magnitude());
+fn padded(world: &Bounds, by: f64) -> ([f32; 3], [f32; 3]) {
+    let padding = DVec3::splat(by);
     Bounds {
         min: world.min - padding,
         max: world.max + padding,
@@ -147,7 +177,11 @@ pub(super) unsafe extern "C" fn on_bounds(args: *const sys::RTCBoundsFunctionArg
     // SAFETY: the pointer that `attach_user` set, kept by `EmbreeAccel` while the scene lives.
     let user = unsafe { &*args.geometryUserPtr.cast::<UserGeometry>() };
     let mut bounds = EMPTY_BOX;
-    user.guarded(|| bounds = user.bounds(args.primID as usize).unwrap_or(EMPTY_BOX));
+    user.guarded(|| {
+        bounds = user
+            .bounds(args.primID as usize, args.timeStep)
+            .unwrap_or(EMPTY_BOX)
+    });
     let (low, high) = bounds;
     let bounds = sys::RTCBounds {
         lower_x: low[0],
@@ -292,7 +326,8 @@ fn answer_shape<const W: usize>(
     question: Question,
 ) -> [i32; W] {
     if W > 1
-        && let Some(sphere) = world_sphere(instance, shape)
+        && !instance.is_moving()
+        && let Some(sphere) = world_sphere(&instance.pose(0.0), shape)
     {
         return dispatch(SphereLanes {
             sphere,
@@ -307,14 +342,30 @@ fn answer_shape<const W: usize>(
         packet.vectors::<W>(row::DIRECTION),
     );
     let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
+    let times = times_of::<W>(instance, packet);
     let mut hit = [0; W];
     for lane in (0..W).filter(|&lane| asked[lane] != 0) {
-        let ray = ray_of(&origin, &direction, (t_near[lane], t_far[lane]), lane);
+        let ray = ray_of(
+            &origin,
+            &direction,
+            (t_near[lane], t_far[lane], times[lane]),
+            lane,
+        );
         if let Some(found) = shape_hit(index, instance, shape, &ray) {
             hit[lane] = answer(packet, lane, t_far[lane], &found, question);
         }
     }
     hit
+}
+
+/// When the rays are sent, where that counts: for what moves.
+#[inline(always)]
+fn times_of<const W: usize>(instance: &Instance, packet: Foreign) -> [f32; W] {
+    if instance.is_moving() {
+        packet.floats(row::TIME)
+    } else {
+        [0.0; W]
+    }
 }
 
 /// Nearest hits are asked for a little beyond the ray's end, and judged afterwards: Embree compares a triangle's distance
@@ -337,14 +388,16 @@ impl Call {
             packet.vectors::<W>(row::DIRECTION),
         );
         let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
-        let object_from_world: DAffine3 = instance.object_from_world();
+        let still: Option<DAffine3> = (!instance.is_moving()).then(|| instance.object_from_world());
+        let times = times_of::<W>(instance, packet);
         let mut lanes = Lanes::<W>::new();
         for lane in (0..W).filter(|&lane| asked[lane] != 0) {
             let end = match question {
                 Question::Nearest => t_far[lane] * REACH,
                 Question::Any => t_far[lane],
             };
-            let ray = ray_of(&origin, &direction, (t_near[lane], end), lane);
+            let ray = ray_of(&origin, &direction, (t_near[lane], end, times[lane]), lane);
+            let object_from_world = still.unwrap_or_else(|| instance.pose(ray.time).object_from_world());
             lanes.set(lane, &object_ray(&object_from_world, &ray));
         }
         let mut hit = [0; W];
@@ -460,7 +513,7 @@ mod tests {
             instances: vec![Instance::new("sphere", 0, 0, DAffine3::IDENTITY).unwrap()],
             ..Scene::default()
         };
-        let user = UserGeometry::new(&scene, vec![None], Instancing::Callback);
+        let [user, _] = UserGeometry::pair(&scene, vec![None], Instancing::Callback);
         for count in 1..=37 {
             const ROWS: usize = 21;
             let mut rows = vec![0u32; ROWS * count];

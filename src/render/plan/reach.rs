@@ -155,6 +155,10 @@ impl<'s> Object<'s> {
 
 /// Whether camera rays may begin within the box.
 fn may_be_seen_from_inside(bounds: &Bounds, camera: &Camera) -> bool {
+    if camera.world_from_camera_end.is_some() {
+        // A camera that moves may be anywhere, as far as this is worth knowing.
+        return true;
+    }
     let eye = camera.world_from_camera.translation;
     let ahead = -camera.world_from_camera.matrix3.z_axis;
     let is_point = !matches!(camera.projection, Projection::Orthographic { .. });

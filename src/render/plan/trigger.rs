@@ -198,6 +198,22 @@ pub const TRIGGERS: &[Trigger] = &[
     trigger(Effect::RoughRefraction, "rough rays", |facts| {
         facts.material(|m| m.transmits() && m.rough_rays() > 0, blurs)
     }),
+    trigger(Effect::MotionBlur, "an instance moves", |facts| {
+        let mut moving = facts
+            .scene
+            .instances
+            .iter()
+            .filter(|instance| instance.is_moving());
+        let first = moving.next()?;
+        Some(match moving.count() {
+            0 => format!("`{}` moves", first.name),
+            more => format!("`{}` moves, and {more} more objects", first.name),
+        })
+    }),
+    trigger(Effect::MotionBlur, "the camera moves", |facts| {
+        let camera = facts.camera;
+        camera.motion().map(|_| format!("camera `{}` moves", camera.name))
+    }),
 ];
 
 /// Why an effect is off that nothing calls for.
@@ -232,6 +248,7 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::Environment => "there is no environment map".into(),
         Effect::RoughReflection => "no rough material that is opaque asks for rays".into(),
         Effect::RoughRefraction => "no rough material that lets light through asks for rays".into(),
+        Effect::MotionBlur => "nothing moves".into(),
     }
 }
 

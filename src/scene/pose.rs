@@ -1,0 +1,101 @@
+//! Where an instance stands at one time.
+
+use glam::DAffine3;
+
+use super::Instance;
+use super::instance::Affine;
+use crate::shape::Sphere;
+
+/// Where an instance stands at the time of a ray: what stands still is borrowed, what moves is worked out.
+#[derive(Clone, Debug)]
+pub struct Pose<'i>(Standing<'i>);
+
+#[derive(Clone, Debug)]
+enum Standing<'i> {
+    Still(&'i Instance),
+    Moving(Affine),
+}
+
+impl Instance {
+    /// Where it stands at `time`, from 0 where motions begin to 1 where they end.
+    #[inline(always)]
+    pub fn pose(&self, time: f32) -> Pose<'_> {
+        Pose(match self.moving_at(time) {
+            None => Standing::Still(self),
+            Some(affine) => Standing::Moving(affine),
+        })
+    }
+}
+
+impl Pose<'_> {
+    /// Object to world.
+    #[inline]
+    pub fn world_from_object(&self) -> DAffine3 {
+        match &self.0 {
+            Standing::Still(instance) => instance.world_from_object(),
+            Standing::Moving(affine) => affine.world_from_object,
+        }
+    }
+
+    /// World to object.
+    #[inline]
+    pub fn object_from_world(&self) -> DAffine3 {
+        match &self.0 {
+            Standing::Still(instance) => instance.object_from_world(),
+            Standing::Moving(affine) => affine.object_from_world,
+        }
+    }
+
+    /// Whether object space is world space at all times, as it is for every baked mesh.
+    #[inline(always)]
+    pub fn is_identity(&self) -> bool {
+        match &self.0 {
+            Standing::Still(instance) => instance.is_identity(),
+            Standing::Moving(_) => false,
+        }
+    }
+
+    /// Whether it turns left into right, so that windings seen from the front run clockwise.
+    pub fn is_mirrored(&self) -> bool {
+        match &self.0 {
+            Standing::Still(instance) => instance.is_mirrored(),
+            Standing::Moving(affine) => affine.world_from_object.matrix3.determinant() < 0.0,
+        }
+    }
+
+    /// A sphere in world space, where the placement keeps it one without turning it or moving it.
+    #[inline(always)]
+    pub(crate) fn world_sphere(&self, sphere: &Sphere) -> Option<Sphere> {
+        match &self.0 {
+            Standing::Still(instance) => instance.world_sphere(sphere),
+            Standing::Moving(_) => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn what_moves_stands_where_its_motion_is_and_what_does_not_where_it_is() {
+        let from = DAffine3::from_translation(DVec3::X);
+        let to = DAffine3::from_translation(DVec3::new(3.0, 4.0, 0.0));
+        let moving = Instance::moving("", 0, 0, [from, to]).unwrap();
+        // A quarter of the way from (1, 0, 0) to (3, 4, 0).
+        let pose = moving.pose(0.25);
+        assert_eq!(pose.world_from_object().translation, DVec3::new(1.5, 1.0, 0.0));
+        assert_eq!(pose.object_from_world().translation, DVec3::new(-1.5, -1.0, 0.0));
+        assert!(!pose.is_identity() && !pose.is_mirrored());
+        let still = Instance::new("", 0, 0, from).unwrap();
+        assert_eq!(still.pose(0.25).world_from_object(), from);
+        assert!(
+            Instance::new("", 0, 0, DAffine3::IDENTITY)
+                .unwrap()
+                .pose(0.5)
+                .is_identity()
+        );
+    }
+}

@@ -10,6 +10,7 @@ mod film;
 mod filter;
 mod forecast;
 mod gather;
+mod lamps;
 mod ledger;
 mod lens;
 mod losses;
@@ -57,13 +58,13 @@ use crate::numeric::{LANES, Lanes, Ray};
 use crate::optics::{Body, MediaStack, SpectralSampler};
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
 use crate::scene::{Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, LensView, Scene};
-use crate::shading::AreaLight;
 use crate::shading::ray_cone::Cone;
 use crate::volume::SkipEmpty;
 use adaptive::ROUND;
 use costs::CostSheet;
 use estimate::Estimate;
 use film::Tile;
+use lamps::SoftLight;
 use meter::Meter;
 use sampler::{Layout, PacketShape, SampleGroup};
 use surface::{SurfaceScene, Surfaces};
@@ -195,7 +196,7 @@ struct Frame<'s> {
     /// Where camera rays leave it, if it is no pinhole.
     lens: Option<LensView>,
     /// Lights with an extent, at the places of the lights; empty if there are none to simulate.
-    area_lights: Vec<Option<AreaLight>>,
+    soft_lights: Vec<Option<SoftLight<'s>>>,
     environment: Option<Environment>,
 }
 
@@ -386,8 +387,8 @@ impl<'s> Frame<'s> {
                 .then(|| CostSheet::new(settings.width, settings.height)),
             camera_cone: settings.camera_cone(&view, settings.spp),
             lens: camera.lens_view().filter(|_| effects.has(Effect::DepthOfField)),
-            area_lights: if effects.has(Effect::AreaLight) {
-                soft::area_lights(scene)
+            soft_lights: if effects.has(Effect::AreaLight) {
+                lamps::soft_lights(scene, effects)
             } else {
                 Vec::new()
             },

@@ -152,7 +152,7 @@ impl Effect {
             Effect::Background => "black is behind everything",
             Effect::Volume => "the air is clear of smoke, fire and fog",
             Effect::DepthOfField => "everything is in focus",
-            Effect::AreaLight => "lights with an extent are dark",
+            Effect::AreaLight => "lights with an extent are dark, and lamps only glow",
             Effect::Environment => "the environment map is seen and lights nothing",
         }
     }

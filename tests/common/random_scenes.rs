@@ -102,6 +102,12 @@ pub fn scene(seed: u64) -> Scene {
         ][r.below(2)];
         scene.cameras[0].lens = Some(Lens::new(0.3, 4.0, aperture).unwrap());
     }
+    if r.next() < 0.75 {
+        // Some of them cannot be lamps, and most do not shine.
+        for instance in 0..scene.instances.len() as u32 {
+            _ = scene.add_lamp(instance, 1 + r.below(2) as u32);
+        }
+    }
     scene.validate().unwrap();
     scene
 }

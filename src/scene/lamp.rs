@@ -61,8 +61,8 @@ impl Scene {
         surface(geometry, instance)
     }
 
-    /// Gives lamps the numbers that their instances have, and the emission of their materials, when both are final;
-    /// `new_index` holds the new number of each instance that is left.
+    /// Gives lamps the new numbers of their instances: `new_index` holds that of each instance which is left. The lights of
+    /// others go with them.
     pub(super) fn renumber_lamps(&mut self, new_index: &[Option<u32>]) {
         self.lights.retain_mut(|light| match &mut light.kind {
             LightKind::Area {

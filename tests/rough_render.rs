@@ -95,6 +95,8 @@ fn close_look(wo: DVec3) -> Camera {
         z_near: 0.0,
         z_far: f64::INFINITY,
         lens: None,
+        world_from_camera_end: None,
+        shutter: Default::default(),
     }
 }
 

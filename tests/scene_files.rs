@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use cli_program::{first_light, whit};
 use glam::DVec3;
 use whit::gltf::LoadOptions;
-use whit::scene::Scene;
+use whit::scene::{Light, LightKind, Scene};
 use whit::scene_file::{self, SceneFile};
 
 fn load(path: &Path) -> SceneFile {
@@ -212,6 +212,55 @@ fn a_gltf_file_stands_where_it_is_placed_with_its_materials_or_another() {
     assert!(file.scene.instances[..count].iter().all(|i| i.material != red));
     let tall = file.scene.bounds().extent().y - alone.bounds().extent().y;
     assert!((tall - 100.0).abs() < 1e-3, "{tall}");
+}
+
+#[test]
+fn what_shines_of_an_object_lights_the_scene_where_the_file_says_so() {
+    // Named alike in one place each: the group's own word for its ball goes before the object's for the group.
+    let text = "[material.neon]\nemission = [3, 2, 1]\n[material.dull]\n\
+                [[group.sign.object]]\nname = 'ball'\nshape = 'sphere'\nmaterial = 'neon'\nlamp = 9\n\
+                [[group.sign.object]]\nname = 'pole'\nshape = 'cylinder'\nmaterial = 'dull'\n\
+                [[group.sign.object]]\nname = 'pane'\nshape = 'quad'\nmaterial = 'neon'\n\
+                [[group.sign.object]]\nname = 'ground'\nshape = 'plane'\nmaterial = 'neon'\n\
+                [[object]]\nname = 'sign'\ngroup = 'sign'\nlamp = true\nrepeat = { count = [2, 1, 1], step = [4, 0, 0] }\n\
+                [[object]]\nname = 'ring'\nshape = 'torus'\nmaterial = 'neon'\nlamp = false\n";
+    let scene = load_text(text, &[]).scene;
+    let lamps: Vec<(&str, u32)> = scene
+        .lights
+        .iter()
+        .map(|light| match light.kind {
+            LightKind::Area { samples, .. } => (&light.name[..], samples),
+            _ => unreachable!(),
+        })
+        .collect();
+    assert_eq!(lamps, [("ball", 9), ("pane", 4), ("ball", 9), ("pane", 4)]);
+    for light in &scene.lights {
+        assert_eq!(light.intensity, [3.0, 2.0, 1.0]);
+        let instance = &scene.instances[light.lamp().unwrap() as usize];
+        assert_eq!(*instance.name, *light.name);
+    }
+    let told = "ground of sign only glows, as no plane, polyhedron or quadric can be one: give another shape or a mesh";
+    assert_eq!(scene.warnings, [told]);
+}
+
+#[test]
+fn lamps_of_gltf_files_and_includes_are_those_that_shine() {
+    let knot = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/meshes/neon_knot.glb");
+    let other = format!("[[object]]\ngltf = '{knot}'\nlamp = 2\n");
+    let text = format!(
+        "[[object]]\ngltf = '{knot}'\n[[object]]\ngltf = '{knot}'\nlamp = 3\n\
+         transform = [{{ translate = [0, 100, 0] }}, {{ scale = [-1, 1, 1] }}]\n[[object]]\ninclude = 'other.toml'\n"
+    );
+    let scene = load_text(&text, &[("other.toml", &other)]).scene;
+    let lamps: Vec<Option<u32>> = scene.lights.iter().map(Light::lamp).collect();
+    assert_eq!(lamps, [Some(1), Some(2)]);
+    // A triangle that has no area at its place goes, and with it the object: the other lamp's number follows.
+    let text = "[material.neon]\nemission = 1\n\
+                [[object]]\nshape = { mesh = { vertices = [[0, 0, 0], [1e-30, 0, 0], [0, 1e-30, 0]], faces = [[0, 1, 2]] } }\n\
+                material = 'neon'\ntransform = [{ translate = [1, 1, 1] }]\n\
+                [[object]]\nshape = 'quad'\nmaterial = 'neon'\nlamp = true\n";
+    let scene = load_text(text, &[]).scene;
+    assert_eq!((scene.instances.len(), scene.lights[0].lamp()), (1, Some(0)));
 }
 
 #[test]

@@ -491,6 +491,37 @@ fn files_that_are_no_scene_at_all() {
 }
 
 #[test]
+fn lamps_that_are_none() {
+    let with = |object: &str, lines: &str| {
+        format!(
+            "[material.neon]\nemission = 1\n{lines}\n[[object]]\nname = 'tube'\n{object}\nmaterial = 'neon'\n"
+        )
+    };
+    refused(
+        format!("{BALL}lamp = 2\n"),
+        ":3:",
+        &["object 1.lamp", "of which nothing shines", "an `emission`"],
+    );
+    let ball = "shape = 'sphere'\nlamp = true";
+    for (object, lines, words) in [
+        (ball, "model = 'unlit'", "nothing shines"),
+        ("shape = 'plane'\nlamp = true", "", "give another shape or a mesh"),
+        (ball, "transmission = 1", "lets light through"),
+        (ball, "alpha = 'blend'", "make it opaque"),
+    ] {
+        refused(with(object, lines), ":7:", &["object 1.lamp", words]);
+    }
+    for number in ["0", "-1", "5000", "1.5", "'yes'"] {
+        let object = format!("shape = 'sphere'\nlamp = {number}");
+        refused(
+            with(&object, ""),
+            ":7:",
+            &["object 1.lamp", "a number of samples from 1 to 4096"],
+        );
+    }
+}
+
+#[test]
 fn volumes_and_fog_that_mean_nothing() {
     let with = |lines: &str| format!("{BALL}[[volume]]\nname = 'v'\n{lines}\n");
     let cloud = "cloud = { shape = 'puff', size = [4, 4, 4] }";

@@ -116,6 +116,7 @@ const BEYOND: [(&str, &str); 8] = [
     ("fog_beam", "fog is held to closed forms by tests/volumes.rs"),
     ("rough", "lobes are looked into in random directions"),
     ("motion", "rays are sent at random times"),
+    ("glow", "lamps are asked at random points"),
     ("scan", "volumes are held to closed forms by tests/volumes.rs"),
     ("smoke", "volumes are held to closed forms by tests/volumes.rs"),
     ("soft_shadows", "lights are asked at random points"),

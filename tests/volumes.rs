@@ -4,12 +4,12 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::render::{Monitor, RenderSettings, Rendering, render};
 use whit::scene::{
-    AlphaMode, Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Model,
-    Projection, Scene,
+    AlphaMode, Background, Camera, Falloff, Geometry, Image, Instance, Light, LightKind, Material, Model,
+    Projection, Scene, Texels,
 };
 use whit::shape::{Shape, Sphere};
 use whit::volume::cloud::Cloud;
@@ -197,6 +197,112 @@ fn a_slab_lit_from_the_front_scatters_what_the_integral_says() {
         ..scene(vec![slab(SIGMA, 0.5, 0.3, DVec3::ZERO)])
     };
     assert_near(red(&ambient), 0.5 * 0.2 * (1.0 - (-2.0 * SIGMA).exp()), 1e-6);
+}
+
+/// A slab lit by an even environment map of radiance 1.
+fn in_white(sigma: f64, color: f64) -> Scene {
+    let white = Image {
+        name: "white".into(),
+        width: 8,
+        height: 4,
+        texels: Texels::Floats(vec![[1.0; 4]; 32]),
+    };
+    Scene {
+        images: vec![white],
+        background: Background::Environment {
+            image: 0,
+            rotation: 0.3,
+            scale: 1.0,
+            samples: 4,
+        },
+        ..scene(vec![slab(sigma, color, 0.1, DVec3::ZERO)])
+    }
+}
+
+/// Mean and standard error of the pixels' red.
+fn estimate(scene: &Scene, settings: &RenderSettings) -> (f64, f64) {
+    let pixels = rendered(scene, Backend::Bsp, settings).image.pixels;
+    let count = pixels.len() as f64;
+    let mean = pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / count;
+    let squares: f64 = pixels.iter().map(|p| (f64::from(p[0]) - mean).powi(2)).sum();
+    (mean, (squares / (count - 1.0) / count).sqrt())
+}
+
+#[test]
+fn an_even_environment_is_scattered_once_as_the_integral_says() {
+    // Behind the slab the map itself; of each step what its matter scatters of all that gets there, which is the mean over
+    // all directions of exp(-sigma s), s being the way out of the cube: by the middles of 200 x 400 cells of equal solid angle.
+    let (color, step) = (0.5, 0.1);
+    let mean_left = |p: DVec3| {
+        let (rows, columns) = (200, 400);
+        let cell = |i: u32| {
+            let z = 2.0 * (f64::from(i / columns) + 0.5) / f64::from(rows) - 1.0;
+            let (sin, cos) = (2.0 * PI * (f64::from(i % columns) + 0.5) / f64::from(columns)).sin_cos();
+            let d = DVec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z);
+            let way = ((d.signum() - p) / d).min_element();
+            (-SIGMA * way).exp()
+        };
+        (0..rows * columns).map(cell).sum::<f64>() / f64::from(rows * columns)
+    };
+    let expected: f64 = (-2.0 * SIGMA).exp()
+        + (0..20)
+            .map(|i| {
+                let before = f64::from(i) * step;
+                let scattered = color * (1.0 - (-SIGMA * step).exp());
+                (-SIGMA * before).exp() * scattered * mean_left(DVec3::Z * (1.0 - before - 0.5 * step))
+            })
+            .sum::<f64>();
+    let settings = RenderSettings {
+        width: 16,
+        height: 16,
+        spp: 64,
+        ..RenderSettings::default()
+    };
+    let (found, error) = estimate(&in_white(SIGMA, color), &settings);
+    println!("{found:.6} ± {error:.6}, by the integral {expected:.6}");
+    assert!(
+        (found - expected).abs() <= 3.0 * error + 1e-5,
+        "{found} ± {error}, not {expected}"
+    );
+}
+
+#[test]
+fn thin_white_matter_vanishes_in_a_white_environment_and_grey_takes_its_part() {
+    // What is scattered away comes from elsewhere, but for what is scattered twice: of sigma 2 s twice that, s being at most
+    // the way of 2 through the cube plus 3.5 out of it. Samples of an even map have one radiance and density.
+    let sigma = 1e-3;
+    let settings = RenderSettings {
+        width: 4,
+        height: 4,
+        spp: 4,
+        ..RenderSettings::default()
+    };
+    for color in [1.0, 0.25] {
+        let (found, _) = estimate(&in_white(sigma, color), &settings);
+        let left = (-2.0 * sigma).exp();
+        let albedo = (found - left) / (1.0 - left);
+        println!("albedo {albedo:.5} of {color}");
+        assert!(albedo <= color * (1.0 + 1e-4) && albedo >= color * (1.0 - 4.0 * sigma));
+    }
+    // A black roof over the top half of the sky takes half of it.
+    let mut half = in_white(sigma, 1.0);
+    // Exactly level, as the view is.
+    let level = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
+    let roof = DAffine3::from_mat3_translation(level, DVec3::Y * 1.5);
+    add(&mut half, Shape::Plane, unlit_black(), roof);
+    let settings = RenderSettings { spp: 256, ..settings };
+    let (found, error) = estimate(&half, &settings);
+    let left = (-2.0 * sigma).exp();
+    let (albedo, error) = ((found - left) / (1.0 - left), error / (1.0 - left));
+    println!("under a roof {albedo:.4} ± {error:.4}");
+    assert!((albedo - 0.5).abs() <= 3.0 * error + 4.0 * sigma);
+}
+
+fn unlit_black() -> Material {
+    Material {
+        base_color: [0.0, 0.0, 0.0, 1.0],
+        ..unlit()
+    }
 }
 
 /// A floor seen along the axis, in light that comes from aside and goes through a volume's diagonal if `volumes` says so.

@@ -10,6 +10,7 @@ mod film;
 mod filter;
 mod forecast;
 mod gather;
+mod lamps;
 mod ledger;
 mod lens;
 mod losses;
@@ -60,13 +61,13 @@ use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
 use crate::scene::{
     Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, LensView, Scene, Shutter,
 };
-use crate::shading::AreaLight;
 use crate::shading::ray_cone::Cone;
 use crate::volume::SkipEmpty;
 use adaptive::ROUND;
 use costs::CostSheet;
 use estimate::Estimate;
 use film::Tile;
+use lamps::SoftLight;
 use lens::MovingCamera;
 use meter::Meter;
 use sampler::{Layout, PacketShape, SampleGroup};
@@ -203,7 +204,7 @@ struct Frame<'s> {
     /// When samples are taken, where anything moves.
     shutter: Shutter,
     /// Lights with an extent, at the places of the lights; empty if there are none to simulate.
-    area_lights: Vec<Option<AreaLight>>,
+    soft_lights: Vec<Option<SoftLight<'s>>>,
     environment: Option<Environment>,
     /// Camera packets whose whole ray trees are finished before the next are begun.
     wave: usize,
@@ -403,8 +404,8 @@ impl<'s> Frame<'s> {
             lens: camera.lens_view().filter(|_| effects.has(Effect::DepthOfField)),
             motion: MovingCamera::of(camera, [settings.width, settings.height], effects),
             shutter: camera.shutter,
-            area_lights: if effects.has(Effect::AreaLight) {
-                soft::area_lights(scene)
+            soft_lights: if effects.has(Effect::AreaLight) {
+                lamps::soft_lights(scene, effects)
             } else {
                 Vec::new()
             },

@@ -3,19 +3,25 @@
 //! Each surface that a ray meets asks some points of every such light, picked by the numbers of the ray's own sample for
 //! [`Purpose::LIGHT`], the light and the step of the path: the samples of a pixel ask points that lie evenly over the
 //! light, and nothing depends on which thread renders what when. A light's radiance over the density of the direction is
-//! what the surface gets if the feeler meets nothing, right on average ([`AreaLight`]). Rays into which
+//! what the surface gets if the feeler meets nothing, right on average ([`crate::shading::AreaLight`]). Rays into which
 //! one ray splits at a surface ask the same points.
+//!
+//! Smooth surfaces see lamps, which are objects, by their mirror rays, so to feelers to those they answer without their
+//! lobe: it would count twice.
+
+use glam::DVec3;
 
 use super::RenderSettings;
 use super::film::TILE;
+use super::lamps::SoftLight;
 use super::ledger::Account;
 use super::outcome::{Outcome, Stage, Traced};
 use super::sampler::{Purpose, sample_2d};
 use super::samples::pixel_of;
 use super::shade::{self, Lit};
 use crate::numeric::{LANES, Lanes3};
-use crate::scene::{AreaShape, Effect, LightKind, Scene};
-use crate::shading::{AreaLight, DiskLight, QuadLight, SphereLight};
+use crate::scene::{Effect, LightKind, MIRROR_ROUGHNESS};
+use crate::shading::MaterialPacket;
 
 /// What sixteen surfaces get from the points or directions that they ask; nothing where `irradiance` is 0.
 pub(super) struct Arrivals {
@@ -65,33 +71,27 @@ impl Origin {
     }
 }
 
-/// The lights of a scene as far as they have an extent, one a light.
-pub(super) fn area_lights(scene: &Scene) -> Vec<Option<AreaLight>> {
-    let with_extent = |kind: &LightKind| match kind {
-        LightKind::Area { shape, .. } => area_light(shape),
-        _ => None,
-    };
-    scene
-        .lights
-        .iter()
-        .map(|light| with_extent(&light.kind))
-        .collect()
+/// The materials, but those that reflect an image, a sharp one or by rays into their lobe, answer light without a lobe.
+pub(super) fn without_mirror_lobes(materials: &MaterialPacket) -> MaterialPacket {
+    let mut without = materials.clone();
+    for l in 0..LANES {
+        if materials.roughness[l] <= MIRROR_ROUGHNESS || materials.has_lobe(l) {
+            without.roughness[l] = 0.0;
+        }
+    }
+    without
 }
 
-fn area_light(shape: &AreaShape) -> Option<AreaLight> {
-    match *shape {
-        AreaShape::Quad {
-            center,
-            half_u,
-            half_v,
-        } => QuadLight::new(center, half_u, half_v).ok().map(AreaLight::Quad),
-        AreaShape::Disk {
-            center,
-            half_u,
-            half_v,
-        } => DiskLight::new(center, half_u, half_v).ok().map(AreaLight::Disk),
-        AreaShape::Sphere { center, radius } => SphereLight::new(center, radius).ok().map(AreaLight::Sphere),
+/// The same, those of the lecture's model that have a reflected ray too: what their highlights stand for is in that ray.
+fn without_seen_lobes(materials: &MaterialPacket) -> MaterialPacket {
+    let mut materials = without_mirror_lobes(materials);
+    let rich = &mut materials.rich;
+    for l in 0..LANES {
+        if rich.is_lecture[l] && (0..3).any(|c| rich.reflection[c][l] != 0.0) {
+            (0..3).for_each(|c| rich.specular_color[c][l] = 0.0);
+        }
     }
+    materials
 }
 
 impl Outcome<'_, '_> {
@@ -102,8 +102,14 @@ impl Outcome<'_, '_> {
         let LightKind::Area { samples, .. } = light.kind else {
             return false;
         };
-        let Some(Some(shape)) = frame.area_lights.get(number) else {
+        let Some(Some(shape)) = frame.soft_lights.get(number) else {
             return true;
+        };
+        let is_mirrored = shape.is_seen() && frame.effects().has(Effect::Reflection);
+        let without_lobes = is_mirrored.then(|| without_seen_lobes(lit.materials));
+        let lit = Lit {
+            materials: without_lobes.as_ref().unwrap_or(lit.materials),
+            ..*lit
         };
         let purpose = Purpose::LIGHT.nested(number as u32).nested(stage.depth);
         for sample in 0..samples {
@@ -112,8 +118,8 @@ impl Outcome<'_, '_> {
                 number: sample,
                 of: samples,
             };
-            let arrivals = self.arriving_from(shape, light.intensity, (traced, lit), draw);
-            self.ask(&arrivals, (traced, lit), frame.plan.casting[number], stage);
+            let arrivals = self.arriving_from(shape, light.intensity, (traced, &lit), draw);
+            self.ask(&arrivals, (traced, &lit), frame.plan.casting[number], stage);
         }
         true
     }
@@ -121,26 +127,30 @@ impl Outcome<'_, '_> {
     /// What one point of a light gives to each surface.
     fn arriving_from(
         &self,
-        shape: &AreaLight,
+        light: &SoftLight,
         radiance: [f32; 3],
         (traced, lit): (&Traced, &Lit),
         draw: Draw,
     ) -> Arrivals {
+        let textures = self.frame.surfaces.textures();
         let mut arrivals = Arrivals::NONE;
         let mut from = [[0.0; LANES]; 3];
         for l in (0..LANES).filter(|&l| lit.points.hit[l]) {
             let u = self.numbers(traced, l, draw);
-            let Some(sample) = shape.sample(lit.points.point(l), u) else {
+            // Off a lamp that is seen, whichever side of the surface that is hit is lit.
+            let p = if light.is_seen() {
+                DVec3::from([0, 1, 2].map(|axis| f64::from(lit.points.origin[axis][l])))
+            } else {
+                lit.points.point(l)
+            };
+            let Some(sample) = light.sample(textures, p, u) else {
                 continue;
             };
-            if !sample.is_front() {
-                continue;
-            }
             let share = (sample.pdf * f64::from(draw.of)).recip() as f32;
             for axis in 0..3 {
                 arrivals.wi[axis][l] = sample.direction[axis] as f32;
-                from[axis][l] = sample.position[axis];
-                arrivals.irradiance[axis][l] = radiance[axis] * share;
+                from[axis][l] = sample.end[axis];
+                arrivals.irradiance[axis][l] = radiance[axis] * sample.tint[axis] * share;
             }
         }
         arrivals.from = Some(from);

@@ -1,4 +1,4 @@
-//! What lies behind everything, and the light that an environment map gives.
+//! What lies behind everything, and the light that an environment map gives to surfaces.
 //!
 //! Rays that miss see the background. With a map, surfaces also send feelers in directions in which it is bright, picked
 //! as points of lights with an extent are ([`super::soft`]). Surfaces that see the map by mirror rays, or by rays into
@@ -8,10 +8,10 @@ use super::Frame;
 use super::outcome::{Outcome, Stage, Traced};
 use super::sampler::Purpose;
 use super::shade::Lit;
-use super::soft::{Arrivals, Draw};
+use super::soft::{Arrivals, Draw, without_mirror_lobes};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes3};
-use crate::scene::{Background, Effect, EffectSet, MIRROR_ROUGHNESS, Scene, Texels};
+use crate::scene::{Background, Effect, EffectSet, Scene, Texels};
 use crate::shading::EnvironmentMap;
 
 /// The number of the light that the surroundings are.
@@ -22,6 +22,20 @@ pub(super) struct Environment {
     map: EnvironmentMap,
     /// Directions that each surface asks.
     samples: u32,
+}
+
+impl Environment {
+    /// What is asked of it by those who are `depth` steps from the camera.
+    pub(super) fn draws(&self, depth: u32) -> impl Iterator<Item = Draw> + use<> {
+        let of = self.samples;
+        let purpose = Purpose::LIGHT.nested(SURROUNDINGS).nested(depth);
+        (0..of).map(move |number| Draw { purpose, number, of })
+    }
+
+    /// The map.
+    pub(super) fn map(&self) -> &EnvironmentMap {
+        &self.map
+    }
 }
 
 impl Environment {
@@ -94,23 +108,12 @@ impl Outcome<'_, '_> {
         let Some(environment) = &frame.environment else {
             return;
         };
-        let mut materials = lit.materials.clone();
-        for l in 0..LANES {
-            if materials.roughness[l] <= MIRROR_ROUGHNESS || lit.materials.has_lobe(l) {
-                materials.roughness[l] = 0.0;
-            }
-        }
+        let materials = without_mirror_lobes(lit.materials);
         let lit = Lit {
             materials: &materials,
             ..*lit
         };
-        let purpose = Purpose::LIGHT.nested(SURROUNDINGS).nested(stage.depth);
-        for number in 0..environment.samples {
-            let draw = Draw {
-                purpose,
-                number,
-                of: environment.samples,
-            };
+        for draw in environment.draws(stage.depth) {
             let arrivals = self.arriving_from_afar(&environment.map, (traced, &lit), draw);
             let casts = frame.effects().has(Effect::Shadow);
             self.ask(&arrivals, (traced, &lit), casts, stage);

@@ -1,10 +1,9 @@
 //! Rays through smoke, fire and fog: what these send to the viewer, and what they leave of all light on its way.
 //!
 //! A traced ray's stretch, from where it begins to what it hits, is marched before the hit is shaded: radiance goes to the
-//! film, and the path goes on with what is left of its weight. Samples are lit by every lamp (single scattering, evenly in
-//! all directions: the phase function is 1 / 4 pi) through shadow feelers, and by the ambient light from all around, but not
-//! by an environment map. All
-//! feelers, those of surfaces too, lose what lies on their way.
+//! film, and the path goes on with what is left of its weight. Samples are lit by every light and by the environment map
+//! (single scattering, evenly in all directions: the phase function is 1 / 4 pi) through shadow feelers, and by the ambient
+//! light from all around. All feelers, those of surfaces too, lose what lies on their way.
 //!
 //! Lane by lane and in f64: a march takes many samples a ray, and its packets are those of neighbours along the ray. Light
 //! that a volume sends through a body is not dimmed by that body.
@@ -13,6 +12,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
+use super::lamps::SoftLight;
 use super::ledger::Account;
 use super::meter::{Accounts, Meter};
 use super::outcome::{Outcome, Stage};
@@ -27,7 +27,7 @@ use crate::accel::{ACTIVE, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::optics::MediaStack;
 use crate::scene::{Effect, Light, LightKind};
-use crate::shading::{AreaLight, LightSample, illuminate};
+use crate::shading::{TextureSet, illuminate};
 use crate::volume::{March, PointLanes, Stretch};
 
 /// The phase function of matter that scatters evenly: the share of light that goes into a unit of solid angle.
@@ -170,7 +170,7 @@ impl Lamps<'_, '_, '_> {
                 }
                 continue;
             };
-            let Some(Some(shape)) = frame.area_lights.get(number) else {
+            let Some(Some(shape)) = frame.soft_lights.get(number) else {
                 continue;
             };
             for sample in 0..samples {
@@ -183,12 +183,41 @@ impl Lamps<'_, '_, '_> {
                 let share = PHASE / samples as f32;
                 let (packet, feeler) = self.feelers.next();
                 let radiance = light.intensity.map(|channel| channel * share);
-                if feel_extent((shape, radiance, u), points, packet, &mut feeler.radiance) {
+                let textures = frame.surfaces.textures();
+                if feel_extent(
+                    (shape, radiance, u),
+                    (textures, points),
+                    packet,
+                    &mut feeler.radiance,
+                ) {
                     self.add(casts, &mut arriving);
                 }
             }
         }
+        if frame.effects().has(Effect::Environment) {
+            self.light_from_afar(points, &mut arriving);
+        }
         arriving
+    }
+
+    /// Adds to `arriving` what comes from the environment map.
+    fn light_from_afar(&mut self, points: &PointLanes, arriving: &mut Lanes3<f64>) {
+        let frame = self.frame;
+        let Some(environment) = &frame.environment else {
+            return;
+        };
+        for draw in environment.draws(self.stage.depth) {
+            let u = self.origin.numbers(&frame.settings, draw);
+            let Some(sample) = environment.map().sample(u) else {
+                continue;
+            };
+            let share = PHASE * (sample.pdf * f64::from(draw.of)).recip() as f32;
+            let sent = sample.radiance.map(|channel| channel * share);
+            let (packet, feeler) = self.feelers.next();
+            if feel_along((sample.direction, sent), points, packet, &mut feeler.radiance) {
+                self.add(frame.effects().has(Effect::Shadow), arriving);
+            }
+        }
     }
 
     /// Adds to `arriving` what of the light arrives that the packet of feelers written last asks for.
@@ -285,8 +314,8 @@ fn feel(light: &Light, points: &PointLanes, packet: &mut RayPacket, radiance: &m
 /// The same to the point of a light with an extent that the numbers `u` pick, whose radiance is given. All points of a ray
 /// go by the same numbers.
 fn feel_extent(
-    (light, intensity, u): (&AreaLight, [f32; 3], [f64; 2]),
-    points: &PointLanes,
+    (light, intensity, u): (&SoftLight, [f32; 3], [f64; 2]),
+    (textures, points): (&TextureSet, &PointLanes),
     packet: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
@@ -295,15 +324,35 @@ fn feel_extent(
     packet.t_far = [1.0; LANES];
     for l in (0..LANES).filter(|l| points.active >> l & 1 == 1) {
         let p = DVec3::from([0, 1, 2].map(|axis| points.points[axis][l]));
-        let Some(sample) = light.sample(p, u).filter(LightSample::is_front) else {
+        let Some(sample) = light.sample(textures, p, u) else {
             continue;
         };
         packet.active[l] = ACTIVE;
         for axis in 0..3 {
             let origin = p[axis] as f32;
             packet.origin[axis][l] = origin;
-            packet.direction[axis][l] = (sample.position[axis] - f64::from(origin)) as f32;
-            radiance[axis][l] = intensity[axis] * sample.pdf.recip() as f32;
+            packet.direction[axis][l] = (sample.end[axis] - f64::from(origin)) as f32;
+            radiance[axis][l] = intensity[axis] * sample.tint[axis] * sample.pdf.recip() as f32;
+        }
+    }
+    packet.any_active()
+}
+
+/// The same along one direction, from infinitely far away, for all points of a ray; `sent` is what is sent to the viewer.
+fn feel_along(
+    (direction, sent): (DVec3, [f32; 3]),
+    points: &PointLanes,
+    packet: &mut RayPacket,
+    radiance: &mut Lanes3<f32>,
+) -> bool {
+    packet.t_far = [f32::INFINITY; LANES];
+    for l in 0..LANES {
+        let is_asked = points.active >> l & 1 == 1 && sent != [0.0; 3];
+        packet.active[l] = if is_asked { ACTIVE } else { 0 };
+        for axis in 0..3 {
+            packet.origin[axis][l] = points.points[axis][l] as f32;
+            packet.direction[axis][l] = direction[axis] as f32;
+            radiance[axis][l] = if is_asked { sent[axis] } else { 0.0 };
         }
     }
     packet.any_active()

@@ -305,6 +305,7 @@ fn lights(scene: &Scene) -> Vec<LightInfo> {
             AreaShape::Quad { .. } => ("quad", 1.0),
             AreaShape::Disk { .. } => ("disk", 1.0),
             AreaShape::Sphere { .. } => ("sphere", 1.0),
+            AreaShape::Object { .. } => ("object", 1.0),
         },
     };
     scene

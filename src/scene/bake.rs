@@ -111,6 +111,18 @@ impl Scene {
                 index
             })
             .collect();
+        let mut left = 0;
+        let new_instance: Vec<Option<u32>> = self
+            .instances
+            .iter()
+            .map(|i| {
+                let index = left;
+                let is_left = !is_empty[i.geometry as usize];
+                left += u32::from(is_left);
+                is_left.then_some(index)
+            })
+            .collect();
+        self.renumber_lamps(&new_instance);
         self.instances.retain(|i| !is_empty[i.geometry as usize]);
         for instance in &mut self.instances {
             instance.geometry = new_index[instance.geometry as usize];

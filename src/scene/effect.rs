@@ -166,7 +166,7 @@ impl Effect {
             Effect::Background => "black is behind everything",
             Effect::Volume => "the air is clear of smoke, fire and fog",
             Effect::DepthOfField => "everything is in focus",
-            Effect::AreaLight => "lights with an extent are dark",
+            Effect::AreaLight => "lights with an extent are dark, and lamps only glow",
             Effect::Environment => "the environment map is seen and lights nothing",
             Effect::RoughReflection => "rough surfaces reflect lights only, and smooth ones sharply",
             Effect::RoughRefraction => "what is seen through rough surfaces is sharp",

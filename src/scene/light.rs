@@ -16,6 +16,19 @@ pub struct Light {
     pub kind: LightKind,
 }
 
+impl Light {
+    /// The instance that it lies on, if it is a lamp's light.
+    pub fn lamp(&self) -> Option<u32> {
+        match self.kind {
+            LightKind::Area {
+                shape: AreaShape::Object { instance },
+                ..
+            } => Some(instance),
+            _ => None,
+        }
+    }
+}
+
 /// The kinds of light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightKind {
@@ -44,8 +57,8 @@ pub enum LightKind {
         /// How it weakens with the distance.
         falloff: Falloff,
     },
-    /// Light from a surface, the same in all directions. Only what it lights is seen, not the surface: where the lamp
-    /// itself is to be seen, an object that shines stands within it or just behind it.
+    /// Light from a surface, the same in all directions. Only what it lights is seen, not the surface, unless that is an
+    /// object's.
     Area {
         /// What shines.
         shape: AreaShape,
@@ -83,11 +96,16 @@ pub enum AreaShape {
         /// In metres.
         radius: f64,
     },
+    /// What shines of an instance, on both sides as it is seen to: see [`Scene::add_lamp`](super::Scene::add_lamp).
+    Object {
+        /// Which; an index into [`Scene::instances`](super::Scene::instances).
+        instance: u32,
+    },
 }
 
 impl AreaShape {
-    /// The smallest box around it.
-    pub fn bounds(&self) -> Bounds {
+    /// The smallest box around it; `None` for an object's, whose instance has one.
+    pub fn bounds(&self) -> Option<Bounds> {
         let (center, reach) = match *self {
             AreaShape::Quad {
                 center,
@@ -100,14 +118,15 @@ impl AreaShape {
                 half_v,
             } => (center, (half_u * half_u + half_v * half_v).map(f64::sqrt)),
             AreaShape::Sphere { center, radius } => (center, DVec3::splat(radius)),
+            AreaShape::Object { .. } => return None,
         };
-        Bounds {
+        Some(Bounds {
             min: center - reach,
             max: center + reach,
-        }
+        })
     }
 
-    /// Its middle moved to `to` and its lengths multiplied by `scale`.
+    /// Its middle moved to `to` and its lengths multiplied by `scale`; an object moves by itself.
     pub(super) fn moved(self, to: impl Fn(DVec3) -> DVec3, scale: f64) -> AreaShape {
         match self {
             AreaShape::Quad {
@@ -132,6 +151,7 @@ impl AreaShape {
                 center: to(center),
                 radius: radius * scale,
             },
+            AreaShape::Object { .. } => self,
         }
     }
 }

@@ -4,6 +4,7 @@ mod bake;
 mod camera;
 mod effect;
 mod instance;
+mod lamp;
 mod lens;
 mod light;
 mod material;
@@ -34,7 +35,7 @@ pub use texture::{
 };
 pub use validate::SceneError;
 pub(crate) use validate::check_camera;
-pub(crate) use validate_light::check_light;
+pub(crate) use validate_light::{MAX_LIGHT_SAMPLES, check_light};
 pub(crate) use validate_material::check_procedural;
 
 use crate::mesh::Mesh;

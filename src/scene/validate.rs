@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::survey::{all_finite, survey};
-use super::validate_light::{check_environment, check_light};
+use super::validate_light::{check_environment, check_lamp, check_light};
 use super::validate_material::{check_interior, check_model, check_procedural, check_texels};
 use super::{
     AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texture,
@@ -63,7 +63,9 @@ impl Scene {
         self.check_volumes()
             .map_err(|(index, fault)| error(named("volume", index, self.volumes[index].name()), fault))?;
         for (index, light) in self.lights.iter().enumerate() {
-            check_light(light).map_err(|fault| error(named("light", index, &light.name), fault))?;
+            check_light(light)
+                .and_then(|()| check_lamp(self, light))
+                .map_err(|fault| error(named("light", index, &light.name), fault))?;
         }
         for (index, camera) in self.cameras.iter().enumerate() {
             check_camera(camera).map_err(|fault| error(named("camera", index, &camera.name), fault))?;

@@ -3,11 +3,11 @@
 use glam::DVec3;
 
 use super::validate::{in_range, is_radiance, is_unit};
-use super::{AreaShape, Falloff, Image, Light, LightKind, Texels};
+use super::{AreaShape, Falloff, Image, Light, LightKind, Scene, Texels};
 use crate::shading::{DiskLight, QuadLight, SphereLight};
 
 /// Most points of a light that a surface may ask for one sample: more is a slip of the pen.
-const MAX_LIGHT_SAMPLES: u32 = 4096;
+pub(crate) const MAX_LIGHT_SAMPLES: u32 = 4096;
 
 /// What is wrong with a light.
 pub(crate) fn check_light(light: &Light) -> Result<(), String> {
@@ -51,10 +51,11 @@ pub(crate) fn check_light(light: &Light) -> Result<(), String> {
 
 /// What is wrong with a light that has an extent.
 fn check_area(shape: &AreaShape, samples: u32) -> Result<(), String> {
-    let bounds = shape.bounds();
-    let reach = bounds.min.abs().max(bounds.max.abs());
-    if !(reach.is_finite() && in_range(reach.max_element())) {
-        return Err("its place makes no sense: correct it".into());
+    if let Some(bounds) = shape.bounds() {
+        let reach = bounds.min.abs().max(bounds.max.abs());
+        if !(reach.is_finite() && in_range(reach.max_element())) {
+            return Err("its place makes no sense: correct it".into());
+        }
     }
     check_samples(samples)?;
     let made = match *shape {
@@ -69,8 +70,17 @@ fn check_area(shape: &AreaShape, samples: u32) -> Result<(), String> {
             half_v,
         } => DiskLight::new(center, half_u, half_v).err(),
         AreaShape::Sphere { center, radius } => SphereLight::new(center, radius).err(),
+        // Its instance is checked with the scene.
+        AreaShape::Object { .. } => None,
     };
     made.map_or(Ok(()), |error| Err(error.to_string()))
+}
+
+/// What is wrong with the object that a light lies on, if it does on any.
+pub(super) fn check_lamp(scene: &Scene, light: &Light) -> Result<(), String> {
+    light
+        .lamp()
+        .map_or(Ok(()), |instance| scene.lamp_surface(instance).map(|_| ()))
 }
 
 fn check_samples(samples: u32) -> Result<(), String> {

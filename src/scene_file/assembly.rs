@@ -13,6 +13,7 @@ use super::SceneFileError;
 use super::appearance::{TEXEL_BYTES, budget_of};
 use super::document::{Document, ObjectForm};
 use super::fault::{Fault, Source, file_error, suggestion};
+use super::light::LampForm;
 use super::placement::{Copies, Step, map_of};
 use super::shape::{PlacedShape, ShapeForm, ShapeRef};
 use super::value::At;
@@ -51,9 +52,29 @@ pub(super) struct Node {
     pub(super) material: Option<u32>,
     pub(super) lights: bool,
     pub(super) cameras: bool,
+    /// What lights of what shines of it, if anything does.
+    pub(super) lamp: Option<Lamp>,
     /// Where messages say it is.
     pub(super) source: Rc<Source>,
     pub(super) span: std::ops::Range<usize>,
+}
+
+/// How an object is a lamp.
+#[derive(Debug)]
+pub(super) struct Lamp {
+    /// Points of each that are asked.
+    pub(super) samples: u32,
+    /// Where messages say that it is one.
+    pub(super) span: std::ops::Range<usize>,
+}
+
+impl Lamp {
+    fn of(form: &At<LampForm>) -> Option<Lamp> {
+        form.0.map(|samples| Lamp {
+            samples,
+            span: form.span.clone(),
+        })
+    }
 }
 
 /// What an object is.
@@ -291,6 +312,7 @@ impl Assembler {
             material,
             lights: form.lights,
             cameras: form.cameras,
+            lamp: form.lamp.as_ref().and_then(Lamp::of),
             source,
             span: form.span.clone(),
         })
@@ -461,6 +483,7 @@ impl Assembler {
                 material: Some(instance.material + materials),
                 lights: false,
                 cameras: false,
+                lamp: None,
                 source: source.clone(),
                 span: 0..0,
             })

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::camera::CameraForm;
-use super::light::{BackgroundForm, LightForm};
+use super::light::{BackgroundForm, LampForm, LightForm};
 use super::material::MaterialForm;
 use super::placement::{Repeat, Scatter, Step};
 use super::shape::{ShapeForm, ShapeRef};
@@ -127,4 +127,7 @@ pub(super) struct ObjectForm {
     /// Whether the cameras of a glTF file or an include come with it.
     #[serde(default)]
     pub(super) cameras: bool,
+    /// Whether what shines of it lights the scene, on both sides: points of each such object that every surface asks for
+    /// light, for each sample of a pixel; `true` for as many as of a light. Otherwise emission is only seen.
+    pub(super) lamp: Option<At<LampForm>>,
 }

@@ -1,11 +1,12 @@
 //! From assemblies to instances in the world, in f64.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use glam::{DAffine3, DMat3};
 
 use super::SceneFileError;
-use super::assembly::{Assembly, Node, What};
+use super::assembly::{Assembly, Lamp, Node, What};
 use super::fault::file_error;
 use super::placement::Copies;
 use crate::gltf::{dropped_sentence, framing_camera};
@@ -123,6 +124,52 @@ fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), S
             "moves, and the lights that come with it cannot: take away `lights` or its `transform_end`";
         return Err(node.source.error_at(node.span.clone(), sentence.into()));
     }
+    let first = scene.instances.len();
+    let lights = scene.lights.len();
+    place_what(scene, node, inside)?;
+    match &node.lamp {
+        Some(lamp) => light_lamps(scene, (node, lamp), (first, lights)),
+        None => Ok(()),
+    }
+}
+
+/// Makes lamps of what shines among the instances from the first on; those that are lamps already, by lights from `lights`
+/// on, stay what they are. What cannot be one is an error where it is the object itself, and else a warning.
+fn light_lamps(
+    scene: &mut Scene,
+    (node, lamp): (&Node, &Lamp),
+    (first, lights): (usize, usize),
+) -> Result<(), SceneFileError> {
+    let fail = |sentence: String| node.source.error_at(lamp.span.clone(), sentence);
+    let taken: HashSet<u32> = scene.lights[lights..].iter().filter_map(Light::lamp).collect();
+    let mut shines = !taken.is_empty();
+    for instance in first as u32..scene.instances.len() as u32 {
+        let placed = &scene.instances[instance as usize];
+        if taken.contains(&instance) || !scene.materials[placed.material as usize].shines() {
+            continue;
+        }
+        let name = placed.name.clone();
+        shines = true;
+        let Err(fault) = scene.add_lamp(instance, lamp.samples) else {
+            continue;
+        };
+        if matches!(node.what, What::Geometry(_)) {
+            return Err(fail(format!("cannot be a lamp, as {fault}")));
+        }
+        let warning = format!("{name} of {} only glows, as {fault}", node.name);
+        if !scene.warnings.contains(&warning) {
+            scene.warnings.push(warning);
+        }
+    }
+    if shines {
+        return Ok(());
+    }
+    let sentence =
+        "is a lamp of which nothing shines: give its material an `emission` over 0 or take `lamp` away";
+    Err(fail(sentence.into()))
+}
+
+fn place_what(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), SceneFileError> {
     match &node.what {
         What::Geometry(geometry) => {
             let instance = Instance::moving(node.name.clone(), *geometry, inside.material, inside.world)
@@ -233,6 +280,7 @@ fn moved_shape(shape: AreaShape, world: &DAffine3) -> AreaShape {
             center: at(center),
             radius: radius * world.matrix3.determinant().abs().cbrt(),
         },
+        AreaShape::Object { .. } => shape,
     }
 }
 
@@ -297,6 +345,7 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
     match scene.validate() {
         Ok(()) => {
             fold_constant_textures(&mut scene);
+            scene.settle_lamps();
             Ok(scene)
         }
         Err(error) => Err(file_error(path, error.to_string())),

@@ -5,11 +5,11 @@ use std::fmt;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
+use serde::de::{Error, IntoDeserializer, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer};
 
 use super::value::{At, Color, Vector};
-use crate::scene::{AreaShape, Background, Falloff, Light, LightKind};
+use crate::scene::{AreaShape, Background, Falloff, Light, LightKind, MAX_LIGHT_SAMPLES};
 
 /// A light: without extent, or a surface that shines, of which only what it lights is seen.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -79,6 +79,56 @@ const SAMPLES: u32 = 4;
 const INNER: f64 = 0.0;
 /// Degrees of a spot light's cone where a file does not say it; glTF's.
 const OUTER: f64 = 45.0;
+
+/// How many points of an object that is a lamp are asked; `None` for one that is none.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LampForm(pub(super) Option<u32>);
+
+struct LampVisitor;
+
+impl Visitor<'_> for LampVisitor {
+    type Value = LampForm;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(
+            f,
+            "true, false or a number of samples from 1 to {MAX_LIGHT_SAMPLES}"
+        )
+    }
+
+    fn visit_bool<E: Error>(self, is_lamp: bool) -> Result<LampForm, E> {
+        Ok(LampForm(is_lamp.then_some(SAMPLES)))
+    }
+
+    fn visit_i64<E: Error>(self, number: i64) -> Result<LampForm, E> {
+        match u32::try_from(number) {
+            Ok(samples @ 1..=MAX_LIGHT_SAMPLES) => Ok(LampForm(Some(samples))),
+            _ => Err(E::invalid_value(Unexpected::Signed(number), &self)),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for LampForm {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<LampForm, D::Error> {
+        deserializer.deserialize_any(LampVisitor)
+    }
+}
+
+impl JsonSchema for LampForm {
+    fn schema_name() -> Cow<'static, str> {
+        "Lamp".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "anyOf": [
+                { "type": "boolean" },
+                { "type": "integer", "minimum": 1, "maximum": MAX_LIGHT_SAMPLES },
+            ],
+            "default": false,
+        })
+    }
+}
 
 #[derive(Clone, Copy, Debug)]
 enum FalloffForm {

@@ -51,6 +51,8 @@
 //! * **Objects** have exactly one of `shape` (a word, `[shape.NAME]`, or `{ KIND = { ... } }` in place), `group`
 //!   (`[[group.NAME.object]]`, which may hold groups), `gltf` and `include` (files, looked up beside the file that names
 //!   them; names in an include are its own). A `material` goes to every member that has none; it replaces a glTF file's.
+//! * **Lamps**: `lamp = true`, or a number of samples, makes what shines of an object light the scene; it goes down to the
+//!   members of a group and of a file, and stays with them wherever these are included.
 //! * **Volumes** (`[[volume]]`) fill the cube [-1, 1]³, which a `transform` places, with the numbers of a `file` (.npy,
 //!   .nrrd), of `raw = { file = "a.raw", size = [64, 64, 32], type = "u8" }`, or of a `cloud = { shape = "plume" }`;
 //!   `transfer = [{ value = 0, extinction = 0 }, { value = 1, extinction = 9, color = 0.8, emission = 0 }]` says what the

@@ -15,7 +15,9 @@ pub mod normal_map;
 pub mod ray_cone;
 mod texture;
 
-pub use area_light::{AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, SphereLight};
+pub use area_light::{
+    AreaLight, AreaLightError, BodyLight, DiskLight, LightSample, MeshLight, QuadLight, SphereLight,
+};
 pub use environment::{EnvironmentError, EnvironmentMap, EnvironmentSample};
 pub use ggx::{Ggx, LobeSample};
 pub use lecture::lecture_direct;

@@ -122,6 +122,12 @@ pub fn scene(seed: u64) -> Scene {
             close: 0.8,
         };
     }
+    if r.next() < 0.75 {
+        // Some of them cannot be lamps, and most do not shine.
+        for instance in 0..scene.instances.len() as u32 {
+            _ = scene.add_lamp(instance, 1 + r.below(2) as u32);
+        }
+    }
     scene.validate().unwrap();
     scene
 }

@@ -42,6 +42,8 @@ impl LightReach {
 struct Object<'s> {
     bounds: Bounds,
     name: &'s str,
+    /// Its number.
+    instance: u32,
     /// Whether it may hide the light from itself.
     hides_itself: bool,
 }
@@ -55,7 +57,8 @@ pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightReach> {
     let objects: Vec<Object> = scene
         .instances
         .iter()
-        .map(|instance| Object::of(scene, instance, camera))
+        .zip(0..)
+        .map(|(instance, number)| Object::of(scene, (instance, number), camera))
         .collect();
     scene
         .lights
@@ -82,13 +85,17 @@ fn of_light(light: &Light, objects: &[Object]) -> LightReach {
         return LightReach::none("nothing is within its range");
     }
     for object in &lit {
+        // What is one itself, and convex, gets nothing of it.
+        if !object.may_hide(light) {
+            continue;
+        }
         if object.hides_itself {
             return LightReach::some(format!("`{}` may hide it from itself", object.name));
         }
-        let swept = light.swept(&object.bounds);
-        let hiding = objects
-            .iter()
-            .find(|other| !std::ptr::eq(*other, *object) && touch(&swept, &other.bounds));
+        let swept = light.swept(&object.bounds, objects);
+        let hiding = objects.iter().find(|other| {
+            !std::ptr::eq(*other, *object) && other.may_hide(light) && touch(&swept, &other.bounds)
+        });
         if let Some(other) = hiding {
             return LightReach::some(format!("`{}` may hide it from `{}`", other.name, object.name));
         }
@@ -103,8 +110,9 @@ fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightReac
     }
     let filled = scene.volumes.iter().filter(|volume| !volume.is_clear());
     for volume in filled.filter(|volume| light.lights(&volume.bounds())) {
-        let swept = light.swept(&volume.bounds());
-        if let Some(other) = objects.iter().find(|other| touch(&swept, &other.bounds)) {
+        let swept = light.swept(&volume.bounds(), objects);
+        let hides = |other: &&Object| other.may_hide(light) && touch(&swept, &other.bounds);
+        if let Some(other) = objects.iter().find(hides) {
             let reason = format!("`{}` may hide it from volume `{}`", other.name, volume.name());
             return Some(LightReach::some(reason));
         }
@@ -119,7 +127,7 @@ fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightReac
 }
 
 impl<'s> Object<'s> {
-    fn of(scene: &'s Scene, instance: &'s Instance, camera: &Camera) -> Object<'s> {
+    fn of(scene: &'s Scene, (instance, number): (&'s Instance, u32), camera: &Camera) -> Object<'s> {
         let geometry = &scene.geometries[instance.geometry as usize];
         let material = &scene.materials[instance.material as usize];
         let bounds = if geometry.is_unbounded() {
@@ -143,6 +151,7 @@ impl<'s> Object<'s> {
             && !may_be_seen_from_inside(&bounds, camera);
         Object {
             bounds,
+            instance: number,
             name: if instance.name.is_empty() {
                 &material.name
             } else {
@@ -150,6 +159,13 @@ impl<'s> Object<'s> {
             },
             hides_itself: !(is_flat || is_convex && from_outside),
         }
+    }
+}
+
+impl Object<'_> {
+    /// Whether it may stand before a light: what is one itself, and convex, does not.
+    fn may_hide(&self, light: &Light) -> bool {
+        self.hides_itself || light.lamp() != Some(self.instance)
     }
 }
 
@@ -202,7 +218,7 @@ impl Light {
     }
 
     /// A box around all ways from the box to the light.
-    fn swept(&self, bounds: &Bounds) -> Bounds {
+    fn swept(&self, bounds: &Bounds, objects: &[Object]) -> Bounds {
         match &self.kind {
             LightKind::Directional { to_light } => {
                 let mut swept = *bounds;
@@ -219,7 +235,11 @@ impl Light {
                 min: bounds.min.min(*position),
                 max: bounds.max.max(*position),
             },
-            LightKind::Area { shape, .. } => bounds.union(shape.bounds()),
+            LightKind::Area { shape, .. } => {
+                let of_object = || self.lamp().and_then(|lamp| objects.get(lamp as usize));
+                let light = shape.bounds().or_else(|| of_object().map(|object| object.bounds));
+                light.map_or(*bounds, |light| bounds.union(light))
+            }
         }
     }
 }

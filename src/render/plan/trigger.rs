@@ -6,7 +6,7 @@
 use super::Facts;
 use crate::optics::{Absorption, LINE_D};
 use crate::scene::{
-    AlphaMode, Background, Effect, Filter, Lecture, Light, LightKind, MIRROR_ROUGHNESS, Material,
+    AlphaMode, AreaShape, Background, Effect, Filter, Lecture, Light, LightKind, MIRROR_ROUGHNESS, Material,
     MetallicRoughness, Model, Parameter, Texture,
 };
 
@@ -184,10 +184,12 @@ pub const TRIGGERS: &[Trigger] = &[
         (radius > 0.0).then(|| format!("the camera's lens has a radius of {radius}"))
     }),
     trigger(Effect::AreaLight, "a light with an extent", |facts| {
-        let shines =
-            |light: &&Light| light.intensity != [0.0; 3] && matches!(light.kind, LightKind::Area { .. });
-        let light = facts.scene.lights.iter().find(shines)?;
+        let light = soft_light(facts, |shape| !matches!(shape, AreaShape::Object { .. }))?;
         Some(format!("light `{}` has an extent", light.name))
+    }),
+    trigger(Effect::AreaLight, "a lamp", |facts| {
+        let light = soft_light(facts, |shape| matches!(shape, AreaShape::Object { .. }))?;
+        Some(format!("object `{}` is a lamp", light.name))
     }),
     trigger(Effect::Environment, "an environment map", environment),
     trigger(Effect::RoughReflection, "rough rays", |facts| {
@@ -244,7 +246,7 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::Background => "the background is black".into(),
         Effect::Volume => "there is no fog, and no volume with anything in it".into(),
         Effect::DepthOfField => "the camera is a pinhole".into(),
-        Effect::AreaLight => "no light that shines has an extent".into(),
+        Effect::AreaLight => "no light that shines has an extent, and no object is a lamp".into(),
         Effect::Environment => "there is no environment map".into(),
         Effect::RoughReflection => "no rough material that is opaque asks for rays".into(),
         Effect::RoughRefraction => "no rough material that lets light through asks for rays".into(),
@@ -264,6 +266,13 @@ fn shadow(facts: &Facts) -> Option<String> {
     Some(format!(
         "{casting} of {of} lights may be hidden; light `{name}`: {reach}"
     ))
+}
+
+/// The first light of such an extent that shines.
+fn soft_light<'s>(facts: &Facts<'s>, is_such: fn(&AreaShape) -> bool) -> Option<&'s Light> {
+    let shines = |light: &&Light| light.intensity != [0.0; 3];
+    let mut lights = facts.scene.lights.iter().filter(shines);
+    lights.find(|light| matches!(&light.kind, LightKind::Area { shape, .. } if is_such(shape)))
 }
 
 /// The environment map that lights the scene.

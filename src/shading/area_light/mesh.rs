@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::{AreaLightError, LightSample, is_density, of_area};
 use crate::numeric::warp;
 
-/// Triangles in world space; their fronts are where their corners run counter-clockwise.
+/// Triangles in world space, 80 bytes each; their fronts are where their corners run counter-clockwise.
 #[derive(Clone, Debug)]
 pub struct MeshLight {
     triangles: Vec<[DVec3; 3]>,

@@ -7,6 +7,7 @@
 //! the density d² / (cos θ' A) of directions (P. Shirley, C. Wang, K. Zimmerman, "Monte Carlo Techniques for Direct Lighting
 //! Calculations", ACM TOG 15(1), 1996). Everything is in world space and f64.
 
+mod body;
 mod disk;
 mod mesh;
 mod quad;
@@ -14,6 +15,7 @@ mod sphere;
 
 use glam::DVec3;
 
+pub use body::BodyLight;
 pub use disk::DiskLight;
 pub use mesh::MeshLight;
 pub use quad::QuadLight;
@@ -30,7 +32,7 @@ pub struct LightSample {
     pub distance: f64,
     /// The light's unit normal there, away from its front; out of a sphere.
     pub normal: DVec3,
-    /// Which triangle of a mesh, by its place in what the light was made of; 0 for other lights.
+    /// Which triangle of a mesh, by its place in what the light was made of, or which part of a body; 0 for other lights.
     pub primitive: u32,
     /// Density of the direction per steradian: positive and finite.
     pub pdf: f64,
@@ -56,6 +58,8 @@ pub enum AreaLight {
     Sphere(SphereLight),
     /// Triangles.
     Mesh(MeshLight),
+    /// Another analytic body.
+    Body(Box<BodyLight>),
 }
 
 /// Why something is no light, worded as advice.
@@ -79,6 +83,7 @@ impl AreaLight {
             AreaLight::Disk(light) => light.sample(p, u),
             AreaLight::Sphere(light) => light.sample(p, u),
             AreaLight::Mesh(light) => light.sample(p, u),
+            AreaLight::Body(light) => light.sample(p, u),
         }
     }
 
@@ -89,6 +94,7 @@ impl AreaLight {
             AreaLight::Disk(light) => light.area(),
             AreaLight::Sphere(light) => light.area(),
             AreaLight::Mesh(light) => light.area(),
+            AreaLight::Body(light) => light.area(),
         }
     }
 }

@@ -1,0 +1,321 @@
+//! Analytic bodies that shine, under any affine map: points of their pieces, picked in the body's own space.
+//!
+//! A piece is chosen in proportion to its area there, then a point of it. A map M with the inverse transpose N makes of an
+//! area with the unit normal n one of |det M| |N n| times its size, so the density of points follows from the one before;
+//! that it is not even in the world does not matter, as every sample tells its own. From outside of a closed body its
+//! inner side is not seen, nor its outer one from inside, so points that turn that side to whoever asks are left out.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::{AreaLightError, LightSample, is_density, of_area};
+use crate::numeric::warp;
+use crate::shape::{Implicit, Shape};
+
+/// A body in the world.
+#[derive(Clone, Debug)]
+pub struct BodyLight {
+    shape: Shape,
+    pieces: &'static [Piece],
+    world_from_object: DAffine3,
+    object_from_world: DAffine3,
+    /// The inverse transpose of the map, times its determinant.
+    area_map: DMat3,
+}
+
+/// A part of a body's surface in its own space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Piece {
+    /// The unit sphere.
+    Ball,
+    /// The cube's face across an axis, to one side of the origin.
+    Face { axis: usize, side: f64 },
+    /// The wall of the cylinder.
+    Wall,
+    /// The unit disk at a height, facing up or down.
+    Cap { z: f64 },
+    /// The wall of the cone.
+    Slope,
+    /// The torus.
+    Ring,
+}
+
+/// A point of a body in its own space.
+struct PiecePoint {
+    p: DVec3,
+    /// Unit normal, outward.
+    n: DVec3,
+    /// How much area is there for a unit of the square of numbers.
+    area: f64,
+}
+
+const fn face(axis: usize, side: f64) -> Piece {
+    Piece::Face { axis, side }
+}
+
+/// In the order of the cube's parts, as the other bodies' pieces are in that of theirs.
+const CUBE: [Piece; 6] = [
+    face(0, -1.0),
+    face(0, 1.0),
+    face(1, -1.0),
+    face(1, 1.0),
+    face(2, -1.0),
+    face(2, 1.0),
+];
+const CYLINDER: [Piece; 3] = [Piece::Wall, Piece::Cap { z: 1.0 }, Piece::Cap { z: -1.0 }];
+const CONE: [Piece; 2] = [Piece::Slope, Piece::Cap { z: -1.0 }];
+
+impl BodyLight {
+    /// The light that `shape` is where `world_from_object` puts it; `None` for sheets without an end, and for shapes whose
+    /// points cannot be picked.
+    pub fn new(
+        shape: &Shape,
+        world_from_object: DAffine3,
+        object_from_world: DAffine3,
+    ) -> Option<Result<BodyLight, AreaLightError>> {
+        let pieces: &'static [Piece] = match shape {
+            Shape::Sphere(_) => &[Piece::Ball],
+            Shape::Cube => &CUBE,
+            Shape::Cylinder(cylinder) if cylinder.capped => &CYLINDER,
+            Shape::Cylinder(_) => &CYLINDER[..1],
+            Shape::Cone(cone) if cone.capped => &CONE,
+            Shape::Cone(_) => &CONE[..1],
+            Shape::Torus(_) => &[Piece::Ring],
+            Shape::Plane | Shape::Disk | Shape::Quad | Shape::Polyhedron(_) | Shape::Quadric(_) => {
+                return None;
+            }
+        };
+        let light = BodyLight {
+            shape: shape.clone(),
+            pieces,
+            world_from_object,
+            object_from_world,
+            area_map: object_from_world.matrix3.transpose() * world_from_object.matrix3.determinant(),
+        };
+        let area = light.area();
+        let is_light = is_density(area) && is_density(area.recip());
+        Some(is_light.then_some(light).ok_or(AreaLightError::NoArea))
+    }
+
+    /// The point that `u` in [0, 1)² picks for `p`; `None` where that is on a side that is not seen from there.
+    #[inline]
+    pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
+        let (part, position, normal, area) = self.point(u);
+        let sample = LightSample {
+            primitive: part,
+            ..of_area(p, position, normal, area)?
+        };
+        if self.shape.is_solid() {
+            let is_inside = self.shape.contains(self.object_from_world.transform_point3(p));
+            if is_inside == sample.is_front() {
+                return None;
+            }
+        }
+        Some(sample)
+    }
+
+    /// The area of the outer side in square metres, to some four digits where the map stretches.
+    pub fn area(&self) -> f64 {
+        const CELLS: u32 = 96;
+        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(CELLS);
+        let cells = (0..CELLS * CELLS).map(|i| self.point([middle(i % CELLS), middle(i / CELLS)]).3);
+        cells.sum::<f64>() / f64::from(CELLS * CELLS)
+    }
+
+    /// Whether none of its points is hidden from anywhere by others that turn the same side.
+    pub fn is_convex(&self) -> bool {
+        self.shape.is_solid() && !matches!(self.shape, Shape::Torus(_))
+    }
+
+    /// The part and the point that `u` picks, its outward unit normal, and how much area is there for a unit of the square of
+    /// numbers.
+    #[inline(always)]
+    fn point(&self, u: [f64; 2]) -> (u32, DVec3, DVec3, f64) {
+        let total: f64 = self.pieces.iter().map(|piece| piece.area()).sum();
+        let mut target = u[0] * total;
+        let last = self.pieces.len() - 1;
+        let mut part = 0;
+        while part < last && target >= self.pieces[part].area() {
+            target -= self.pieces[part].area();
+            part += 1;
+        }
+        let chosen = self.pieces[part];
+        let within = (target / chosen.area()).clamp(0.0, 1.0 - 0.5 * f64::EPSILON);
+        let at = chosen.point(&self.shape, [within, u[1]]);
+        let n = self.area_map * at.n;
+        let stretch = n.length();
+        // The determinant of a map that mirrors has turned it inward.
+        let outward = n * self.world_from_object.matrix3.determinant().signum() / stretch;
+        let area = at.area * stretch * total / chosen.area();
+        (
+            part as u32,
+            self.world_from_object.transform_point3(at.p),
+            outward,
+            area,
+        )
+    }
+}
+
+impl Piece {
+    /// What pieces are chosen in proportion to: of those that are chosen among, their area.
+    fn area(self) -> f64 {
+        match self {
+            Piece::Ball | Piece::Ring | Piece::Wall => 4.0 * PI,
+            Piece::Face { .. } => 4.0,
+            Piece::Cap { .. } => PI,
+            // Radius 1 and a slant of √(1² + 2²).
+            Piece::Slope => PI * 5f64.sqrt(),
+        }
+    }
+
+    #[inline(always)]
+    fn point(self, shape: &Shape, u: [f64; 2]) -> PiecePoint {
+        let (sin, cos) = (TAU * u[1]).sin_cos();
+        let around = DVec3::new(cos, sin, 0.0);
+        let (p, n, area) = match (self, shape) {
+            (Piece::Ball, Shape::Sphere(sphere)) => {
+                let n = warp::direction(2.0 * u[0], u[1]);
+                let p = sphere.center + sphere.radius * n;
+                (p, n, self.area() * sphere.radius * sphere.radius)
+            }
+            (Piece::Face { axis, side }, _) => {
+                let n = side * DVec3::AXES[axis];
+                let (right, up) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
+                (
+                    n + (2.0 * u[0] - 1.0) * right + (2.0 * u[1] - 1.0) * up,
+                    n,
+                    self.area(),
+                )
+            }
+            (Piece::Cap { z }, _) => {
+                let place = warp::disk(u);
+                (DVec3::new(place.x, place.y, z), DVec3::Z * z, self.area())
+            }
+            (Piece::Slope, _) => {
+                // The area within a radius grows with its square; there the height is 1 - 2 radius.
+                let radius = u[0].sqrt();
+                let n = (2.0 * around + DVec3::Z) / 5f64.sqrt();
+                (radius * around + (1.0 - 2.0 * radius) * DVec3::Z, n, self.area())
+            }
+            (Piece::Ring, Shape::Torus(torus)) => {
+                let r = torus.minor_radius;
+                let (sin_tube, cos_tube) = (TAU * u[0]).sin_cos();
+                let n = cos_tube * around + sin_tube * DVec3::Z;
+                (around + r * n, n, TAU * TAU * r * (1.0 + r * cos_tube))
+            }
+            _ => (around + (2.0 * u[0] - 1.0) * DVec3::Z, around, self.area()),
+        };
+        PiecePoint { p, n, area }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::super::AreaLight;
+    use super::super::tests::mean;
+    use super::*;
+    use crate::shape::{Cone, Cylinder, Sphere, Torus};
+
+    fn bodies() -> Vec<(Shape, f64)> {
+        let torus = Torus { minor_radius: 0.3 };
+        vec![
+            (Shape::Sphere(Sphere::UNIT), 4.0 * PI),
+            (Shape::Cube, 24.0),
+            (Shape::Cylinder(Cylinder { capped: true }), 6.0 * PI),
+            (Shape::Cylinder(Cylinder { capped: false }), 4.0 * PI),
+            (Shape::Cone(Cone { capped: true }), PI * (1.0 + 5f64.sqrt())),
+            (Shape::Cone(Cone { capped: false }), PI * 5f64.sqrt()),
+            (Shape::Torus(torus), TAU * TAU * 0.3),
+        ]
+    }
+
+    fn light(shape: &Shape, map: DAffine3) -> BodyLight {
+        BodyLight::new(shape, map, map.inverse()).unwrap().unwrap()
+    }
+
+    fn skew() -> DAffine3 {
+        let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.7);
+        DAffine3::from_scale_rotation_translation(
+            DVec3::new(-1.5, 0.6, 2.0),
+            turn,
+            DVec3::new(1.0, -0.4, 2.5),
+        )
+    }
+
+    #[test]
+    fn areas_are_those_of_geometry() {
+        for (shape, exact) in bodies() {
+            let found = light(&shape, DAffine3::IDENTITY).area();
+            assert!(
+                (found / exact - 1.0).abs() < 1e-12,
+                "{shape:?}: {found}, not {exact}"
+            );
+            let found = light(&shape, DAffine3::from_scale(DVec3::splat(-2.0))).area();
+            assert!((found / exact - 4.0).abs() < 1e-12, "{shape:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn picked_points_lie_on_the_body_and_their_normals_point_out() {
+        for (shape, _) in bodies() {
+            for map in [DAffine3::IDENTITY, skew()] {
+                let light = light(&shape, map);
+                for i in 0..400 {
+                    let u = [f64::from(i % 20), f64::from(i / 20)].map(|i| (i + 0.5) / 20.0);
+                    let (_, p, n, _) = light.point(u);
+                    assert!((n.length() - 1.0).abs() < 1e-13);
+                    if shape.is_solid() {
+                        let inside =
+                            |side: f64| shape.contains(map.inverse().transform_point3(p + side * 1e-9 * n));
+                        assert!(inside(-1.0) && !inside(1.0), "{shape:?} {u:?}");
+                    } else {
+                        let p = map.inverse().transform_point3(p);
+                        let off = shape.point(p, 0).p - p;
+                        assert!(off.length() < 1e-13, "{shape:?} {u:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn closed_bodies_surround_what_is_in_them_and_shine_outward_no_more_than_their_outline() {
+        for (shape, _) in bodies().iter().filter(|(shape, _)| shape.is_solid()) {
+            let inside = match shape {
+                Shape::Torus(_) => DVec3::new(1.05, 0.05, 0.1),
+                _ => DVec3::new(0.05, 0.1, -0.4),
+            };
+            let light = light(shape, skew());
+            let is_convex = light.is_convex();
+            let light = AreaLight::Body(Box::new(light));
+            let p = skew().transform_point3(inside);
+            let around = mean(&light, p, 1024, |s| s.pdf.recip());
+            // Of a torus that bends away from itself, some of the inner side lies behind more of the outer one.
+            assert!(around / (4.0 * PI) > 1.0 - 2e-3, "{shape:?}: {around}");
+            if is_convex {
+                assert!(around / (4.0 * PI) < 1.0 + 2e-3, "{shape:?}: {around}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_stretched_sphere_is_seen_in_the_solid_angle_of_its_ellipsoid() {
+        // From 5 along the axis of symmetry of half axes 2 (across) and 1: tangent cone, tan² = 4 / (25 - 1).
+        let map = DAffine3::from_scale(DVec3::new(2.0, 2.0, 1.0));
+        let light = AreaLight::Body(Box::new(light(&Shape::Sphere(Sphere::UNIT), map)));
+        let found = mean(&light, DVec3::Z * 5.0, 1024, |s| s.pdf.recip());
+        let cos = (1.0 + 4.0 / 24.0f64).sqrt().recip();
+        let exact = TAU * (1.0 - cos);
+        assert!((found / exact - 1.0).abs() < 1e-3, "{found}, not {exact}");
+    }
+
+    #[test]
+    fn shapes_whose_points_cannot_be_picked_are_none() {
+        for shape in [Shape::Plane, Shape::Disk, Shape::Quad] {
+            assert!(BodyLight::new(&shape, DAffine3::IDENTITY, DAffine3::IDENTITY).is_none());
+        }
+    }
+}

@@ -1,9 +1,9 @@
 //! Rough surfaces that show what is around them: rays into the lobe of GGX, where a material asks for them.
 //!
 //! A surface that the eye sees draws as many microfacets as its material says, and one that another ray meets draws one
-//! ([`Ggx`]; R. Cook, T. Porter and L. Carpenter, "Distributed ray tracing", SIGGRAPH 1984). Each mirrors a ray, and where light goes through the
-//! surface refracts another, as a smooth surface would that lies as the microfacet does; Fresnel's share is that under
-//! its angle, and what leaves on the wrong side counts as nothing. The numbers are those of the sample for
+//! ([`Ggx`]; R. Cook, T. Porter and L. Carpenter, "Distributed ray tracing", SIGGRAPH 1984). Each mirrors a ray, and
+//! where light goes through the surface refracts another, as a smooth surface would that lies as the microfacet does;
+//! Fresnel's share is that under its angle, and what leaves on the wrong side counts as nothing. The numbers are those of the sample for
 //! [`Purpose::LOBE`] and the step of the path: the microfacets of all samples of a pixel make one even set. Rays into a
 //! lobe count as samples of their own from there on, so what they ask of lights lies evenly too.
 //!

@@ -235,7 +235,8 @@ impl Affine {
     fn of(motion: &Motion, time: f32) -> Affine {
         let world_from_object = motion.at(f64::from(time));
         Affine {
-            // In between it exists, if with few digits at worst.
+            // Of sums of definite matrices the condition number is at most that of the worse one, but not by the norm in
+            // which it is checked.
             object_from_world: numeric::inverse(&world_from_object)
                 .unwrap_or_else(|_| world_from_object.inverse()),
             world_from_object,

@@ -146,7 +146,7 @@ fn backends(scene: &Scene) -> Vec<(&'static str, Box<dyn Accel + '_>)> {
         kernel: Kernel::Single,
         ..AccelOptions::default()
     };
-    let mut backends: Vec<(&'static str, Box<dyn Accel + '_>)> = vec![
+    let bsp: Vec<(&'static str, Box<dyn Accel + '_>)> = vec![
         ("bsp", Box::new(BspAccel::build(scene, &packet).unwrap())),
         ("bsp single", Box::new(BspAccel::build(scene, &single).unwrap())),
         (
@@ -155,22 +155,34 @@ fn backends(scene: &Scene) -> Vec<(&'static str, Box<dyn Accel + '_>)> {
         ),
         ("list of boxes", Box::new(ListAccel::new(scene, ExtentKind::Box))),
     ];
-    #[cfg(feature = "embree")]
-    for (name, options) in [
-        ("embree", packet.clone()),
-        ("embree single", single.clone()),
-        (
-            "embree native",
-            AccelOptions {
-                instancing: Instancing::Native,
-                ..packet
-            },
-        ),
-    ] {
-        let embree = whit::accel::embree::EmbreeAccel::build(scene, &options).unwrap();
-        backends.push((name, Box::new(embree)));
-    }
-    backends
+    bsp.into_iter()
+        .chain(embree_backends(scene, [packet, single]))
+        .collect()
+}
+
+#[cfg(feature = "embree")]
+fn embree_backends<'s>(
+    scene: &'s Scene,
+    [packet, single]: [AccelOptions<'static>; 2],
+) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
+    use whit::accel::embree::EmbreeAccel;
+    let native = AccelOptions {
+        instancing: Instancing::Native,
+        ..packet.clone()
+    };
+    let build = |options: AccelOptions| -> Box<dyn Accel + 's> {
+        Box::new(EmbreeAccel::build(scene, &options).unwrap())
+    };
+    vec![
+        ("embree", build(packet)),
+        ("embree single", build(single)),
+        ("embree native", build(native)),
+    ]
+}
+
+#[cfg(not(feature = "embree"))]
+fn embree_backends(_: &Scene, _: [AccelOptions; 2]) -> Vec<(&'static str, Box<dyn Accel>)> {
+    Vec::new()
 }
 
 #[test]

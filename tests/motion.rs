@@ -11,7 +11,7 @@ use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
 use whit::accel::extents::{ExtentKind, ListAccel};
 use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder, RayPacket};
-use whit::numeric::Ray;
+use whit::numeric::{Bounds, Ray};
 use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Shape, Sphere};
 
@@ -26,13 +26,22 @@ fn place(r: &mut Random, mirror: f64) -> DAffine3 {
         * DAffine3::from_scale(size)
 }
 
-/// Meshes and shapes, most of which move: along lines, about themselves, about points far away, and everything at once.
+/// Meshes and shapes, most of which move: along lines, about themselves, and everything at once.
 fn scene(with_plane: bool) -> Scene {
     let mut geometries = vec![
         Geometry::Mesh(scenes::bumpy_sphere(5)),
         Geometry::Mesh(scenes::box_mesh(Vec3::splat(-1.0), Vec3::ONE)),
         Geometry::Shape(Shape::Sphere(Sphere::UNIT)),
         Geometry::Shape(Shape::Plane),
+        // Beside what they turn about, so that they go along arcs.
+        Geometry::Mesh(scenes::box_mesh(
+            Vec3::new(2.0, -0.3, -0.2),
+            Vec3::new(3.0, 0.3, 0.2),
+        )),
+        Geometry::Shape(Shape::Sphere(Sphere {
+            center: DVec3::new(0.0, 2.5, 0.0),
+            radius: 0.5,
+        })),
     ];
     geometries.extend(
         scenes::all_shapes()
@@ -44,15 +53,15 @@ fn scene(with_plane: bool) -> Scene {
         .collect();
     let mut r = Random(7);
     let mut instances = Vec::new();
-    for number in 0..50 {
+    for number in 0..40 {
         let geometry = bounded[number % bounded.len()];
         let mirror = [1.0, -1.0][number % 2];
         let start = place(&mut r, mirror);
         let end = match number % 5 {
+            _ if matches!(geometry, 4 | 5) => start * DAffine3::from_axis_angle(r.on_sphere(), 2.9),
             0 => start,
             1 => DAffine3::from_translation(2.0 * r.in_cube()) * start,
-            2 => start * DAffine3::from_axis_angle(r.on_sphere(), 3.0 * r.next()),
-            3 => DAffine3::from_axis_angle(r.on_sphere(), 3.0 * r.next()) * start,
+            2 | 3 => start * DAffine3::from_axis_angle(r.on_sphere(), 3.0 * r.next()),
             _ => place(&mut r, mirror),
         };
         instances.push(Instance::moving(format!("{number}"), geometry, 0, [start, end]).unwrap());
@@ -75,19 +84,28 @@ fn scene(with_plane: bool) -> Scene {
     }
 }
 
-/// Rays between points all over the scene, each at a time of its own; now and then at the very first or last.
-fn rays(seed: u64) -> Vec<Ray> {
+/// Rays at what is where at the time of each; now and then at the very first or last.
+fn rays(scene: &Scene, seed: u64) -> Vec<Ray> {
     let mut r = Random(seed);
+    let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
     (0..RAYS)
         .map(|number| {
-            let origin = 6.0 * r.in_cube();
-            let target = 5.0 * r.in_cube();
+            let time = match number % 50 {
+                0 => 0.0,
+                1 => 1.0,
+                _ => r.next() as f32,
+            };
+            let instance = &scene.instances[r.below(scene.instances.len())];
+            let object = &bounds[instance.geometry as usize];
+            let target = if object.magnitude().is_finite() {
+                let inside = object.center() + 0.5 * object.extent() * r.in_cube();
+                instance.pose(time).world_from_object().transform_point3(inside)
+            } else {
+                5.0 * r.in_cube()
+            };
+            let origin = 7.0 * r.in_cube();
             Ray {
-                time: match number % 50 {
-                    0 => 0.0,
-                    1 => 1.0,
-                    _ => r.next() as f32,
-                },
+                time,
                 ..Ray::new(origin.as_vec3(), (target - origin).as_vec3())
             }
         })
@@ -128,7 +146,7 @@ fn backends(scene: &Scene) -> Vec<(&'static str, Box<dyn Accel + '_>)> {
         kernel: Kernel::Single,
         ..AccelOptions::default()
     };
-    let mut backends: Vec<(&'static str, Box<dyn Accel + '_>)> = vec![
+    let bsp: Vec<(&'static str, Box<dyn Accel + '_>)> = vec![
         ("bsp", Box::new(BspAccel::build(scene, &packet).unwrap())),
         ("bsp single", Box::new(BspAccel::build(scene, &single).unwrap())),
         (
@@ -137,22 +155,34 @@ fn backends(scene: &Scene) -> Vec<(&'static str, Box<dyn Accel + '_>)> {
         ),
         ("list of boxes", Box::new(ListAccel::new(scene, ExtentKind::Box))),
     ];
-    #[cfg(feature = "embree")]
-    for (name, options) in [
-        ("embree", packet.clone()),
-        ("embree single", single.clone()),
-        (
-            "embree native",
-            AccelOptions {
-                instancing: Instancing::Native,
-                ..packet
-            },
-        ),
-    ] {
-        let embree = whit::accel::embree::EmbreeAccel::build(scene, &options).unwrap();
-        backends.push((name, Box::new(embree)));
-    }
-    backends
+    bsp.into_iter()
+        .chain(embree_backends(scene, [packet, single]))
+        .collect()
+}
+
+#[cfg(feature = "embree")]
+fn embree_backends<'s>(
+    scene: &'s Scene,
+    [packet, single]: [AccelOptions<'static>; 2],
+) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
+    use whit::accel::embree::EmbreeAccel;
+    let native = AccelOptions {
+        instancing: Instancing::Native,
+        ..packet.clone()
+    };
+    let build = |options: AccelOptions| -> Box<dyn Accel + 's> {
+        Box::new(EmbreeAccel::build(scene, &options).unwrap())
+    };
+    vec![
+        ("embree", build(packet)),
+        ("embree single", build(single)),
+        ("embree native", build(native)),
+    ]
+}
+
+#[cfg(not(feature = "embree"))]
+fn embree_backends(_: &Scene, _: [AccelOptions; 2]) -> Vec<(&'static str, Box<dyn Accel>)> {
+    Vec::new()
 }
 
 #[test]
@@ -160,7 +190,7 @@ fn every_backend_meets_what_moves_where_brute_force_does() {
     for (with_plane, count) in [(false, RAYS / 5), (true, RAYS)] {
         let scene = scene(with_plane);
         scene_is_worth_it(&scene);
-        let rays = &rays(3)[..count];
+        let rays = &rays(&scene, 3)[..count];
         let brute = answers(&BruteAccel::new(&scene), rays, RayOrder::Incoherent);
         for (name, accel) in backends(&scene) {
             let instancing = if name == "embree native" {
@@ -188,7 +218,7 @@ fn every_backend_meets_what_moves_where_brute_force_does() {
 /// Many rays meet many things that move, and what they meet depends on the time.
 fn scene_is_worth_it(scene: &Scene) {
     let brute = BruteAccel::new(scene);
-    let rays = &rays(11)[..5000];
+    let rays = &rays(scene, 11)[..5000];
     let at = |time: f32| -> Vec<Option<u32>> {
         let still = rays.iter().map(|ray| Ray { time, ..*ray });
         still
@@ -213,7 +243,7 @@ fn a_frozen_scene_is_met_as_one_that_never_moved() {
         let map = instance.pose(time).world_from_object();
         instance.place(map).unwrap();
     }
-    let rays: Vec<Ray> = rays(13)[..20_000]
+    let rays: Vec<Ray> = rays(&moving, 13)[..20_000]
         .iter()
         .map(|ray| Ray { time, ..*ray })
         .collect();

@@ -196,8 +196,9 @@ impl Instance {
         }
     }
 
-    /// A box of [`Motion::step_bounds`] in world space, after the first of `steps`; for what stands still the same at each.
-    pub(crate) fn step_bounds(&self, geometry: &Geometry, object_bounds: &Bounds, steps: [u32; 2]) -> Bounds {
+    /// A box of [`Motion::step_bounds`] in world space, after `steps[0]` of `steps[1]` steps; for what stands still it is the
+    /// same after each. `object_bounds` are those of its `geometry`, and finite.
+    pub fn step_bounds(&self, geometry: &Geometry, object_bounds: &Bounds, steps: [u32; 2]) -> Bounds {
         let boxed = |map: &DAffine3| placed_bounds(map, geometry, object_bounds);
         match &self.placement {
             Placement::Moving(motion) => motion.step_bounds(object_bounds, steps, boxed),
@@ -235,7 +236,8 @@ impl Affine {
     fn of(motion: &Motion, time: f32) -> Affine {
         let world_from_object = motion.at(f64::from(time));
         Affine {
-            // In between it exists, if with few digits at worst.
+            // Of sums of definite matrices the condition number is at most that of the worse one, but not by the norm in
+            // which it is checked.
             object_from_world: numeric::inverse(&world_from_object)
                 .unwrap_or_else(|_| world_from_object.inverse()),
             world_from_object,

@@ -137,7 +137,11 @@ impl Scene {
             moves[instance.geometry as usize] |= instance.is_moving();
         }
         for (index, geometry) in self.geometries.iter_mut().enumerate() {
-            let normalisation = Normalisation::fitting(&bounds[index]);
+            let mut normalisation = Normalisation::fitting(&bounds[index]);
+            if moves[index] {
+                // It turns about the origin of its own space.
+                normalisation.center = DVec3::ZERO;
+            }
             let Geometry::Mesh(mesh) = geometry else { continue };
             if !(use_counts[index] > 1 || moves[index]) || normalisation.is_identity() {
                 continue;
@@ -368,6 +372,29 @@ mod tests {
             assert_eq!(scene.cameras[0].z_near, reference.cameras[0].z_near);
             assert_eq!(scene.cameras[0].projection, reference.cameras[0].projection);
         }
+    }
+
+    #[test]
+    fn a_mesh_that_moves_keeps_what_it_turns_about() {
+        let mut scene = scene(1.0, DVec3::ZERO);
+        let far = scene.geometries[0].bounds();
+        scene.geometries[0] = Geometry::Mesh(match &scene.geometries[0] {
+            Geometry::Mesh(mesh) => bake::with_positions(mesh, |p| p * 1e6 + DVec3::new(0.0, 1e9, 0.0)),
+            Geometry::Shape(_) => unreachable!(),
+        });
+        let ends = [
+            DAffine3::from_scale(DVec3::splat(1e-6)),
+            DAffine3::from_rotation_z(0.1),
+        ];
+        scene.instances[0] = Instance::moving("moving", 0, 0, ends).unwrap();
+        let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
+        scene.normalise_object_spaces(&bounds);
+        // Of the size of 1, and as far away, 10^9 of 3 10^6, as it was.
+        let placed = scene.geometries[0].bounds();
+        assert!(placed.extent().max_element() < 4.0 * far.extent().max_element());
+        assert!(placed.center().y > 100.0 * far.extent().y);
+        let maps = scene.instances[0].motion().unwrap().ends();
+        assert_eq!(maps.map(|map| map.translation), [DVec3::ZERO; 2]);
     }
 
     #[test]

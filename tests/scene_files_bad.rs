@@ -231,6 +231,62 @@ fn keys_that_are_not_known_and_values_of_the_wrong_kind() {
 }
 
 #[test]
+fn light_within_bodies_that_makes_no_sense() {
+    let material = |text: &str| format!("[material.m]\nroughness = 0.5\n{text}\n{BALL}");
+    refused(
+        material("subsurface = 'chalk'"),
+        ":3:",
+        &[
+            "material.m.subsurface",
+            "`chalk` is no measured material",
+            "apple",
+            "wholemilk",
+        ],
+    );
+    refused(
+        material("\n[material.m.subsurface]\nscale = 0.1\npreset = 'chalk'"),
+        ":6:",
+        &["material.m.subsurface.preset", "give one of apple"],
+    );
+    refused(
+        material("transmission = 1\nsubsurface = 'marble'"),
+        ":4:",
+        &["give either `transmission` or one of `subsurface` and `translucency`"],
+    );
+    refused(
+        material("subsurface = 3"),
+        ":3:",
+        &["the name of a measured material or a table"],
+    );
+    refused(
+        material("subsurface = { scattering = 1, absorbtion = 2 }"),
+        ":3:",
+        &["did you mean `absorption`?"],
+    );
+    refused(
+        material("subsurface = { scattering = 1, absorption = -2 }"),
+        ":3:",
+        &["negative"],
+    );
+    refused(
+        material("subsurface = { reflectance = 0.5, mean_free_path = 0 }"),
+        ":3:",
+        &["mean free path of the red channel is 0"],
+    );
+    refused(
+        material("translucency = -1"),
+        ":3:",
+        &["material.m.translucency", "outside [0, 1]"],
+    );
+    refused(
+        material("subsurface = 'marble'").replace("'sphere'", "'plane'\nmaterial = 'm'")
+            + "[camera]\nfrom = [0, 0, 1]\nat = [0, 0, 0]\n",
+        ":",
+        &["a plane has no end", "give a disk or a quad"],
+    );
+}
+
+#[test]
 fn materials_that_make_no_sense() {
     let material = |text: &str| format!("[material.m]\n{text}\n{BALL}");
     refused(

@@ -198,9 +198,24 @@ impl<'f, 's> Outcome<'f, 's> {
             materials,
             weight: traced.weight,
         };
+        if frame.effects().has(Effect::Subsurface) {
+            self.add_scattered(traced, surfaces);
+        }
+        self.ask_lights(traced, &lit, stage);
+        self.meter.part(Account::Lighting);
+        if frame.effects().has(Effect::Reflection) {
+            let mirrored = shade::reflection(&lit);
+            self.reflect(surfaces, &mirrored, traced, stage);
+            self.meter.part(Account::Reflection);
+        }
+    }
+
+    /// Sends feelers to all lights.
+    pub(super) fn ask_lights(&mut self, traced: &Traced, lit: &shade::Lit, stage: Stage) {
+        let frame = self.frame;
         let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
         for (number, (light, &casts)) in lights.enumerate() {
-            if frame.effects().has(Effect::AreaLight) && self.ask_area_light(number, traced, &lit, stage) {
+            if frame.effects().has(Effect::AreaLight) && self.ask_area_light(number, traced, lit, stage) {
                 continue;
             }
             if self.feelers.is_full() {
@@ -209,18 +224,12 @@ impl<'f, 's> Outcome<'f, 's> {
                 self.meter.resume(traced.pixel, &traced.packet.active);
             }
             let (packet, feeler) = self.feelers.next();
-            if shade::feel(light, &lit, packet, &mut feeler.radiance) {
+            if shade::feel(light, lit, packet, &mut feeler.radiance) {
                 self.keep_feelers(traced, casts);
             }
         }
         if frame.effects().has(Effect::Environment) {
-            self.ask_surroundings(traced, &lit, stage);
-        }
-        self.meter.part(Account::Lighting);
-        if frame.effects().has(Effect::Reflection) {
-            let mirrored = shade::reflection(&lit);
-            self.reflect(surfaces, &mirrored, traced, stage);
-            self.meter.part(Account::Reflection);
+            self.ask_surroundings(traced, lit, stage);
         }
     }
 

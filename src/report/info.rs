@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::optics::LINE_D;
+use crate::optics::subsurface::Dipole;
 use crate::render::plan::{Decision, Plan};
 use crate::scene::{AreaShape, EffectOverrides, Geometry, LightKind, Material, Model, Projection, Scene};
 use crate::shape::Shape;
@@ -105,8 +106,11 @@ impl MaterialInfo {
             Model::MetallicRoughness(m) => (
                 "metallic-roughness",
                 format!(
-                    "metallic {}, roughness {}, transmission {}",
-                    m.metallic, m.roughness, m.transmission
+                    "metallic {}, roughness {}, transmission {}{}",
+                    m.metallic,
+                    m.roughness,
+                    m.transmission,
+                    scattering(material)
                 ),
             ),
             Model::Lecture(l) => (
@@ -141,6 +145,16 @@ impl MaterialInfo {
             absorption: interior.map(|inside| inside.absorption.sigma_a),
         }
     }
+}
+
+/// What is said of light that a material scatters within, if it does.
+fn scattering(material: &Material) -> String {
+    if let Some(Ok(dipole)) = material.scatters().map(Dipole::new) {
+        let [_, path, _] = dipole.mean_free_path();
+        return format!(", scatters light within, mean free path {path:.3e}");
+    }
+    let sheet = material.translucent();
+    sheet.map_or_else(String::new, |sheet| format!(", translucency {}", sheet.factor))
 }
 
 /// A colour in one word: one number where it is grey.
@@ -435,10 +449,14 @@ impl fmt::Display for SceneInfo {
             line("effect", format!("{decision}{}", note.unwrap_or_default()))?;
         }
         let memory = &self.memory;
+        let within = match memory.subsurface_bytes {
+            0 => String::new(),
+            bytes => format!(", plus {} for light within bodies", words(bytes)),
+        };
         line(
             "memory",
             format!(
-                "scene {}, plus Embree about {} or BSP about {}, plus {} for 1024x1024 pixels",
+                "scene {}, plus Embree about {} or BSP about {}, plus {} for 1024x1024 pixels{within}",
                 words(memory.scene_bytes),
                 words(memory.embree_bytes),
                 words(memory.bsp_bytes),

@@ -57,11 +57,15 @@ pub enum Effect {
     AreaLight,
     /// An image all around lights the scene.
     Environment,
+    /// Light enters bodies, is scattered within and leaves elsewhere.
+    Subsurface,
+    /// Thin sheets let diffuse light through.
+    Translucency,
 }
 
 impl Effect {
     /// All of them, in the order of reports.
-    pub const ALL: [Effect; 24] = [
+    pub const ALL: [Effect; 26] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -86,6 +90,8 @@ impl Effect {
         Effect::DepthOfField,
         Effect::AreaLight,
         Effect::Environment,
+        Effect::Subsurface,
+        Effect::Translucency,
     ];
 
     /// What the command line and reports call it.
@@ -115,6 +121,8 @@ impl Effect {
             Effect::DepthOfField => "depth-of-field",
             Effect::AreaLight => "area-light",
             Effect::Environment => "environment",
+            Effect::Subsurface => "subsurface",
+            Effect::Translucency => "translucency",
         }
     }
 
@@ -154,6 +162,8 @@ impl Effect {
             Effect::DepthOfField => "everything is in focus",
             Effect::AreaLight => "lights with an extent are dark",
             Effect::Environment => "the environment map is seen and lights nothing",
+            Effect::Subsurface => "what scatters light within is paint of its base colour",
+            Effect::Translucency => "thin sheets send back all of their diffuse light",
         }
     }
 
@@ -226,6 +236,8 @@ impl EffectSet {
             || self.has(Effect::Specular)
             || self.has(Effect::Refraction)
             || self.has(Effect::Occlusion)
+            || self.has(Effect::Subsurface)
+            || self.has(Effect::Translucency)
     }
 
     /// Whether light goes on behind some surfaces.

@@ -23,6 +23,7 @@ pub use lens::{Aperture, Lens, LensError, LensView};
 pub use light::{AreaShape, Falloff, Light, LightKind};
 pub use material::{
     AlphaMode, DEFAULT_IOR, Interior, Lecture, MIRROR_ROUGHNESS, Material, MetallicRoughness, Model,
+    Translucency,
 };
 pub use normalise::Normalisation;
 pub use texture::{
@@ -32,7 +33,7 @@ pub use texture::{
 pub use validate::SceneError;
 pub(crate) use validate::check_camera;
 pub(crate) use validate_light::check_light;
-pub(crate) use validate_material::check_procedural;
+pub(crate) use validate_material::{check_procedural, check_scattering};
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;

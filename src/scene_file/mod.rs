@@ -72,6 +72,7 @@ mod material;
 mod medium;
 mod placement;
 mod polygons;
+mod scattering;
 mod schema;
 mod shape;
 mod texture;

@@ -42,7 +42,7 @@ impl LightReach {
 struct Object<'s> {
     bounds: Bounds,
     name: &'s str,
-    /// Whether it may hide the light from itself.
+    /// Whether it may hide the light from itself: from its own far side, where it is translucent.
     hides_itself: bool,
 }
 
@@ -139,6 +139,7 @@ impl<'s> Object<'s> {
             Geometry::Shape(Shape::Sphere(_) | Shape::Cube | Shape::Polyhedron(_))
         );
         let from_outside = !material.transmits()
+            && material.translucent().is_none()
             && material.alpha == AlphaMode::Opaque
             && !may_be_seen_from_inside(&bounds, camera);
         Object {

@@ -190,6 +190,18 @@ pub const TRIGGERS: &[Trigger] = &[
         Some(format!("light `{}` has an extent", light.name))
     }),
     trigger(Effect::Environment, "an environment map", environment),
+    trigger(Effect::Subsurface, "scattering within", |facts| {
+        facts.material(|m| m.scatters().is_some(), |_| "scatters light within".into())
+    }),
+    trigger(Effect::Translucency, "translucency", |facts| {
+        facts.material(
+            |m| m.translucent().is_some(),
+            |m| {
+                let factor = m.translucent().map_or(0.0, |sheet| sheet.factor);
+                format!("lets through {factor} of its diffuse light")
+            },
+        )
+    }),
 ];
 
 /// Why an effect is off that nothing calls for.
@@ -222,6 +234,8 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::DepthOfField => "the camera is a pinhole".into(),
         Effect::AreaLight => "no light that shines has an extent".into(),
         Effect::Environment => "there is no environment map".into(),
+        Effect::Subsurface => "no material scatters light within".into(),
+        Effect::Translucency => "no material lets diffuse light through".into(),
     }
 }
 

@@ -412,9 +412,16 @@ fn sheet(height: f64) -> Scene {
     )
 }
 
-/// What one sees of the middle of the scene.
+/// What one sees of the middle of the scene, also where feelers are traced that nothing can stop.
 fn middle(scene: &Scene) -> [f64; 3] {
-    mean(&rendered(scene, &from_above(1.0, 1e-6), &settings(1)))
+    let camera = from_above(1.0, 1e-6);
+    let all = RenderSettings {
+        effects: EffectOverrides::ALL,
+        ..settings(1)
+    };
+    let planned = rendered(scene, &camera, &settings(1));
+    assert!(planned.image == rendered(scene, &camera, &all).image);
+    mean(&planned)
 }
 
 #[test]

@@ -170,7 +170,8 @@ mod tests {
                 .filter(|s| s.position.dot(axis) > 0.9)
                 .map(|s| s.area)
                 .sum();
-            assert!((cap / (0.2 * PI) - 1.0).abs() <= 0.02, "{axis}: {cap}");
+            // Some 380 points, of which a few lie on one side of the edge or the other.
+            assert!((cap / (0.2 * PI) - 1.0).abs() <= 0.03, "{axis}: {cap}");
         }
     }
 

@@ -16,7 +16,7 @@ use common::{random_scenes, scene_folder};
 use rayon::prelude::*;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::render::plan::{Facts, TRIGGERS, Trigger};
-use whit::render::{Monitor, Plan, RenderSettings, Rendering, render};
+use whit::render::{Account, Monitor, Plan, RenderSettings, Rendering, render};
 use whit::scene::{Effect, EffectOverrides, EffectSet, Scene};
 
 /// Random scenes.
@@ -146,7 +146,12 @@ fn without_any_one_trigger_some_picture_changes() {
 fn what_is_off_has_no_rays() {
     for seed in 0..200 {
         let scene = random_scenes::scene(seed);
-        let Rendering { plan, ledger, .. } = rendered(&scene, backend_of(seed), &settings());
+        let Rendering {
+            plan,
+            ledger,
+            subsurface,
+            ..
+        } = rendered(&scene, backend_of(seed), &settings());
         let on = plan.effects();
         assert!(
             on.has(Effect::Shadow) || ledger.shadow_rays() == 0,
@@ -158,6 +163,9 @@ fn what_is_off_has_no_rays() {
         );
         assert!(on.has_sheets() || ledger.refraction_rays() == 0, "scene {seed}");
         assert!(on.has_lobes() || ledger.rough_rays() == 0, "scene {seed}");
+        let scattered = ledger.of(Account::Subsurface).rays;
+        assert!(on.has(Effect::Subsurface) == subsurface.is_some(), "scene {seed}");
+        assert!(on.has(Effect::Subsurface) || scattered == 0, "scene {seed}");
     }
 }
 

@@ -231,6 +231,70 @@ fn keys_that_are_not_known_and_values_of_the_wrong_kind() {
 }
 
 #[test]
+fn light_within_bodies_that_makes_no_sense() {
+    let material = |text: &str| format!("[material.m]\nroughness = 0.5\n{text}\n{BALL}");
+    refused(
+        material("subsurface = 'chalk'"),
+        ":3:",
+        &[
+            "material.m.subsurface",
+            "`chalk` is no measured material",
+            "apple",
+            "wholemilk",
+        ],
+    );
+    refused(
+        material("\n[material.m.subsurface]\nscale = 0.1\npreset = 'chalk'"),
+        ":6:",
+        &["material.m.subsurface.preset", "give one of apple"],
+    );
+    refused(
+        material("transmission = 1\nsubsurface = 'marble'"),
+        ":4:",
+        &["give either `transmission` or one of `subsurface` and `translucency`"],
+    );
+    refused(
+        material("subsurface = 3"),
+        ":3:",
+        &["the name of a measured material or a table"],
+    );
+    refused(
+        material("subsurface = { scattering = 1, absorbtion = 2 }"),
+        ":3:",
+        &["did you mean `absorption`?"],
+    );
+    refused(
+        material("subsurface = { scattering = 1, absorption = -2 }"),
+        ":3:",
+        &["negative"],
+    );
+    refused(
+        material("subsurface = { reflectance = 0.5, mean_free_path = 0 }"),
+        ":3:",
+        &["mean free path of the red channel is 0"],
+    );
+    refused(
+        material("translucency = -1"),
+        ":3:",
+        &["material.m.translucency", "outside [0, 1]"],
+    );
+    refused(
+        material("subsurface = 'marble'").replace("'sphere'", "'plane'\nmaterial = 'm'")
+            + "[camera]\nfrom = [0, 0, 1]\nat = [0, 0, 0]\n",
+        ":",
+        &["a plane has no end", "give a disk or a quad"],
+    );
+    refused(
+        material("subsurface = 'marble'").replace(
+            "'sphere'",
+            "'sphere'\nmaterial = 'm'\ntransform_end = [{ translate = [1, 0, 0] }]",
+        ) + "[camera]\nfrom = [0, 0, 5]\nat = [0, 0, 0]\n",
+        ":",
+        &["moves", "scatters light within", "take the motion"],
+    );
+}
+
+#[test]
 fn materials_that_make_no_sense() {
     let material = |text: &str| format!("[material.m]\n{text}\n{BALL}");
     refused(
@@ -506,6 +570,11 @@ fn lamps_that_are_none() {
     for (object, lines, words) in [
         (ball, "model = 'unlit'", "nothing shines"),
         ("shape = 'plane'\nlamp = true", "", "give another shape or a mesh"),
+        (
+            "shape = 'sphere'\nlamp = true\ntransform_end = [{ translate = [1, 0, 0] }]",
+            "",
+            "it moves, and lights stand still",
+        ),
         (ball, "transmission = 1", "lets light through"),
         (ball, "alpha = 'blend'", "make it opaque"),
     ] {

@@ -27,6 +27,9 @@ use super::scene;
 /// of what an object takes to project.
 const SAMPLES_PER_OBJECT: f64 = 32.0;
 
+/// Points of bodies that lie so many times as far apart as asked are worth a word; less cannot be seen.
+const COARSE: f64 = 1.25;
+
 /// Renders what the arguments ask for.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let job = RenderJob::new(args)?;
@@ -98,6 +101,13 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<R
 
     for decision in rendering.plan.overridden() {
         progress.warn(&format!("{name}: {decision}"));
+    }
+    if let Some(bodies) = rendering.subsurface.filter(|bodies| bodies.coarseness > COARSE) {
+        progress.warn(&format!(
+            "{name}: light within bodies is blurred over {:.1} times the distance that they ask for, as {} points are \
+             all that there may be: make bodies smaller or their `scale` larger for finer ones",
+            bodies.coarseness, bodies.samples
+        ));
     }
 
     let (heat, write_seconds) = timed(|| {
@@ -346,6 +356,7 @@ fn stats(
         rays: RayCounts::of(&rendering.ledger),
         effects: effect_stats(&rendering.plan, &rendering.ledger),
         ledger: LedgerStats::of(&rendering.ledger),
+        subsurface: rendering.subsurface,
         accel: AccelStats {
             bytes: report.bytes,
             peak_bytes: report.peak_bytes,

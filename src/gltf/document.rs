@@ -14,8 +14,9 @@ use super::buffer::Bytes;
 use super::map::map_file;
 
 /// Extensions whose meaning is carried out.
-const KNOWN: [&str; 10] = [
+const KNOWN: [&str; 11] = [
     "KHR_lights_punctual",
+    "KHR_materials_diffuse_transmission",
     "KHR_materials_dispersion",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",

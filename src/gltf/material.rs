@@ -15,7 +15,7 @@ use super::interior::interior;
 use super::slot::{Slot, slots};
 use crate::scene::{
     AlphaMode, Filter, Layer, Material, MetallicRoughness, Model, Parameter, Sampler, Texture, TextureUse,
-    Wrap,
+    Translucency, Wrap,
 };
 
 /// Collects the materials, textures and images that the scene's meshes use, in the order of their first use.
@@ -86,6 +86,11 @@ impl<'a> Materials<'a> {
             ));
         }
         let mut corrections = Corrections::default();
+        if has_sheet_textures(source) {
+            self.warnings.push(format!(
+                "material `{name}` has textures of diffuse transmission, which are not read: shown with its factors"
+            ));
+        }
         let mut layers = Vec::new();
         for slot in slots(source, &mut corrections) {
             if lacks.contains(&slot.tex_coord) {
@@ -245,6 +250,7 @@ fn surface(source: &json::Material, corrections: &mut Corrections) -> Material {
         (x * strength).min(most) as f32
     });
     Material {
+        translucency: translucency(extensions, model.transmission, corrections),
         interior: interior(extensions, model.transmission > 0.0, corrections),
         model: Model::MetallicRoughness(model),
         base_color,
@@ -274,6 +280,30 @@ fn metallic_roughness(
         transmission: transmission.number("transmissionFactor", 0.0, 0.0..=1.0, corrections) as f32,
         ..MetallicRoughness::DEFAULT
     }
+}
+
+/// `KHR_materials_diffuse_transmission`, without its textures. Light that goes straight through overrides it, as the
+/// extension has it where all does.
+fn translucency(
+    extensions: Option<&Map<String, Value>>,
+    transmission: f32,
+    corrections: &mut Corrections,
+) -> Option<Translucency> {
+    let sheet = Extension::of(extensions, "KHR_materials_diffuse_transmission", corrections);
+    let factor = sheet.number("diffuseTransmissionFactor", 0.0, 0.0..=1.0, corrections);
+    let color = sheet.vector("diffuseTransmissionColorFactor", [1.0; 3], 0.0..=1.0, corrections);
+    (factor > 0.0 && transmission == 0.0).then(|| Translucency {
+        factor: factor as f32,
+        color: color.map(|x| x as f32),
+    })
+}
+
+/// Whether a material has textures of `KHR_materials_diffuse_transmission`.
+fn has_sheet_textures(source: &json::Material) -> bool {
+    let extensions = source.extensions.as_ref();
+    let sheet = extensions.and_then(|e| e.others.get("KHR_materials_diffuse_transmission"));
+    let names = ["diffuseTransmissionTexture", "diffuseTransmissionColorTexture"];
+    sheet.is_some_and(|sheet| names.iter().any(|name| sheet.get(name).is_some()))
 }
 
 fn alpha_mode(source: &json::Material, corrections: &mut Corrections) -> AlphaMode {
@@ -428,6 +458,30 @@ mod tests {
             0
         );
         assert_eq!(found.images, [6, 7]);
+    }
+
+    #[test]
+    fn what_transmits_diffusely_is_a_thin_sheet_unless_light_goes_straight_through() {
+        let sheet = json!({"diffuseTransmissionFactor": 0.25, "diffuseTransmissionColorFactor": [0, 1, 0.5]});
+        let leaf = with_extensions(json!({ "KHR_materials_diffuse_transmission": sheet }));
+        let expected = Translucency {
+            factor: 0.25,
+            color: [0.0, 1.0, 0.5],
+        };
+        assert_eq!(
+            (leaf.material.translucency, leaf.warnings),
+            (Some(expected), vec![])
+        );
+        let pane = with_extensions(json!({
+            "KHR_materials_diffuse_transmission": sheet,
+            "KHR_materials_transmission": {"transmissionFactor": 1}
+        }));
+        assert_eq!(pane.material.translucency, None);
+        let veined = with_extensions(json!({
+            "KHR_materials_diffuse_transmission": {"diffuseTransmissionColorTexture": {"index": 1}}
+        }));
+        assert_eq!((veined.material.translucency, veined.images), (None, vec![]));
+        assert!(veined.warnings[0].contains("not read"), "{:?}", veined.warnings);
     }
 
     #[test]

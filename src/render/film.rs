@@ -59,6 +59,11 @@ impl TileFilm {
         }
     }
 
+    /// The sums of all pixels, row by row.
+    pub(super) fn sums(&self) -> &[[f64; 3]] {
+        &self.sums
+    }
+
     /// The film of single samples, where it is kept.
     pub(super) fn samples(&mut self) -> Option<&mut SampleFilm> {
         self.samples.as_mut()

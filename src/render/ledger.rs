@@ -35,6 +35,8 @@ pub enum Account {
     Absorption,
     /// Samples along rays through smoke, fire and fog.
     Volume,
+    /// The light that gets into bodies which scatter it within, and what of it leaves them.
+    Subsurface,
     /// Points, normals and materials of hits.
     Surface,
     /// Look-ups of textures, and normals that they bend.
@@ -56,7 +58,7 @@ pub(super) const ACCOUNTS: usize = Account::ALL.len();
 
 impl Account {
     /// All of them, in the order of reports.
-    pub const ALL: [Account; 18] = [
+    pub const ALL: [Account; 19] = [
         Account::Sampling,
         Account::Camera,
         Account::Shadow,
@@ -68,6 +70,7 @@ impl Account {
         Account::Dispersion,
         Account::Absorption,
         Account::Volume,
+        Account::Subsurface,
         Account::Surface,
         Account::Texture,
         Account::Lighting,
@@ -91,6 +94,7 @@ impl Account {
             Account::Dispersion => "dispersion",
             Account::Absorption => "absorption",
             Account::Volume => "volume",
+            Account::Subsurface => "subsurface",
             Account::Surface => "surface",
             Account::Texture => "texture",
             Account::Lighting => "lighting",
@@ -219,6 +223,21 @@ impl Ledger {
     /// Seconds that reading the clock took, summed over threads.
     pub fn seconds_of_measuring(&self) -> f64 {
         self.clock_reads as f64 * self.clock_read_seconds
+    }
+
+    /// The same rays under one account, with `seconds` of all threads together.
+    pub(super) fn gathered(&self, account: Account, seconds: f64) -> Ledger {
+        let mut gathered = Ledger {
+            clock_reads: self.clock_reads,
+            clock_read_seconds: self.clock_read_seconds,
+            ..Ledger::default()
+        };
+        let tally = Tally {
+            seconds,
+            ..self.total()
+        };
+        gathered.book(account, tally);
+        gathered
     }
 
     /// Books a tally.

@@ -26,6 +26,7 @@ mod samples;
 mod shade;
 mod shape_point;
 mod soft;
+mod subsurface;
 mod surface;
 mod surroundings;
 mod texturing;
@@ -50,6 +51,7 @@ pub use record::{RecordedRays, record};
 pub use sample::{SampledTile, TileSample, render_sample, tile_count};
 pub use sampler::{Purpose, sample_2d};
 pub use samples::{SampleAovs, SampleCounts};
+pub use subsurface::{SubsurfaceStats, subsurface_bytes};
 
 pub use crate::scene::picture::{FilterKind, Pattern};
 
@@ -71,6 +73,7 @@ use lamps::SoftLight;
 use lens::MovingCamera;
 use meter::Meter;
 use sampler::{Layout, PacketShape, SampleGroup};
+use subsurface::Bodies;
 use surface::{SurfaceScene, Surfaces};
 use surroundings::Environment;
 use texturing::Widths;
@@ -156,6 +159,8 @@ pub struct Rendering {
     pub ledger: Ledger,
     /// What was simulated.
     pub plan: Plan,
+    /// The bodies that scatter light within, where any do.
+    pub subsurface: Option<SubsurfaceStats>,
 }
 
 /// How a long render talks to whoever waits for it.
@@ -208,6 +213,8 @@ struct Frame<'s> {
     environment: Option<Environment>,
     /// Camera packets whose whole ray trees are finished before the next are begun.
     wave: usize,
+    /// Bodies that scatter light within, once their light is known.
+    bodies: Option<Bodies>,
 }
 
 /// Renders `scene` as `camera` sees it, in the current rayon pool. `None` if it was cancelled.
@@ -221,13 +228,16 @@ pub fn render(
     monitor: &Monitor,
 ) -> Option<Rendering> {
     let start = Instant::now();
-    let frame = Frame::new(scene, camera, accel, settings);
+    let mut frame = Frame::new(scene, camera, accel, settings);
     let made_ready = settings.ledger.then(|| start.elapsed().as_secs_f64());
+    let scattered = frame.scatter(monitor)?;
     let mut rendering = match settings.target() {
         Some(target) => render_adaptively(&frame, target, monitor)?,
         None => render_uniformly(&frame, monitor)?,
     };
+    rendering.subsurface = frame.bodies.as_ref().map(|bodies| bodies.stats);
     let ledger = &mut rendering.ledger;
+    *ledger += scattered;
     let setting_up = Tally {
         rays: frame.probe_count,
         seconds: made_ready.unwrap_or(0.0),
@@ -268,6 +278,7 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
         costs: None,
         ledger,
         plan: frame.plan.clone(),
+        subsurface: None,
     })
 }
 
@@ -314,6 +325,7 @@ fn render_adaptively(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
         costs: None,
         ledger,
         plan: frame.plan.clone(),
+        subsurface: None,
     })
 }
 
@@ -411,6 +423,7 @@ impl<'s> Frame<'s> {
             },
             environment: Environment::of(scene, effects),
             wave: rough::camera_packets(scene, effects),
+            bodies: None,
         };
         frame.set_samples_aside();
         (frame.media_at_eye, frame.probe_count) = frame.media_at_eye();

@@ -202,24 +202,10 @@ impl<'f, 's> Outcome<'f, 's> {
             materials,
             weight: traced.weight,
         };
-        let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
-        for (number, (light, &casts)) in lights.enumerate() {
-            if frame.effects().has(Effect::AreaLight) && self.ask_area_light(number, traced, &lit, stage) {
-                continue;
-            }
-            if self.feelers.is_full() {
-                self.meter.part(Account::Lighting);
-                self.answer_feelers(stage.order);
-                self.meter.resume(traced.pixel, &traced.packet.active);
-            }
-            let (packet, feeler) = self.feelers.next();
-            if shade::feel(light, &lit, packet, &mut feeler.radiance) {
-                self.keep_feelers(traced, casts);
-            }
+        if frame.effects().has(Effect::Subsurface) {
+            self.add_scattered(traced, surfaces);
         }
-        if frame.effects().has(Effect::Environment) {
-            self.ask_surroundings(traced, &lit, stage);
-        }
+        self.ask_lights(traced, &lit, stage);
         self.meter.part(Account::Lighting);
         if frame.effects().has(Effect::Reflection) {
             let mirrored = shade::reflection(&lit);
@@ -229,6 +215,29 @@ impl<'f, 's> Outcome<'f, 's> {
         if frame.effects().has(Effect::RoughReflection) {
             self.reflect_roughly(traced, surfaces, stage);
             self.meter.part(Account::RoughReflection);
+        }
+    }
+
+    /// Sends feelers to all lights.
+    pub(super) fn ask_lights(&mut self, traced: &Traced, lit: &shade::Lit, stage: Stage) {
+        let frame = self.frame;
+        let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
+        for (number, (light, &casts)) in lights.enumerate() {
+            if frame.effects().has(Effect::AreaLight) && self.ask_area_light(number, traced, lit, stage) {
+                continue;
+            }
+            if self.feelers.is_full() {
+                self.meter.part(Account::Lighting);
+                self.answer_feelers(stage.order);
+                self.meter.resume(traced.pixel, &traced.packet.active);
+            }
+            let (packet, feeler) = self.feelers.next();
+            if shade::feel(light, lit, packet, &mut feeler.radiance) {
+                self.keep_feelers(traced, casts);
+            }
+        }
+        if frame.effects().has(Effect::Environment) {
+            self.ask_surroundings(traced, lit, stage);
         }
     }
 

@@ -69,7 +69,9 @@ pub fn render_sample(
         sample_aovs: false,
         ..*settings
     };
-    let frame = Frame::new(scene, camera, accel, &settings);
+    let mut frame = Frame::new(scene, camera, accel, &settings);
+    // What it takes is the whole picture's, not these tiles'.
+    frame.scatter(monitor)?;
     let chosen = chosen_tiles(&settings, count);
     let finished = AtomicUsize::new(0);
     let render = |wave: &mut Wave, tile: Tile| {

@@ -8,9 +8,9 @@ use multiversion::multiversion;
 use super::soft::Arrivals;
 use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
-use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::numeric::{LANES, Lanes, Lanes3, spawn_point};
 use crate::scene::{Effect, Light, LightKind};
-use crate::shading::{MaterialPacket, direct, illuminate, lecture_direct, mirror};
+use crate::shading::{MaterialPacket, direct, entering, illuminate, lecture_direct, mirror, through};
 
 /// Surfaces to light, and the rays that found them.
 pub(super) struct Lit<'a> {
@@ -101,7 +101,7 @@ pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &
     let arriving = illuminate(light, &surfaces.p);
     let irradiance = |channel: usize, l: usize| light.intensity[channel] * arriving.attenuation[l];
     let any = answer(lit, &arriving.wi, irradiance, (&mut *feeler, radiance));
-    feeler.origin = surfaces.origin;
+    start(lit, &arriving.wi, feeler);
     match light.kind {
         // Points of it are asked one by one.
         LightKind::Area { .. } => return false,
@@ -127,7 +127,7 @@ pub(super) fn feel_sample(
 ) -> bool {
     let irradiance = |channel: usize, l: usize| arrivals.irradiance[channel][l];
     let any = answer(lit, &arrivals.wi, irradiance, (&mut *feeler, radiance));
-    feeler.origin = lit.points.origin;
+    start(lit, &arrivals.wi, feeler);
     match &arrivals.from {
         None => aim_along(&arrivals.wi, feeler),
         Some(from) => aim_at(from, feeler),
@@ -144,7 +144,11 @@ fn answer(
     (feeler, radiance): (&mut RayPacket, &mut Lanes3<f32>),
 ) -> bool {
     let surfaces = lit.points;
-    let mut reflected = direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
+    let effects = lit.materials.effects;
+    let mut reflected = match lit.materials.enters {
+        Some(eta) if effects.has(Effect::Subsurface) => entering(eta, &surfaces.ns, wi),
+        _ => direct(lit.materials, &surfaces.ns, &surfaces.wo, wi),
+    };
     if lit.materials.effects.has(Effect::Lecture) {
         let lecture = lecture_direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
         for channel in 0..3 {
@@ -158,13 +162,22 @@ fn answer(
             }
         }
     }
+    let has_sheets = effects.has(Effect::Translucency);
+    if has_sheets {
+        let through = through(lit.materials, &surfaces.ns, &surfaces.wo, wi);
+        for channel in 0..3 {
+            for l in 0..LANES {
+                let is_behind = above(surfaces, wi, l) < 0.0;
+                let here = reflected[channel][l];
+                reflected[channel][l] = if is_behind { through[channel][l] } else { here };
+            }
+        }
+    }
     let mut any = 0;
     for l in 0..LANES {
-        let mut above = 0.0;
-        for axis in 0..3 {
-            above += surfaces.ng[axis][l] * wi[axis][l];
-        }
-        let reaches = surfaces.hit[l] & (above > 0.0);
+        let above = above(surfaces, wi, l);
+        let is_behind = has_sheets && (above < 0.0) & lit.materials.is_sheet(l);
+        let reaches = surfaces.hit[l] & ((above > 0.0) | is_behind);
         let mut largest = 0.0f32;
         for channel in 0..3 {
             let value = lit.weight[channel][l] * (reflected[channel][l] * irradiance(channel, l));
@@ -176,6 +189,36 @@ fn answer(
         any |= active;
     }
     any != 0
+}
+
+/// How far above the surface `wi` points, as a cosine.
+#[inline(always)]
+fn above(surfaces: &SurfacePacket, wi: &Lanes3<f32>, l: usize) -> f32 {
+    let mut above = 0.0;
+    for axis in 0..3 {
+        above += surfaces.ng[axis][l] * wi[axis][l];
+    }
+    above
+}
+
+/// Where feelers start: on the side of the surface that their lights are on.
+#[inline(always)]
+fn start(lit: &Lit, wi: &Lanes3<f32>, feeler: &mut RayPacket) {
+    let surfaces = lit.points;
+    feeler.origin = surfaces.origin;
+    if !lit.materials.effects.has(Effect::Translucency) {
+        return;
+    }
+    for l in 0..LANES {
+        if (feeler.active[l] != 0) & (above(surfaces, wi, l) < 0.0) {
+            let origin = spawn_point(
+                surfaces.point(l),
+                -surfaces.geometric_normal(l),
+                surfaces.error(l),
+            );
+            (0..3).for_each(|axis| feeler.origin[axis][l] = origin[axis]);
+        }
+    }
 }
 
 /// Feelers that go on for ever.

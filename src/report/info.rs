@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::optics::LINE_D;
+use crate::optics::subsurface::Dipole;
 use crate::render::plan::{Decision, Plan};
 use crate::scene::{AreaShape, EffectOverrides, Geometry, LightKind, Material, Model, Projection, Scene};
 use crate::shape::Shape;
@@ -104,16 +105,14 @@ impl MaterialInfo {
         let (model, values) = match &material.model {
             Model::MetallicRoughness(m) => (
                 "metallic-roughness",
-                match material.rough_rays() {
-                    0 => format!(
-                        "metallic {}, roughness {}, transmission {}",
-                        m.metallic, m.roughness, m.transmission
-                    ),
-                    rays => format!(
-                        "metallic {}, roughness {} by {rays} rays, transmission {}",
-                        m.metallic, m.roughness, m.transmission
-                    ),
-                },
+                format!(
+                    "metallic {}, roughness {}{}, transmission {}{}",
+                    m.metallic,
+                    m.roughness,
+                    rough_rays(material),
+                    m.transmission,
+                    scattering(material)
+                ),
             ),
             Model::Lecture(l) => (
                 "lecture",
@@ -146,6 +145,24 @@ impl MaterialInfo {
                 .filter(|abbe| abbe.is_finite()),
             absorption: interior.map(|inside| inside.absorption.sigma_a),
         }
+    }
+}
+
+/// What is said of light that a material scatters within, if it does.
+fn scattering(material: &Material) -> String {
+    if let Some(Ok(dipole)) = material.scatters().map(Dipole::new) {
+        let [_, path, _] = dipole.mean_free_path();
+        return format!(", scatters light within, mean free path {path:.3e}");
+    }
+    let sheet = material.translucent();
+    sheet.map_or_else(String::new, |sheet| format!(", translucency {}", sheet.factor))
+}
+
+/// How many rays look into its lobe, if any.
+fn rough_rays(material: &Material) -> String {
+    match material.rough_rays() {
+        0 => String::new(),
+        rays => format!(" by {rays} rays"),
     }
 }
 
@@ -442,10 +459,14 @@ impl fmt::Display for SceneInfo {
             line("effect", format!("{decision}{}", note.unwrap_or_default()))?;
         }
         let memory = &self.memory;
+        let within = match memory.subsurface_bytes {
+            0 => String::new(),
+            bytes => format!(", plus {} for light within bodies", words(bytes)),
+        };
         line(
             "memory",
             format!(
-                "scene {}, plus Embree about {} or BSP about {}, plus {} for 1024x1024 pixels",
+                "scene {}, plus Embree about {} or BSP about {}, plus {} for 1024x1024 pixels{within}",
                 words(memory.scene_bytes),
                 words(memory.embree_bytes),
                 words(memory.bsp_bytes),

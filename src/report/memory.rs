@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use crate::render::subsurface_bytes;
 use crate::scene::{Geometry, Scene};
 
 /// A pixel's linear image (12 bytes), its planes on the way into a file (12) and the encoded file (3, rounded up).
@@ -40,6 +41,8 @@ pub struct MemoryForecast {
     pub bsp_bytes: u64,
     /// The film of an image of 1024x1024 pixels.
     pub film_bytes: u64,
+    /// The light within bodies that scatter it.
+    pub subsurface_bytes: u64,
 }
 
 /// Most bytes a triangle that Embree 3.13.5 holds while it builds, measured over 2 million; 70 are left.
@@ -56,6 +59,7 @@ impl MemoryForecast {
             embree_bytes: EMBREE_BYTES_PER_TRIANGLE * triangles,
             bsp_bytes: BSP_BYTES_PER_TRIANGLE * triangles,
             film_bytes: film_bytes(1024, 1024),
+            subsurface_bytes: subsurface_bytes(scene),
         }
     }
 }

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::accel::{Backend, EmbreeIdentity, Precision};
 use crate::render::plan::Decision;
-use crate::render::{Account, Ledger, Loss, Plan, SampleCounts, Tally};
+use crate::render::{Account, Ledger, Loss, Plan, SampleCounts, SubsurfaceStats, Tally};
 use crate::scene::{Geometry, Scene};
 
 /// Everything worth knowing about one rendered image.
@@ -43,6 +43,8 @@ pub struct RenderStats {
     pub effects: BTreeMap<&'static str, EffectStats>,
     /// Every ray and every second, each under one account, and what the measuring took.
     pub ledger: LedgerStats,
+    /// Bodies that scatter light within; null where none does.
+    pub subsurface: Option<SubsurfaceStats>,
     /// The acceleration structure.
     pub accel: AccelStats,
     /// Most memory that the process has held so far; null where the system does not tell.

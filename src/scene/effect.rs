@@ -63,11 +63,15 @@ pub enum Effect {
     RoughRefraction,
     /// What moves while the shutter is open is blurred.
     MotionBlur,
+    /// Light enters bodies, is scattered within and leaves elsewhere.
+    Subsurface,
+    /// Thin sheets let diffuse light through.
+    Translucency,
 }
 
 impl Effect {
     /// All of them, in the order of reports.
-    pub const ALL: [Effect; 27] = [
+    pub const ALL: [Effect; 29] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -95,6 +99,8 @@ impl Effect {
         Effect::RoughReflection,
         Effect::RoughRefraction,
         Effect::MotionBlur,
+        Effect::Subsurface,
+        Effect::Translucency,
     ];
 
     /// What the command line and reports call it.
@@ -127,6 +133,8 @@ impl Effect {
             Effect::RoughReflection => "rough-reflection",
             Effect::RoughRefraction => "rough-refraction",
             Effect::MotionBlur => "motion-blur",
+            Effect::Subsurface => "subsurface",
+            Effect::Translucency => "translucency",
         }
     }
 
@@ -171,6 +179,8 @@ impl Effect {
             Effect::RoughReflection => "rough surfaces reflect lights only, and smooth ones sharply",
             Effect::RoughRefraction => "what is seen through rough surfaces is sharp",
             Effect::MotionBlur => "everything stands where its motion begins",
+            Effect::Subsurface => "what scatters light within is paint of its base colour",
+            Effect::Translucency => "thin sheets send back all of their diffuse light",
         }
     }
 
@@ -244,6 +254,8 @@ impl EffectSet {
             || self.has(Effect::Refraction)
             || self.has(Effect::Occlusion)
             || self.has_lobes()
+            || self.has(Effect::Subsurface)
+            || self.has(Effect::Translucency)
     }
 
     /// Whether light goes on behind some surfaces.

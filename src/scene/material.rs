@@ -4,7 +4,8 @@
 
 use super::texture::Parameter;
 use super::{Layer, Scene};
-use crate::optics::{Absorption, Dispersion};
+use crate::optics::subsurface::Scattering;
+use crate::optics::{Absorption, Dispersion, Leaf};
 
 /// A surface description.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +25,27 @@ pub struct Material {
     pub layers: Vec<Layer>,
     /// What light meets that enters, where any enters.
     pub interior: Option<Interior>,
+    /// What scatters beneath the surface, where the diffuse light comes from there: per unit of length of the scene. Of
+    /// glTF's model, and not with transmission or translucency. The base colour tints what leaves.
+    pub subsurface: Option<Scattering>,
+    /// Of a thin sheet of glTF's model, the diffuse light that leaves on its other side.
+    pub translucency: Option<Translucency>,
+}
+
+/// How a thin sheet shares its diffuse light with its other side (`KHR_materials_diffuse_transmission`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Translucency {
+    /// How much of it leaves there, 0 to 1.
+    pub factor: f32,
+    /// In what colour, linear RGB, 0 to 1.
+    pub color: [f32; 3],
+}
+
+impl Translucency {
+    /// The sheet under a base colour of white.
+    pub fn leaf(&self) -> Leaf {
+        Leaf::from_diffuse_transmission([1.0; 3], self.factor.into(), self.color.map(f64::from))
+    }
 }
 
 /// A lighting model.
@@ -149,6 +171,8 @@ impl Default for Material {
             alpha: AlphaMode::Opaque,
             layers: Vec::new(),
             interior: None,
+            subsurface: None,
+            translucency: None,
         }
     }
 }
@@ -214,6 +238,20 @@ impl Material {
             Model::MetallicRoughness(model) if model.roughness > 0.0 => model.rough_rays,
             _ => 0,
         }
+    }
+
+    /// What scatters light beneath the surface, if the model has that.
+    pub fn scatters(&self) -> Option<&Scattering> {
+        let has_inside = matches!(self.model, Model::MetallicRoughness(_));
+        self.subsurface.as_ref().filter(|_| has_inside)
+    }
+
+    /// How the surface shares its diffuse light with its other side, if it does.
+    pub fn translucent(&self) -> Option<&Translucency> {
+        let has_two_sides = matches!(self.model, Model::MetallicRoughness(_));
+        self.translucency
+            .as_ref()
+            .filter(|sheet| has_two_sides && sheet.factor > 0.0)
     }
 
     /// Whether it may reflect an image. A texture multiplies the factor, so it can only make a surface smoother.

@@ -25,7 +25,7 @@ pub use lens::{Aperture, Lens, LensError, LensView};
 pub use light::{AreaShape, Falloff, Light, LightKind};
 pub use material::{
     AlphaMode, DEFAULT_IOR, Interior, Lecture, MIRROR_ROUGHNESS, MOST_ROUGH_RAYS, Material,
-    MetallicRoughness, Model,
+    MetallicRoughness, Model, Translucency,
 };
 pub use normalise::Normalisation;
 pub use pose::Pose;
@@ -36,7 +36,7 @@ pub use texture::{
 pub use validate::SceneError;
 pub(crate) use validate::check_camera;
 pub(crate) use validate_light::{MAX_LIGHT_SAMPLES, check_light};
-pub(crate) use validate_material::check_procedural;
+pub(crate) use validate_material::{check_procedural, check_scattering};
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;

@@ -259,6 +259,9 @@ impl Scene {
         for interior in self.materials.iter_mut().filter_map(|m| m.interior.as_mut()) {
             interior.absorption.sigma_a = interior.absorption.sigma_a.map(|sigma| sigma / scale);
         }
+        for scattering in self.materials.iter_mut().filter_map(|m| m.subsurface.as_mut()) {
+            *scattering = scattering.scaled(scale);
+        }
     }
 }
 

@@ -6,7 +6,9 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use super::survey::{all_finite, survey};
 use super::validate_light::{check_environment, check_lamp, check_light};
-use super::validate_material::{check_interior, check_model, check_procedural, check_texels};
+use super::validate_material::{
+    check_interior, check_model, check_procedural, check_scattering, check_texels,
+};
 use super::{
     AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texture,
 };
@@ -121,6 +123,19 @@ impl Scene {
         if !in_range(reach) {
             return Err("leaves the range of coordinates: normalise the scene or make it smaller".into());
         }
+        if geometry.is_unbounded() && material.scatters().is_some() {
+            return Err(format!(
+                "its material `{}` scatters light within, for which a plane has no end: give a disk or a quad",
+                material.name
+            ));
+        }
+        if instance.is_moving() && material.scatters().is_some() {
+            return Err(format!(
+                "moves, and its material `{}` scatters light within, which is worked out where a body stands: take the \
+                 motion or the scattering away",
+                material.name
+            ));
+        }
         let Geometry::Mesh(mesh) = geometry else {
             return Ok(());
         };
@@ -155,6 +170,7 @@ impl Scene {
             return Err("its alpha cut-off is negative or not a number: give 0 or more".into());
         }
         check_interior(material)?;
+        check_scattering(material)?;
         for layer in &material.layers {
             let texture = layer.texture;
             if texture.texture as usize >= self.textures.len() {
@@ -377,10 +393,11 @@ fn out_of_range(kind: &str, index: u32, count: usize) -> String {
 mod tests {
     use super::*;
     use crate::mesh::Slab;
+    use crate::optics::subsurface::SubsurfacePreset;
     use crate::optics::{Absorption, Dispersion};
     use crate::scene::{
         Filter, Image, Interior, Layer, Lecture, MetallicRoughness, Model, Parameter, Pattern, Procedural,
-        Sampler, Texels, TextureUse, Wrap,
+        Sampler, Texels, TextureUse, Translucency, Wrap,
     };
     use crate::scene::{Light, LightKind};
     use glam::DAffine3;
@@ -465,7 +482,7 @@ mod tests {
     #[test]
     fn every_fault_is_found_and_its_item_named() {
         type Break = fn(&mut Scene);
-        let breaks: [(&str, Break); 33] = [
+        let breaks: [(&str, Break); 36] = [
             ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 3]])),
             ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 1]])),
             ("geometry 0", |s| {
@@ -545,6 +562,19 @@ mod tests {
                     priority: 0,
                     is_thin: false,
                 })
+            }),
+            ("material 0", |s| {
+                s.materials[0].subsurface = Some(SubsurfacePreset::ALL[0].scattering.scaled(-1.0));
+            }),
+            ("material 0", |s| {
+                s.materials[0].translucency = Some(Translucency {
+                    factor: 1.5,
+                    color: [1.0; 3],
+                });
+            }),
+            ("instance 1", |s| {
+                s.geometries[1] = Geometry::Shape(Shape::Plane);
+                s.materials[0].subsurface = Some(SubsurfacePreset::ALL[0].scattering);
             }),
             ("texture 0", |s| {
                 if let Texture::Image { image, .. } = &mut s.textures[0] {

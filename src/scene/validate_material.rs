@@ -4,6 +4,7 @@ use super::validate::is_radiance;
 use super::{
     Layer, MOST_ROUGH_RAYS, Material, Model, Parameter, Pattern, Procedural, Scene, Texels, Texture,
 };
+use crate::optics::subsurface::Dipole;
 use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
 
 /// Octaves of noise that mean anything: each halves the height, so sixteen reach the last bits of a display value.
@@ -124,6 +125,41 @@ pub(super) fn check_interior(material: &Material) -> Result<(), String> {
     let is_coefficient = |sigma: &f64| (0.0..f64::INFINITY).contains(sigma);
     if !interior.absorption.sigma_a.iter().all(is_coefficient) {
         return Err("its absorption is negative or not finite: correct it".into());
+    }
+    Ok(())
+}
+
+/// What is wrong with light that is scattered beneath a surface, or in a thin sheet.
+pub(crate) fn check_scattering(material: &Material) -> Result<(), String> {
+    let is_asked = material.subsurface.is_some() || material.translucency.is_some();
+    if is_asked && !matches!(material.model, Model::MetallicRoughness(_)) {
+        return Err(
+            "scatters light within, which only the metallic-roughness model can: take `subsurface` or `translucency` \
+             away or give that `model`"
+                .into(),
+        );
+    }
+    if is_asked && material.transmits() {
+        return Err(
+            "lets light pass straight through and scatters it as well: give either `transmission` or one of \
+             `subsurface` and `translucency`"
+                .into(),
+        );
+    }
+    if material.subsurface.is_some() && material.translucency.is_some() {
+        return Err(
+            "is both a body that scatters within and a thin sheet: give `subsurface` or `translucency`"
+                .into(),
+        );
+    }
+    if let Some(scattering) = &material.subsurface {
+        Dipole::new(scattering).map_err(|error| error.to_string())?;
+    }
+    if let Some(sheet) = &material.translucency {
+        let mut parts = sheet.color.iter().chain([&sheet.factor]);
+        if !parts.all(|x| (0.0..=1.0).contains(x)) {
+            return Err("its translucency or the colour of it is outside [0, 1]: correct it".into());
+        }
     }
     Ok(())
 }

@@ -39,6 +39,7 @@ impl Assembler {
         for (name, form) in &document.material {
             let refuse = |sentence: String| source.error(form.fault(sentence));
             let mut material = form.material(name).map_err(refuse)?;
+            form.scatter(&mut material).map_err(|fault| source.error(fault))?;
             for layer in form.layers() {
                 let made = find("texture", layer.texture, &textures).map_err(|f| source.error(f))?;
                 let texture = made.of(layer.parameter.encoding());

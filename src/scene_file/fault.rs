@@ -41,6 +41,14 @@ pub(super) struct Fault {
     sentence: String,
 }
 
+#[cfg(test)]
+impl Fault {
+    /// What is wrong and what to do.
+    pub(super) fn sentence(&self) -> &str {
+        &self.sentence
+    }
+}
+
 impl<T> At<T> {
     /// A fault of this value.
     pub(super) fn fault(&self, sentence: impl Into<String>) -> Fault {

@@ -4,7 +4,8 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::medium::{CauchyForm, Glass, SellmeierForm};
-use super::value::{Color, NoValue, Param, Rgba, Textured};
+use super::scattering::SubsurfaceForm;
+use super::value::{At, Color, NoValue, Param, Rgba, Textured};
 use crate::optics::Conductor;
 use crate::scene::{
     AlphaMode, Lecture, MOST_ROUGH_RAYS, Material, MetallicRoughness, Model, Parameter, UvTransform,
@@ -88,6 +89,13 @@ pub(super) struct MaterialForm {
     pub(super) priority: Option<i32>,
     /// Whether the surface is a wall without an inside.
     pub(super) thin: Option<bool>,
+    /// Diffuse light that enters, is scattered within and leaves elsewhere, as in milk, marble and wax; the base colour
+    /// tints it.
+    pub(super) subsurface: Option<At<SubsurfaceForm>>,
+    /// Of a thin sheet such as a leaf, how much of the diffuse light leaves on the other side, 0 to 1.
+    pub(super) translucency: Option<At<f32>>,
+    /// In what colour; the base colour if it is not said.
+    pub(super) translucency_color: Option<At<Color>>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]

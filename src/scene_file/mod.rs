@@ -74,6 +74,7 @@ mod material;
 mod medium;
 mod placement;
 mod polygons;
+mod scattering;
 mod schema;
 mod shape;
 mod texture;

@@ -19,6 +19,13 @@ pub(super) struct At<T> {
     pub(super) span: Range<usize>,
 }
 
+impl<T> At<T> {
+    /// A value that stands at no place of its own.
+    pub(super) fn nowhere(value: T) -> At<T> {
+        At { value, span: 0..0 }
+    }
+}
+
 impl<T> Deref for At<T> {
     type Target = T;
 

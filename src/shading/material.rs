@@ -1,7 +1,7 @@
 //! The materials of sixteen points: factors, with textures and vertex colours multiplied in later.
 
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::{AlphaMode, Effect, EffectSet, Lecture, Material, MetallicRoughness, Model};
+use crate::scene::{AlphaMode, Effect, EffectSet, Lecture, Material, MetallicRoughness, Model, Translucency};
 
 /// The material at sixteen points.
 ///
@@ -24,6 +24,8 @@ pub struct MaterialPacket {
     pub f0: Lanes<f32>,
     /// What few materials have.
     pub rich: RichLanes,
+    /// The index of refraction of a body, where all that is asked is how much light gets in.
+    pub enters: Option<f32>,
 }
 
 /// What few materials have, at sixteen points.
@@ -50,6 +52,11 @@ pub struct RichLanes {
     pub reflection: Lanes3<f32>,
     /// Rays that a lobe is looked into by where the eye sees it.
     pub rough_rays: Lanes<u32>,
+    /// Of the diffuse light, what leaves where and on the side that it arrived: less than 1 for thin sheets, 0 for bodies
+    /// that scatter within.
+    pub local: Lanes<f32>,
+    /// Of a white sheet's diffuse light, what leaves on the other side, linear RGB.
+    pub translucency: Lanes3<f32>,
 }
 
 /// Reflectance of a dielectric at normal incidence in air.
@@ -66,6 +73,7 @@ impl MaterialPacket {
     pub const BLACK: MaterialPacket = MaterialPacket {
         effects: EffectSet::NONE,
         base_color: [[0.0; LANES]; 3],
+        enters: None,
         alpha: [1.0; LANES],
         emission: [[0.0; LANES]; 3],
         metallic: [0.0; LANES],
@@ -82,6 +90,8 @@ impl MaterialPacket {
             exponent: [1.0; LANES],
             reflection: [[0.0; LANES]; 3],
             rough_rays: [0; LANES],
+            local: [1.0; LANES],
+            translucency: [[0.0; LANES]; 3],
         },
     };
 
@@ -130,6 +140,13 @@ impl MaterialPacket {
         self.effects.has(effect) && self.rich.rough_rays[l] > 0 && self.roughness[l] > 0.0
     }
 
+    /// Whether the surface in lane `l` is a thin sheet that lets diffuse light through.
+    #[inline(always)]
+    pub fn is_sheet(&self, l: usize) -> bool {
+        let through = &self.rich.translucency;
+        through[0][l] + through[1][l] + through[2][l] > 0.0
+    }
+
     #[inline(always)]
     fn set_plain(&mut self, l: usize, factors: &Factors) {
         let material = factors.material;
@@ -166,7 +183,9 @@ impl MaterialPacket {
     #[inline(always)]
     fn set_rich(&mut self, l: usize, factors: &Factors) {
         let is_specular = factors.is_lecture || self.effects.has(Effect::Specular);
+        let local = self.local_share(factors);
         let rich = &mut self.rich;
+        rich.local[l] = local;
         rich.specular[l] = if is_specular { factors.model.specular } else { 1.0 };
         rich.is_lecture[l] = factors.is_lecture;
         rich.exponent[l] = factors.lecture.exponent;
@@ -182,6 +201,23 @@ impl MaterialPacket {
             rich.ambient[channel][l] = factors.lecture.ambient[channel];
             rich.diffuse[channel][l] = factors.lecture.diffuse[channel];
             rich.reflection[channel][l] = factors.lecture.reflection[channel];
+            rich.translucency[channel][l] = if self.effects.has(Effect::Translucency) {
+                factors.translucency[channel]
+            } else {
+                0.0
+            };
+        }
+    }
+
+    /// Of the diffuse light, what leaves where and on the side that it arrived.
+    #[inline(always)]
+    fn local_share(&self, factors: &Factors) -> f32 {
+        if self.effects.has(Effect::Subsurface) && factors.material.scatters().is_some() {
+            0.0
+        } else if self.effects.has(Effect::Translucency) {
+            factors.local
+        } else {
+            1.0
         }
     }
 }
@@ -196,6 +232,8 @@ struct Factors<'m> {
     emission: [f32; 3],
     specular_color: [f32; 3],
     transmission: [f32; 3],
+    local: f32,
+    translucency: [f32; 3],
 }
 
 /// A lecture's surface that reflects nothing.
@@ -212,6 +250,7 @@ impl<'m> Factors<'m> {
             Model::Lecture(lecture) => (MetallicRoughness::DEFAULT, lecture, true),
             Model::Unlit => (MetallicRoughness::DEFAULT, NOTHING, true),
         };
+        let leaf = material.translucent().map(Translucency::leaf);
         Factors {
             material,
             model,
@@ -235,6 +274,9 @@ impl<'m> Factors<'m> {
             } else {
                 [model.transmission; 3]
             },
+            // The base colour comes later, the same for all channels' shares.
+            local: leaf.map_or(1.0, |leaf| leaf.reflectance()[0] as f32),
+            translucency: leaf.map_or([0.0; 3], |leaf| leaf.translucency().map(|x| x as f32)),
         }
     }
 }

@@ -16,10 +16,17 @@ impl MaterialPacket {
     fn c_diff<const RICH: bool>(&self, channel: usize, l: usize) -> f32 {
         let scattered = self.base_color[channel][l] * (1.0 - self.metallic[l]);
         if RICH {
-            scattered * (1.0 - self.rich.transmission[channel][l])
+            scattered * (1.0 - self.rich.transmission[channel][l]) * self.rich.local[l]
         } else {
             scattered
         }
+    }
+
+    /// What leaves a thin sheet diffusely on the other side, of what is not reflected.
+    #[inline(always)]
+    fn c_through(&self, channel: usize, l: usize) -> f32 {
+        let rich = &self.rich;
+        rich.translucency[channel][l] * (1.0 - self.metallic[l]) * (1.0 - rich.transmission[channel][l])
     }
 
     /// Reflectance at normal incidence.
@@ -80,6 +87,7 @@ impl MaterialPacket {
                 let mut albedo = self.c_diff::<RICH>(channel, l) + self.f0::<RICH>(channel, l) * rough[l];
                 if RICH {
                     let lecture = rich.ambient[channel][l] * self.base_color[channel][l];
+                    albedo += self.c_through(channel, l);
                     albedo = if rich.is_lecture[l] { lecture } else { albedo };
                     albedo *= rich.occlusion[l];
                 }
@@ -154,6 +162,36 @@ fn direct_of<const RICH: bool>(
         }
     }
     reflected
+}
+
+/// Radiance that thin sheets let through diffusely per unit of irradiance at normal incidence, from lights behind them;
+/// lanes with n·wi >= 0 give zero.
+///
+/// Of the light, the sheet's back reflects as much as its front would of light from the mirrored direction.
+#[inline(always)]
+pub fn through(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+) -> Lanes3<f32> {
+    let mut passed = [[0.0; LANES]; 3];
+    for l in 0..LANES {
+        let n = [ns[0][l], ns[1][l], ns[2][l]];
+        let i = [wi[0][l], wi[1][l], wi[2][l]];
+        let behind = (-dot(n, i)).max(0.0);
+        let mut h = [wo[0][l], wo[1][l], wo[2][l]];
+        for axis in 0..3 {
+            h[axis] += i[axis] + 2.0 * behind * n[axis];
+        }
+        let grazing = fifth_power(1.0 - 0.5 * dot(h, h).sqrt());
+        for channel in 0..3 {
+            let f0 = material.f0::<true>(channel, l);
+            let fresnel = f0 + (material.f90::<true>(l) - f0) * grazing;
+            passed[channel][l] = (1.0 - fresnel) * material.c_through(channel, l) * (1.0 / PI) * behind;
+        }
+    }
+    passed
 }
 
 /// The mirror ray of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, zero where the surface is

@@ -5,6 +5,7 @@
 //! a factor of zero.
 
 mod area_light;
+mod entering;
 mod environment;
 mod ggx;
 mod lecture;
@@ -18,10 +19,11 @@ mod texture;
 pub use area_light::{
     AreaLight, AreaLightError, BodyLight, DiskLight, LightSample, MeshLight, QuadLight, SphereLight,
 };
+pub use entering::entering;
 pub use environment::{EnvironmentError, EnvironmentMap, EnvironmentSample};
 pub use ggx::{Ggx, LobeSample};
 pub use lecture::lecture_direct;
 pub use light::{Illumination, illuminate};
 pub use material::{MaterialPacket, RichLanes};
-pub use metallic_roughness::{direct, mirror};
+pub use metallic_roughness::{direct, mirror, through};
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};

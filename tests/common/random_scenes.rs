@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 use whit::mesh::Mesh;
+use whit::optics::subsurface::SubsurfacePreset;
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::scene::{
     AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Interior,
     Layer, Lecture, Lens, Light, LightKind, Material, MetallicRoughness, Model, Parameter, Pattern,
-    Procedural, Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureUse, Wrap,
+    Procedural, Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureUse, Translucency, Wrap,
 };
 use whit::volume::{Fog, Grid, Samples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
@@ -102,10 +103,14 @@ pub fn scene(seed: u64) -> Scene {
         ][r.below(2)];
         scene.cameras[0].lens = Some(Lens::new(0.3, 4.0, aperture).unwrap());
     }
+    scatter(&mut scene, r);
     if r.next() < 0.35 {
         scene.set_rough_rays(1 + 2 * r.below(2) as u32);
     }
-    if r.next() < 0.12 {
+    let is_still = scene.materials[scene.instances[0].material as usize]
+        .scatters()
+        .is_some();
+    if r.next() < 0.12 && !is_still {
         let moved = &mut scene.instances[0];
         let start = moved.world_from_object();
         let end = DAffine3::from_translation(0.7 * r.in_cube())
@@ -130,6 +135,28 @@ pub fn scene(seed: u64) -> Scene {
     }
     scene.validate().unwrap();
     scene
+}
+
+/// Lets light into the first material of some scenes, if it is one that may scatter it.
+fn scatter(scene: &mut Scene, r: &mut Random) {
+    let chance = r.next();
+    let has_plane = scene.instances.iter().any(|instance| {
+        instance.material == 0 && scene.geometries[instance.geometry as usize].is_unbounded()
+    });
+    let material = &mut scene.materials[0];
+    if material.transmits() || !matches!(material.model, Model::MetallicRoughness(_)) {
+        return;
+    }
+    if chance < 0.1 && !has_plane {
+        let presets = &SubsurfacePreset::ALL;
+        let scattering = presets[r.below(presets.len())].scattering;
+        material.subsurface = Some(scattering.scaled(0.2 + r.next()));
+    } else if chance < 0.25 {
+        material.translucency = Some(Translucency {
+            factor: 0.3 + 0.5 * r.next() as f32,
+            color: [0.5, 0.9, 0.2],
+        });
+    }
 }
 
 fn sometimes<T: Default>(r: &mut Random, probability: f64, value: T) -> T {

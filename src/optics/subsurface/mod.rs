@@ -3,8 +3,8 @@
 //! The dipole (H. W. Jensen, S. Marschner, M. Levoy, P. Hanrahan, "A practical model for subsurface light transport",
 //! SIGGRAPH 2001) tells how much of what enters at one point leaves at another; it depends on their distance alone. Two
 //! passes use it (H. W. Jensen, J. Buhler, "A rapid hierarchical rendering technique for translucent materials", SIGGRAPH
-//! 2002): [`surface_samples`] spreads points over the body for which somebody works out the irradiance, and an
-//! [`IrradianceTree`] over them answers what leaves anywhere.
+//! 2002): [`surface_samples`] and [`lattice_samples`] spread points over the body for which somebody works out the irradiance,
+//! and an [`IrradianceTree`] over them answers what leaves anywhere.
 //!
 //! Lengths are those of the space that positions are given in; coefficients are per unit of that length, published ones
 //! ([`SubsurfacePreset`]) per millimetre: [`Scattering::scaled`] goes from one to the other. Irradiance is what gets
@@ -15,6 +15,7 @@
 mod dipole;
 mod exponential;
 mod gather;
+mod lattice;
 mod morton;
 mod presets;
 mod samples;
@@ -22,6 +23,7 @@ mod scattering;
 mod tree;
 
 pub use dipole::Dipole;
+pub use lattice::lattice_samples;
 pub use presets::SubsurfacePreset;
 pub use samples::{MAX_SAMPLES, SurfaceSample, SurfaceSamples, surface_samples};
 pub use scattering::{Scattering, ScatteringError, diffuse_fresnel_reflectance, diffuse_transmittance};

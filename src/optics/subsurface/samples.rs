@@ -25,8 +25,10 @@ pub struct SurfaceSample {
     pub normal: DVec3,
     /// The area of its piece.
     pub area: f64,
-    /// The triangle that it lies on.
+    /// The triangle that it lies on; the part of a shape.
     pub triangle: u32,
+    /// Its weights at the triangle's second and third corner.
+    pub uv: [f64; 2],
 }
 
 /// Points spread over a surface.
@@ -42,9 +44,8 @@ pub struct SurfaceSamples {
 ///
 /// Ask for [`Dipole::sample_spacing`](super::Dipole::sample_spacing), and evaluate
 /// [`Dipole::resolved_by`](super::Dipole::resolved_by) the spacing that came of it. There are at most [`MAX_SAMPLES`] points;
-/// a surface that would take more has them wider apart. Triangles without a finite area get none. A curved shape is
-/// sampled by its tessellation, finer than the spacing, and its points moved onto the shape if need be. There are fewer than
-/// 2^32 triangles.
+/// a surface that would take more has them wider apart. Triangles without a finite area get none. There are fewer than
+/// 2^32 triangles. For shapes that lines can be crossed with there is [`lattice_samples`](super::lattice_samples).
 pub fn surface_samples(
     triangle_count: usize,
     corners: impl Fn(usize) -> [DVec3; 3] + Sync,
@@ -74,11 +75,12 @@ pub fn surface_samples(
         let first = if place == 0 { 0 } else { before(ends[place - 1]) };
         let triangle = order[place];
         let points = points(corners(triangle as usize), before(ends[place]) - first);
-        points.map(move |(position, normal)| SurfaceSample {
+        points.map(move |(position, normal, uv)| SurfaceSample {
             position,
             normal,
             area: piece,
             triangle,
+            uv,
         })
     };
     SurfaceSamples {
@@ -107,8 +109,8 @@ fn area([a, b, c]: [DVec3; 3]) -> f64 {
     if area.is_finite() { area } else { 0.0 }
 }
 
-/// `count` points of a triangle, each with its normal.
-fn points([a, b, c]: [DVec3; 3], count: usize) -> impl Iterator<Item = (DVec3, DVec3)> {
+/// `count` points of a triangle, each with its normal and its weights at the second and third corner.
+fn points([a, b, c]: [DVec3; 3], count: usize) -> impl Iterator<Item = (DVec3, DVec3, [f64; 2])> {
     /// The plane's analogue of the golden ratio (M. Roberts 2018).
     const STEP: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
     let normal = (b - a).cross(c - a).normalize_or_zero();
@@ -117,7 +119,7 @@ fn points([a, b, c]: [DVec3; 3], count: usize) -> impl Iterator<Item = (DVec3, D
         // The lattice fills the parallelogram of which the triangle is a half.
         .filter(|[u, v]| u + v < 1.0)
         .take(count)
-        .map(move |[u, v]| (a + u * (b - a) + v * (c - a), normal))
+        .map(move |[u, v]| (a + u * (b - a) + v * (c - a), normal, [u, v]))
 }
 
 #[cfg(test)]

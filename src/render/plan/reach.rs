@@ -44,7 +44,7 @@ struct Object<'s> {
     name: &'s str,
     /// Its number.
     instance: u32,
-    /// Whether it may hide the light from itself.
+    /// Whether it may hide the light from itself: from its own far side, where it is translucent.
     hides_itself: bool,
 }
 
@@ -147,6 +147,7 @@ impl<'s> Object<'s> {
             Geometry::Shape(Shape::Sphere(_) | Shape::Cube | Shape::Polyhedron(_))
         );
         let from_outside = !material.transmits()
+            && material.translucent().is_none()
             && material.alpha == AlphaMode::Opaque
             && !may_be_seen_from_inside(&bounds, camera);
         Object {

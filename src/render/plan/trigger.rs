@@ -216,6 +216,18 @@ pub const TRIGGERS: &[Trigger] = &[
         let camera = facts.camera;
         camera.motion().map(|_| format!("camera `{}` moves", camera.name))
     }),
+    trigger(Effect::Subsurface, "scattering within", |facts| {
+        facts.material(|m| m.scatters().is_some(), |_| "scatters light within".into())
+    }),
+    trigger(Effect::Translucency, "translucency", |facts| {
+        facts.material(
+            |m| m.translucent().is_some(),
+            |m| {
+                let factor = m.translucent().map_or(0.0, |sheet| sheet.factor);
+                format!("lets through {factor} of its diffuse light")
+            },
+        )
+    }),
 ];
 
 /// Why an effect is off that nothing calls for.
@@ -251,6 +263,8 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::RoughReflection => "no rough material that is opaque asks for rays".into(),
         Effect::RoughRefraction => "no rough material that lets light through asks for rays".into(),
         Effect::MotionBlur => "nothing moves".into(),
+        Effect::Subsurface => "no material scatters light within".into(),
+        Effect::Translucency => "no material lets diffuse light through".into(),
     }
 }
 

@@ -33,6 +33,8 @@ fn scene(texture: Texture, images: Vec<Image>, parameter: Parameter) -> Scene {
                 strength: 1.0,
             }],
             interior: None,
+            subsurface: None,
+            translucency: None,
         }],
         textures: vec![texture],
         images,

@@ -1,0 +1,172 @@
+//! The light that gets into a body at its points, by the feelers that surfaces send.
+//!
+//! Each point becomes a hit, seen along its normal, and a film of as many pixels as a tile has collects what arrives. So
+//! points go through the same code as what the camera sees, and random points of lights are numbered by place and not by
+//! thread.
+
+use std::sync::atomic::Ordering;
+
+use rayon::prelude::*;
+
+use super::points::{Covered, Point};
+use crate::accel::{Hit, RayOrder, RayPacket};
+use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+use crate::optics::subsurface::diffuse_transmittance;
+use crate::render::film::{TILE, Tile, TileFilm};
+use crate::render::outcome::{Outcome, Stage, Traced};
+use crate::render::shade::Lit;
+use crate::render::surface::Surfaces;
+use crate::render::texturing::Widths;
+use crate::render::travel::Travels;
+use crate::render::{Frame, Ledger, Monitor};
+use crate::shading::MaterialPacket;
+
+/// Points whose light is found together: one for each pixel of a tile.
+const CHUNK: usize = (TILE * TILE) as usize;
+
+/// Tiles in a row of the picture that numbers the points.
+const TILES_A_ROW: usize = 1 << 10;
+
+/// Irradiance up to which no sum over all points leaves the range of f32, nor the light that comes of it.
+const MOST_IRRADIANCE: f64 = 1e24;
+
+/// All of the light, in every lane.
+const ALL: Lanes3<f32> = [[1.0; LANES]; 3];
+
+impl Frame<'_> {
+    /// What gets into a body at each of its points, per unit of area. `before` are the points of bodies before it. `None`
+    /// if it was cancelled.
+    pub(super) fn receive(
+        &self,
+        covered: &Covered,
+        before: usize,
+        monitor: &Monitor,
+    ) -> Option<(Vec<[f32; 3]>, Ledger)> {
+        // Each body before this one may have left its last chunk unfilled.
+        let first = before.div_ceil(CHUNK) + covered.instance as usize;
+        let chunks: Option<Vec<_>> = covered
+            .points
+            .par_chunks(CHUNK)
+            .enumerate()
+            .map_init(
+                || Receiver::new(self, covered),
+                |receiver, (chunk, points)| {
+                    let is_cancelled = monitor.cancel.load(Ordering::Relaxed);
+                    (!is_cancelled).then(|| receiver.receive(points, first + chunk))
+                },
+            )
+            .collect();
+        let mut ledger = Ledger::default();
+        let mut irradiance = Vec::with_capacity(covered.points.len());
+        for (of_chunk, taken) in chunks? {
+            irradiance.extend(of_chunk);
+            ledger += taken;
+        }
+        Some((irradiance, ledger))
+    }
+}
+
+/// The working memory of one thread.
+struct Receiver<'f, 's> {
+    frame: &'f Frame<'s>,
+    covered: &'f Covered,
+    surfaces: Box<Surfaces>,
+    outcome: Outcome<'f, 's>,
+    /// Asks for nothing but how much light gets in.
+    entrance: MaterialPacket,
+    /// Of paths that begin at the points, outside of all bodies.
+    travels: Travels,
+    /// Irradiance by the ambient light.
+    ambient: [f64; 3],
+}
+
+impl<'f, 's> Receiver<'f, 's> {
+    fn new(frame: &'f Frame<'s>, covered: &'f Covered) -> Receiver<'f, 's> {
+        let mut travels = Travels::new(frame.effects(), frame.follows_widths());
+        travels.resize(1);
+        let eta = covered.scattering.eta;
+        let even = std::f64::consts::PI * diffuse_transmittance(eta);
+        Receiver {
+            frame,
+            covered,
+            surfaces: Box::new(Surfaces::new(frame.effects())),
+            outcome: Outcome::new(frame, TileFilm::new(None)),
+            entrance: MaterialPacket {
+                effects: frame.effects(),
+                enters: Some(eta as f32),
+                ..MaterialPacket::BLACK
+            },
+            travels,
+            ambient: frame.ambient.map(|channel| even * f64::from(channel)),
+        }
+    }
+
+    /// What gets in at the points of a chunk.
+    fn receive(&mut self, points: &[Point], chunk: usize) -> (Vec<[f32; 3]>, Ledger) {
+        let stage = Stage {
+            order: RayOrder::Incoherent,
+            depth: 0,
+        };
+        let corner = [chunk % TILES_A_ROW, chunk / TILES_A_ROW].map(|tile| tile as u32 * TILE);
+        self.outcome.meter.begin(Tile {
+            x: corner[0],
+            y: corner[1],
+            width: TILE,
+            height: TILE,
+        });
+        self.outcome.clear();
+        self.outcome.corner = corner;
+        for (number, points) in points.chunks(LANES).enumerate() {
+            let (packet, pixel) = self.seen(points, number * LANES);
+            self.frame
+                .surfaces
+                .meet(&packet, Widths::None, &mut self.surfaces);
+            let traced = Traced {
+                packet: &packet,
+                pixel: &pixel,
+                weight: &ALL,
+                travels: Some(self.travels.at(0)),
+            };
+            let lit = Lit {
+                points: &self.surfaces.points,
+                materials: &self.entrance,
+                weight: &ALL,
+            };
+            self.outcome.ask_lights(&traced, &lit, stage);
+        }
+        self.outcome.answer_feelers(stage.order);
+        let sums = &self.outcome.film.sums()[..points.len()];
+        let total = |sum: &[f64; 3]| {
+            let channel = |c: usize| match sum[c] + self.ambient[c] {
+                light if light > 0.0 => light.min(MOST_IRRADIANCE) as f32,
+                // Not a number counts as nothing.
+                _ => 0.0,
+            };
+            [channel(0), channel(1), channel(2)]
+        };
+        (sums.iter().map(total).collect(), self.outcome.meter.ledger)
+    }
+
+    /// Sixteen points as hits, with their pixels from `first` on.
+    fn seen(&self, points: &[Point], first: usize) -> (RayPacket, Lanes<u32>) {
+        let mut packet = RayPacket::EMPTY;
+        let mut pixel = [first as u32; LANES];
+        let distance = self.covered.spacing;
+        for (l, point) in points.iter().enumerate() {
+            pixel[l] = (first + l) as u32;
+            let origin = (point.position + distance * point.normal).as_vec3();
+            packet.set(l, &Ray::new(origin, -point.normal.as_vec3()));
+            packet.set_hit(
+                l,
+                &Hit {
+                    t: distance as f32,
+                    u: point.uv[0] as f32,
+                    v: point.uv[1] as f32,
+                    instance: self.covered.instance,
+                    primitive: point.triangle,
+                },
+            );
+        }
+        (packet, pixel)
+    }
+}

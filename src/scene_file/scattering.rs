@@ -1,0 +1,289 @@
+//! Light that is scattered within bodies and in thin sheets, as a material's file writes it.
+
+use std::borrow::Cow;
+use std::fmt;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+
+use super::fault::Fault;
+use super::material::MaterialForm;
+use super::value::{At, Color, Each};
+use crate::optics::subsurface::{Scattering, SubsurfacePreset};
+use crate::optics::{Absorption, Dispersion, LINE_D};
+use crate::scene::{DEFAULT_IOR, Interior, Material, Translucency, check_scattering};
+
+/// Length of a millimetre where the file does not say it: a scene is in metres.
+const MILLIMETRE: f64 = 0.001;
+
+/// What scatters beneath a surface: a preset's name, or a table.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SubsurfaceForm(SubsurfaceTable);
+
+/// One of three ways to say it: a measured material; coefficients; or the colour of a thick body and how deep light goes.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct SubsurfaceTable {
+    /// A measured material, by name.
+    preset: Option<At<String>>,
+    /// Length of a millimetre, in which presets are measured, in units of the scene.
+    #[schemars(extend("default" = MILLIMETRE))]
+    scale: Option<At<f64>>,
+    /// Reduced scattering coefficients (1 - g) sigma_s, per unit of length.
+    scattering: Option<At<Color>>,
+    /// Absorption coefficients, per unit of length.
+    absorption: Option<At<Color>>,
+    /// Diffuse reflectance of a thick body in even light.
+    reflectance: Option<At<Color>>,
+    /// How far light goes between two changes of its direction, for all colours or for red, green and blue.
+    mean_free_path: Option<At<Each<3>>>,
+}
+
+impl<'de> Deserialize<'de> for SubsurfaceForm {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<SubsurfaceForm, D::Error> {
+        deserializer.deserialize_any(FormVisitor)
+    }
+}
+
+struct FormVisitor;
+
+impl<'de> Visitor<'de> for FormVisitor {
+    type Value = SubsurfaceForm;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("the name of a measured material or a table")
+    }
+
+    fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<SubsurfaceForm, E> {
+        Ok(SubsurfaceForm(SubsurfaceTable {
+            preset: Some(At::nowhere(name.to_owned())),
+            ..SubsurfaceTable::default()
+        }))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SubsurfaceForm, A::Error> {
+        SubsurfaceTable::deserialize(MapAccessDeserializer::new(map)).map(SubsurfaceForm)
+    }
+}
+
+impl JsonSchema for SubsurfaceForm {
+    fn schema_name() -> Cow<'static, str> {
+        "Subsurface".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let names = SubsurfacePreset::ALL.map(|preset| preset.name);
+        let table = generator.subschema_for::<SubsurfaceTable>();
+        json_schema!({
+            "description": "A measured material by name, or a table.",
+            "anyOf": [{ "type": "string", "enum": names }, table],
+        })
+    }
+}
+
+impl At<SubsurfaceForm> {
+    /// What scatters, with the index of refraction `ior` if the material says one.
+    fn scattering(&self, ior: Option<f64>) -> Result<Scattering, Fault> {
+        let table = &self.0;
+        let eta = ior.unwrap_or(DEFAULT_IOR);
+        match (&table.preset, &table.scattering, &table.reflectance) {
+            (Some(preset), None, None) => {
+                let is_alone = table.absorption.is_none() && table.mean_free_path.is_none();
+                if !is_alone {
+                    return Err(self.fault("has a `preset` and coefficients of its own: give one"));
+                }
+                let found = SubsurfacePreset::named(preset).ok_or_else(|| self.unknown(preset))?;
+                let scaled = found.scattering.scaled(self.millimetre()?);
+                Ok(Scattering {
+                    eta: ior.unwrap_or(scaled.eta),
+                    ..scaled
+                })
+            }
+            (None, Some(sigma_s), None) if table.mean_free_path.is_none() => {
+                self.refuse_scale()?;
+                let sigma_a = table.absorption.as_ref().map_or([0.0; 3], |sigma| sigma.0);
+                Ok(Scattering {
+                    sigma_s_reduced: sigma_s.0.map(f64::from),
+                    sigma_a: sigma_a.map(f64::from),
+                    eta,
+                })
+            }
+            (None, None, Some(reflectance)) if table.absorption.is_none() => {
+                self.refuse_scale()?;
+                let Some(path) = &table.mean_free_path else {
+                    return Err(reflectance.fault("says how bright and not how deep: add `mean_free_path`"));
+                };
+                Scattering::from_reflectance(reflectance.0.map(f64::from), path.0, eta)
+                    .map_err(|error| self.fault(error.to_string()))
+            }
+            _ => Err(self.fault(
+                "does not say what scatters in one way: give a `preset`, or `scattering` and `absorption`, or \
+                 `reflectance` and `mean_free_path`",
+            )),
+        }
+    }
+
+    fn unknown(&self, preset: &At<String>) -> Fault {
+        let names = SubsurfacePreset::ALL.map(|preset| preset.name).join(", ");
+        let sentence = format!("`{}` is no measured material: give one of {names}", **preset);
+        if preset.span.is_empty() {
+            self.fault(sentence)
+        } else {
+            preset.fault(sentence)
+        }
+    }
+
+    fn millimetre(&self) -> Result<f64, Fault> {
+        match &self.0.scale {
+            None => Ok(MILLIMETRE),
+            Some(scale) if **scale > 0.0 && **scale < f64::INFINITY => Ok(**scale),
+            Some(scale) => Err(scale.fault(format!(
+                "is {}: give the length of a millimetre, more than 0",
+                **scale
+            ))),
+        }
+    }
+
+    /// Only presets are measured in millimetres.
+    fn refuse_scale(&self) -> Result<(), Fault> {
+        match &self.0.scale {
+            None => Ok(()),
+            Some(scale) => Err(scale.fault("is for a `preset`: give lengths in units of the scene instead")),
+        }
+    }
+}
+
+impl MaterialForm {
+    /// Adds to `material` what light does beneath its surface.
+    pub(super) fn scatter(&self, material: &mut Material) -> Result<(), Fault> {
+        if let Some(form) = &self.subsurface {
+            let stated = material.interior.map(|inside| inside.ior.ior(LINE_D));
+            let scattering = form.scattering(stated)?;
+            material.subsurface = Some(scattering);
+            // The surface reflects as its inside asks for.
+            material.interior.get_or_insert(Interior {
+                ior: Dispersion::Constant(scattering.eta),
+                absorption: Absorption::NONE,
+                priority: 0,
+                is_thin: false,
+            });
+            check_scattering(material).map_err(|sentence| form.fault(sentence))?;
+        }
+        match (&self.translucency, &self.translucency_color) {
+            (None, None) => Ok(()),
+            (None, Some(color)) => Err(color.fault("colours no light without `translucency`: add it")),
+            (Some(factor), color) => {
+                let [r, g, b, _] = material.base_color;
+                material.translucency = Some(Translucency {
+                    factor: **factor,
+                    color: color.as_ref().map_or([r, g, b], |color| color.0),
+                });
+                check_scattering(material).map_err(|sentence| factor.fault(sentence))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn material(text: &str) -> Result<Material, String> {
+        let form = toml::from_str::<MaterialForm>(text).map_err(|error| error.message().to_owned())?;
+        let mut material = form.material("test")?;
+        form.scatter(&mut material)
+            .map_err(|fault| fault.sentence().to_owned())?;
+        Ok(material)
+    }
+
+    #[test]
+    fn a_preset_is_in_millimetres_of_a_scene_in_metres_unless_said_otherwise() {
+        let milk = material("subsurface = 'wholemilk'").unwrap();
+        let scattering = milk.subsurface.unwrap();
+        // 2.55 a millimetre.
+        assert!((scattering.sigma_s_reduced[0] - 2550.0).abs() < 1e-9);
+        assert_eq!((scattering.eta, milk.ior(LINE_D)), (1.3, 1.3));
+        let marble = material("subsurface = { preset = 'marble', scale = 0.5 }\nior = 1.4").unwrap();
+        let scattering = marble.subsurface.unwrap();
+        assert_eq!((scattering.sigma_s_reduced[1], scattering.eta), (5.24, 1.4));
+        assert_eq!(marble.ior(LINE_D), 1.4);
+    }
+
+    #[test]
+    fn coefficients_and_colours_are_in_units_of_the_scene() {
+        let given = material("subsurface = { scattering = [1, 2, 3], absorption = 0.5 }").unwrap();
+        let scattering = given.subsurface.unwrap();
+        assert_eq!(
+            (scattering.sigma_s_reduced, scattering.sigma_a, scattering.eta),
+            ([1.0, 2.0, 3.0], [0.5; 3], DEFAULT_IOR)
+        );
+        let wax = material("subsurface = { reflectance = [1, 0.5, 0.2], mean_free_path = 0.25 }").unwrap();
+        let scattering = wax.subsurface.unwrap();
+        assert_eq!((scattering.sigma_s_reduced[0], scattering.sigma_a[0]), (4.0, 0.0));
+        assert!(scattering.sigma_a[2] > scattering.sigma_a[1]);
+    }
+
+    #[test]
+    fn a_sheet_lets_through_its_base_colour_unless_it_says_another() {
+        let leaf = material("base_color = [0.2, 0.5, 0.1]\ntranslucency = 0.5").unwrap();
+        let expected = Translucency {
+            factor: 0.5,
+            color: [0.2, 0.5, 0.1],
+        };
+        assert_eq!(leaf.translucency, Some(expected));
+        let leaf = material("translucency = 0.5\ntranslucency_color = [0, 1, 0]").unwrap();
+        assert_eq!(leaf.translucency.unwrap().color, [0.0, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn what_does_not_fit_together_is_refused() {
+        for (bad, words) in [
+            (
+                "subsurface = 'chalk'",
+                "is no measured material: give one of apple, chicken1",
+            ),
+            ("subsurface = { preset = 'chalk' }", "give one of apple"),
+            ("subsurface = { preset = 'skin1', scale = 0 }", "more than 0"),
+            (
+                "subsurface = { preset = 'skin1', absorption = 1 }",
+                "coefficients of its own",
+            ),
+            ("subsurface = { scattering = 1, scale = 1 }", "is for a `preset`"),
+            (
+                "subsurface = { scattering = 1e20 }",
+                "give a number from 0 to 1e15",
+            ),
+            ("subsurface = { reflectance = 0.5 }", "add `mean_free_path`"),
+            (
+                "subsurface = { reflectance = 2, mean_free_path = 1 }",
+                "diffuse reflectance",
+            ),
+            ("subsurface = {}", "in one way"),
+            ("subsurface = { absorption = 1 }", "in one way"),
+            (
+                "subsurface = 'marble'\ntransmission = 1",
+                "give either `transmission`",
+            ),
+            (
+                "subsurface = 'marble'\ntranslucency = 0.5",
+                "give `subsurface` or `translucency`",
+            ),
+            (
+                "subsurface = 'marble'\nmodel = 'lecture'",
+                "only the metallic-roughness model",
+            ),
+            ("subsurface = 'marble'\nior = 2.5", "give one from 1 to 2"),
+            ("translucency = 1.5", "outside [0, 1]"),
+            (
+                "translucency = 0.5\nmodel = 'lecture'",
+                "only the metallic-roughness model",
+            ),
+            ("translucency_color = 0.5", "without `translucency`"),
+        ] {
+            let error = material(bad).unwrap_err();
+            assert!(error.contains(words), "{bad}: {error}");
+        }
+    }
+}

@@ -13,9 +13,11 @@ mod gather;
 mod ledger;
 mod lens;
 mod losses;
+mod memory;
 mod meter;
 mod outcome;
 pub mod plan;
+mod probe;
 mod queue;
 mod record;
 mod sample;
@@ -43,7 +45,9 @@ pub use adaptive::Adaptive;
 pub use costs::PixelCosts;
 pub use filter::PixelFilter;
 pub use ledger::{Account, Ledger, Loss, Tally};
+pub use memory::{Holding, Memory};
 pub use plan::Plan;
+pub use probe::{Probe, probe};
 pub use record::{RecordedRays, record};
 pub use sample::{SampledTile, TileSample, render_sample, tile_count};
 pub use sampler::{Purpose, sample_2d};
@@ -64,6 +68,7 @@ use adaptive::ROUND;
 use costs::CostSheet;
 use estimate::Estimate;
 use film::Tile;
+use memory::ThreadMemory;
 use meter::Meter;
 use sampler::{Layout, PacketShape, SampleGroup};
 use surface::{SurfaceScene, Surfaces};
@@ -149,6 +154,8 @@ pub struct Rendering {
     pub costs: Option<PixelCosts>,
     /// Rays and seconds.
     pub ledger: Ledger,
+    /// Bytes; empty with the ledger off.
+    pub memory: Memory,
     /// What was simulated.
     pub plan: Plan,
 }
@@ -190,6 +197,8 @@ struct Frame<'s> {
     probe_count: u64,
     /// What each pixel cost, where somebody asks.
     costs: Option<CostSheet>,
+    /// What the threads hold, with the ledger on.
+    thread_memory: Option<ThreadMemory>,
     /// How wide a camera ray is.
     camera_cone: Cone,
     /// Where camera rays leave it, if it is no pinhole.
@@ -224,6 +233,7 @@ pub fn render(
     };
     ledger.book(Account::Other, setting_up);
     ledger.settle(rayon::current_num_threads(), start.elapsed().as_secs_f64());
+    rendering.memory = frame.memory();
     rendering.costs = frame.costs.map(CostSheet::finish);
     Some(rendering)
 }
@@ -256,6 +266,7 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
         samples: SampleCounts::uniform(settings),
         costs: None,
         ledger,
+        memory: Memory::default(),
         plan: frame.plan.clone(),
     })
 }
@@ -302,6 +313,7 @@ fn render_adaptively(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
         aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),
         costs: None,
         ledger,
+        memory: Memory::default(),
         plan: frame.plan.clone(),
     })
 }
@@ -384,6 +396,7 @@ impl<'s> Frame<'s> {
             probe_count: 0,
             costs: (settings.ledger && settings.cost_aovs)
                 .then(|| CostSheet::new(settings.width, settings.height)),
+            thread_memory: settings.ledger.then(ThreadMemory::default),
             camera_cone: settings.camera_cone(&view, settings.spp),
             lens: camera.lens_view().filter(|_| effects.has(Effect::DepthOfField)),
             area_lights: if effects.has(Effect::AreaLight) {

@@ -7,7 +7,9 @@ use glam::{DMat3, DVec3};
 use super::survey::{all_finite, survey};
 use super::validate_light::{check_environment, check_light};
 use super::validate_material::{check_interior, check_model, check_procedural, check_texels};
-use super::{AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Space, Texture};
+use super::{
+    AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Space, Texels, Texture,
+};
 use crate::mesh::Mesh;
 use crate::numeric::{Bounds, Ray};
 use crate::shape::{Implicit, Shape, Sphere, Torus};
@@ -190,7 +192,8 @@ impl Scene {
         }
         for (index, image) in self.images.iter().enumerate() {
             let texel_count = u64::from(image.width) * u64::from(image.height);
-            if texel_count == 0 || texel_count != image.texels.len() as u64 {
+            let is_unread = image.texels == Texels::Unread;
+            if texel_count == 0 || (!is_unread && texel_count != image.texels.len() as u64) {
                 return Err(error(
                     named("image", index, &image.name),
                     "its texels do not fill width times height: load it again",

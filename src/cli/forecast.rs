@@ -3,7 +3,7 @@
 //! The probe needs the structure that finds hits. Where building that would take longer than a person waits for a list, it
 //! is left out, and the list says so.
 
-use crate::accel::{self, AccelOptions, Backend};
+use crate::accel::{self, AccelOptions};
 use crate::render;
 use crate::report::forecast::Forecast;
 use crate::scene::Scene;
@@ -35,7 +35,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> 
     if let Some(reason) = reason_against(args.forecast, scene) {
         return Ok(Told::LeftOut(reason));
     }
-    let backend = args.prices.backend.unwrap_or_else(Backend::default);
+    let backend = args.prices.backend.unwrap_or_default();
     let settings = settings_of(args, &loaded.output)?;
     let tracing = Tracing::of_threads(args.prices.threads);
     let options = AccelOptions {

@@ -16,6 +16,8 @@ fn the_text_tells_triangles_lights_cameras_and_memory() {
         "camera 0",
         "bounds",
         "effect         shadow on",
+        "structure      user-geometry",
+        "forecast       by",
         "memory",
     ] {
         assert!(

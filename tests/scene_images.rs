@@ -92,6 +92,7 @@ fn red(scene: &Scene, parameter: Parameter) -> f32 {
     match &scene.images[image as usize].texels {
         Texels::Floats(texels) => texels[0][0],
         Texels::Bytes(texels) => f32::from(texels[0][0]) / 255.0,
+        Texels::Unread => panic!("nobody read it"),
     }
 }
 
@@ -227,7 +228,15 @@ fn floats_count_four_times_against_the_budget_of_texels() {
     let folder = Folder::new();
     folder.exr("a.exr", [1.0; 3]);
     let path = folder.scene_text("a.exr", "emission = { texture = 't' }");
-    let load = |max_texels: u64| scene_file::load(Path::new(&path), &LoadOptions { max_texels });
+    let load = |max_texels: u64| {
+        scene_file::load(
+            Path::new(&path),
+            &LoadOptions {
+                max_texels,
+                ..LoadOptions::default()
+            },
+        )
+    };
     assert!(load(16).is_ok());
     let told = load(15).unwrap_err().to_string();
     assert!(

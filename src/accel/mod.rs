@@ -13,6 +13,7 @@
 pub mod agreement;
 pub mod brute;
 pub mod bsp;
+mod contents;
 #[cfg(feature = "embree")]
 pub mod embree;
 pub mod extents;
@@ -24,6 +25,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+pub use contents::Contents;
 pub use packet::{ACTIVE, Hit, LANES, NO_HIT, RayPacket};
 
 use crate::scene::Scene;
@@ -189,6 +191,29 @@ pub struct AccelReport {
     pub embree: Option<EmbreeIdentity>,
     /// One line a person may read: what kind of structure, how large.
     pub summary: String,
+    /// What `bytes` are for; they add up to it.
+    pub parts: Vec<AccelPart>,
+}
+
+/// A part of an acceleration structure.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AccelPart {
+    /// `triangles` or `user-geometry` (shapes and placed meshes) if it serves one of them alone, `tree` if both; `extents`
+    /// for what is asked before objects.
+    pub holder: &'static str,
+    /// What it is.
+    pub what: &'static str,
+    /// Its size.
+    pub bytes: u64,
+}
+
+/// The holder of a tree over this many triangles and this many objects that are asked as a whole.
+pub(crate) fn holder_of_tree(triangle_count: usize, object_count: usize) -> &'static str {
+    match (triangle_count, object_count) {
+        (_, 0) => "triangles",
+        (0, _) => "user-geometry",
+        _ => "tree",
+    }
 }
 
 /// Which Embree answered.

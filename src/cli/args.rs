@@ -247,8 +247,20 @@ pub(super) struct InfoArgs {
     #[arg(long)]
     pub(super) json: bool,
 
+    /// Whether a quick probe forecasts each effect's share of the time; auto: unless the scene takes long to make ready
+    #[arg(long, value_name = "WHEN", default_value = "auto")]
+    pub(super) forecast: WhenToForecast,
+
     #[command(flatten)]
     pub(super) prices: PriceArgs,
+}
+
+/// When `whit info` forecasts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum WhenToForecast {
+    Auto,
+    Always,
+    Never,
 }
 
 /// What is rendered for a list of prices.

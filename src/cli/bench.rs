@@ -17,7 +17,7 @@ use crate::numeric::LANES;
 use crate::render::{self, Ledger, Monitor, RenderSettings};
 use crate::report::bench::{BenchRow, BenchTable, FrameTime, Mode, RayKind, Spread};
 use crate::report::memory;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, EffectSet, Scene};
 use crate::scene_file::{Output, SceneFile};
 
 use super::args::{BenchArgs, DEFAULT_BENCH_SPP};
@@ -117,7 +117,7 @@ fn bench_scene(
 ) -> Result<Vec<BenchRow>, Failure> {
     let name = path.display().to_string();
     progress.phase(&name, "load");
-    let SceneFile { scene, output, .. } = pool.install(|| scene::load(path))?;
+    let SceneFile { scene, output, .. } = pool.install(|| scene::load(path, EffectSet::NONE))?;
     let settings = job.settings(&output)?;
     let camera = choose_camera(&scene, path, None)?;
     for warning in &scene.warnings {

@@ -13,7 +13,7 @@ use crate::image::check_writable;
 use crate::render::{self, RenderSettings};
 use crate::report::bench::{Mode, RayKind, Spread};
 use crate::report::extents::{ExtentRow, ExtentTable};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, EffectSet, Scene};
 use crate::scene_file::SceneFile;
 
 use super::args::BenchArgs;
@@ -47,7 +47,7 @@ fn bench_scene(
 ) -> Result<Vec<ExtentRow>, Failure> {
     let name = path.display().to_string();
     progress.phase(&name, "load");
-    let SceneFile { scene, output, .. } = pool.install(|| scene::load(path))?;
+    let SceneFile { scene, output, .. } = pool.install(|| scene::load(path, EffectSet::NONE))?;
     let settings = job.settings(&output)?;
     let camera = choose_camera(&scene, path, None)?;
     for warning in &scene.warnings {

@@ -4,21 +4,28 @@ use crate::report::info::SceneInfo;
 
 use super::args::InfoArgs;
 use super::failure::Failure;
+use super::forecast::{self, Told};
 use super::prices::PriceJob;
 use super::{output, scene};
 
 /// Prints what the scene holds.
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
-    let loaded = scene::load(&args.scene)?;
+    let loaded = scene::load(&args.scene, args.effects.unwrap_or_default().removed)?;
     let prices = if args.prices.prices {
         Some(PriceJob::new(args, &loaded.output)?.run(&loaded)?)
     } else {
         None
     };
+    let (forecast, no_forecast) = match forecast::run(args, &loaded)? {
+        Told::Forecast(forecast) => (Some(*forecast), None),
+        Told::LeftOut(reason) => (None, Some(reason)),
+    };
     let info = SceneInfo {
         groups: loaded.group_count,
         included_files: loaded.include_count + loaded.gltf_count,
         prices,
+        forecast,
+        no_forecast,
         ..SceneInfo::of(&loaded.scene, &args.scene, &args.effects.unwrap_or_default())
     };
     if !args.json {

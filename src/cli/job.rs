@@ -26,7 +26,7 @@ pub(super) struct RenderJob {
     wish: Output,
     /// The standard error that pixels may have.
     adaptive: Option<f64>,
-    effects: EffectOverrides,
+    pub(super) effects: EffectOverrides,
     pub(super) aovs: Vec<Aov>,
     /// Where a heat map goes.
     pub(super) heat: Option<PathBuf>,

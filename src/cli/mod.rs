@@ -7,6 +7,7 @@ mod args;
 mod bench;
 mod extents;
 mod failure;
+mod forecast;
 mod info;
 mod interrupt;
 mod job;

@@ -31,6 +31,25 @@ const MOST_RUNS: usize = 25;
 /// Steps of depth that are tried: what is reflected so often is dark almost everywhere.
 const MOST_STEPS: u32 = 16;
 
+/// What is said of the picture by the arguments, else by the scene.
+fn picture(args: &InfoArgs, output: &Output) -> Output {
+    let wish = Output {
+        size: args.prices.size.map(|size| [size.width, size.height]),
+        spp: args.prices.spp,
+        depth: args.prices.depth,
+        ..Output::default()
+    };
+    wish.or(output)
+}
+
+/// The settings that this makes.
+pub(super) fn settings_of(args: &InfoArgs, output: &Output) -> Result<RenderSettings, Failure> {
+    Ok(RenderSettings {
+        effects: args.effects.unwrap_or_default(),
+        ..job::settings(&picture(args, output))?
+    })
+}
+
 /// What the prices of a scene are asked for.
 pub(super) struct PriceJob<'a> {
     args: &'a InfoArgs,
@@ -44,19 +63,10 @@ impl<'a> PriceJob<'a> {
     /// What the arguments mean for a scene that says `output` of its picture.
     pub(super) fn new(args: &'a InfoArgs, output: &Output) -> Result<PriceJob<'a>, Failure> {
         let backend = args.prices.backend.unwrap_or_default();
-        let wish = Output {
-            size: args.prices.size.map(|size| [size.width, size.height]),
-            spp: args.prices.spp,
-            depth: args.prices.depth,
-            ..Output::default()
-        };
-        let picture = wish.or(output);
+        let picture = picture(args, output);
         Ok(PriceJob {
             args,
-            settings: RenderSettings {
-                effects: args.effects.unwrap_or_default(),
-                ..job::settings(&picture)?
-            },
+            settings: settings_of(args, output)?,
             viewing: Viewing {
                 tone: ToneMap {
                     exposure_ev: picture.exposure.unwrap_or(0.0),

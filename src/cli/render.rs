@@ -140,7 +140,7 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
 }
 
 fn load(job: &RenderJob, target: &Target) -> Result<SceneFile, Failure> {
-    let mut loaded = scene::load(&target.scene)?;
+    let mut loaded = scene::load(&target.scene, job.effects.removed)?;
     let scene = &mut loaded.scene;
     if let Some(ambient) = job.ambient {
         scene.ambient = ambient;
@@ -354,8 +354,8 @@ fn stats(
         threads: job.tracing.threads,
         seconds: PhaseSeconds::default(),
         rays: RayCounts::of(&rendering.ledger),
-        effects: effect_stats(&rendering.plan, &rendering.ledger),
-        ledger: LedgerStats::of(&rendering.ledger),
+        effects: effect_stats(rendering),
+        ledger: LedgerStats::of(&rendering.ledger, &rendering.memory),
         subsurface: rendering.subsurface,
         accel: AccelStats {
             bytes: report.bytes,

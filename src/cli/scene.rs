@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::gltf::{self, LoadOptions};
+use crate::scene::EffectSet;
 use crate::scene_file::{self, Output, SceneFile};
 
 use super::failure::Failure;
@@ -12,9 +13,13 @@ pub(super) fn is_scene_file(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }
 
-/// Loads a scene file if the name ends in `.toml`, else a glTF file, which says nothing of the picture.
-pub(super) fn load(path: &Path) -> Result<SceneFile, Failure> {
-    let options = LoadOptions::default();
+/// Loads a scene file if the name ends in `.toml`, else a glTF file, which says nothing of the picture. Images that only the
+/// effects `without` look at are not decoded.
+pub(super) fn load(path: &Path, without: EffectSet) -> Result<SceneFile, Failure> {
+    let options = LoadOptions {
+        without,
+        ..LoadOptions::default()
+    };
     if is_scene_file(path) {
         return Ok(scene_file::load(path, &options)?);
     }

@@ -1,5 +1,6 @@
-//! Decoding the images that the scene uses, in parallel and within a budget.
+//! Decoding the images that are looked at, in parallel and within a budget.
 
+use std::collections::HashSet;
 use std::io::Cursor;
 
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
@@ -11,22 +12,26 @@ use super::{GltfError, LoadOptions};
 use crate::scene::{Image, Texels};
 
 impl Document {
-    /// Decodes the images with these numbers.
-    pub(super) fn decode_images(
+    /// Reads the images with these numbers, decoding those that are `wanted`.
+    pub(super) fn read_images(
         &self,
         numbers: &[usize],
+        wanted: &HashSet<u32>,
         options: &LoadOptions,
     ) -> Result<Vec<Image>, GltfError> {
+        let is_wanted = |index: usize| wanted.contains(&(index as u32));
         // Sizes first: nothing is decoded before it is known that all of it fits.
         let sources: Vec<ImageBytes> = numbers
             .iter()
             .map(|&number| self.image_bytes(number))
             .collect::<Result<_, _>>()?;
         let mut total = 0u64;
-        for (&number, source) in numbers.iter().zip(&sources) {
+        let mut sizes = Vec::with_capacity(numbers.len());
+        for (index, (&number, source)) in numbers.iter().zip(&sources).enumerate() {
             let (width, height) = self.image_size(number, source)?;
+            sizes.push((width, height));
             let texel_count = u64::from(width) * u64::from(height);
-            total += texel_count;
+            total += if is_wanted(index) { texel_count } else { 0 };
             if texel_count == 0 || total > options.max_texels {
                 let fault = format!(
                     "is {width} x {height}; with it the images have {total} texels of {} allowed",
@@ -35,10 +40,23 @@ impl Document {
                 return Err(self.fault(self.image_item(number), fault, "make the image smaller"));
             }
         }
+        let read = |(index, (&number, source)): (usize, (&usize, &ImageBytes))| {
+            let (width, height) = sizes[index];
+            match is_wanted(index) {
+                true => self.decode_image(number, source),
+                false => Ok(Image {
+                    name: self.image_name(number),
+                    width,
+                    height,
+                    texels: Texels::Unread,
+                }),
+            }
+        };
         numbers
             .par_iter()
             .zip(&sources)
-            .map(|(&number, source)| self.decode_image(number, source))
+            .enumerate()
+            .map(read)
             .collect::<Vec<_>>()
             .into_iter()
             .collect()

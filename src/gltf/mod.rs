@@ -39,7 +39,7 @@ pub(crate) use primitive::dropped_sentence;
 pub(crate) use view::framing_camera;
 
 use crate::numeric::Bounds;
-use crate::scene::{Background, Geometry, Instance, Normalisation, Scene};
+use crate::scene::{Background, EffectSet, Geometry, Instance, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
 use document::Document;
 use material::Materials;
@@ -51,6 +51,10 @@ use primitive::{PrimitiveId, ReadPrimitive};
 pub struct LoadOptions {
     /// Texels of all images together; each takes 4 bytes.
     pub max_texels: u64,
+    /// Effects that nobody will simulate: images that only they look at stay in their files ([`Texels::Unread`]).
+    ///
+    /// [`Texels::Unread`]: crate::scene::Texels::Unread
+    pub without: EffectSet,
 }
 
 impl LoadOptions {
@@ -62,6 +66,7 @@ impl Default for LoadOptions {
     fn default() -> LoadOptions {
         LoadOptions {
             max_texels: LoadOptions::DEFAULT_MAX_TEXELS,
+            without: EffectSet::NONE,
         }
     }
 }
@@ -97,7 +102,8 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(Document, Scene, Vec<Boun
     let nodes = document.placed_nodes()?;
     let primitives = document.read_used_primitives(&nodes)?;
     let (bounds, image_numbers) = document.place_primitives(&nodes, primitives, &mut scene)?;
-    scene.images = document.decode_images(&image_numbers, options)?;
+    let wanted = scene.images_for(options.without);
+    scene.images = document.read_images(&image_numbers, &wanted, options)?;
     for node in &nodes {
         scene
             .cameras

@@ -4,6 +4,8 @@
 //! texture that multiplies it. What is not listed is not decoded.
 
 use gltf::json;
+use json::material::AlphaMode;
+use json::validation::Checked;
 use serde_json::{Map, Value};
 
 use super::extension::{Corrections, Extension};
@@ -23,16 +25,22 @@ pub(super) struct Slot {
 pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<Slot> {
     let pbr = &material.pbr_metallic_roughness;
     let mut slots = Vec::new();
-    slots.extend(slot(Parameter::BaseColor, &pbr.base_color_texture, corrections));
+    let [r, g, b, a] = pbr.base_color_factor.0;
+    let is_opaque = matches!(material.alpha_mode, Checked::Valid(AlphaMode::Opaque));
+    if [r, g, b] != [0.0; 3] || (a != 0.0 && !is_opaque) {
+        slots.extend(slot(Parameter::BaseColor, &pbr.base_color_texture, corrections));
+    }
     let extensions = material.extensions.as_ref().map(|e| &e.others);
     if Extension::of(extensions, "KHR_materials_unlit", corrections).is_present() {
         return slots;
     }
-    slots.extend(slot(
-        Parameter::MetallicRoughness,
-        &pbr.metallic_roughness_texture,
-        corrections,
-    ));
+    if pbr.metallic_factor.0 != 0.0 || pbr.roughness_factor.0 != 0.0 {
+        slots.extend(slot(
+            Parameter::MetallicRoughness,
+            &pbr.metallic_roughness_texture,
+            corrections,
+        ));
+    }
     if material.emissive_factor.0 != [0.0; 3] {
         slots.extend(slot(Parameter::Emission, &material.emissive_texture, corrections));
     }
@@ -66,7 +74,7 @@ fn normal_slot(material: &json::Material, corrections: &mut Corrections) -> Opti
     if !info.scale.is_finite() {
         corrections.note("scale");
     }
-    Some(Slot {
+    (info.scale != 0.0).then_some(Slot {
         parameter: Parameter::Normal,
         texture: info.index.value(),
         tex_coord,
@@ -118,7 +126,15 @@ fn extension_slots(extensions: Option<&Map<String, Value>>, corrections: &mut Co
     }
     let specular = Extension::of(extensions, "KHR_materials_specular", corrections);
     let info = specular.texture("specularColorTexture", corrections);
-    slots.extend(slot(Parameter::SpecularColor, &info, corrections));
+    let factor = specular.vector(
+        "specularColorFactor",
+        [1.0; 3],
+        0.0..=f64::from(f32::MAX),
+        corrections,
+    );
+    if factor != [0.0; 3] {
+        slots.extend(slot(Parameter::SpecularColor, &info, corrections));
+    }
     slots
 }
 

@@ -14,7 +14,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 pub use atomic::{check_writable, write_atomically};
-pub use read::{ReadImage, ReadPixels, TransferCurve, read};
+pub use read::{ReadImage, ReadPixels, TransferCurve, read, read_size};
 pub use tone::{ToneMap, linear_from_srgb};
 
 /// Linear RGB radiance.

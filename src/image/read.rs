@@ -58,22 +58,54 @@ const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 /// The first bytes of a Radiance file: `#?RADIANCE` or `#?RGBE`.
 const HDR_MAGIC: [u8; 2] = *b"#?";
 
+/// The width and the height of the image at `path`, by its first bytes; the rest of the file may be anything.
+pub fn read_size(path: &Path) -> Result<[u32; 2], ImageError> {
+    let mut file = open(path)?;
+    let start = file.fill_buf().map_err(|error| unreadable(path, &error))?;
+    let size = if start.starts_with(&EXR_MAGIC) {
+        let meta = exr::meta::MetaData::read_from_buffered(file, false).map_err(|e| undecodable(path, &e))?;
+        let layer = meta
+            .headers
+            .first()
+            .map_or(Vec2(0, 0), |header| header.layer_size);
+        (layer.x() as u32, layer.y() as u32)
+    } else if start.starts_with(&HDR_MAGIC) {
+        let decoder = HdrDecoder::new_nonstrict(file).map_err(|e| undecodable(path, &e))?;
+        decoder.dimensions()
+    } else {
+        let reader = ImageReader::new(file)
+            .with_guessed_format()
+            .map_err(|error| unreadable(path, &error))?;
+        let decoder = reader.into_decoder().map_err(|e| undecodable(path, &e))?;
+        decoder.dimensions()
+    };
+    Ok([size.0, size.1])
+}
+
+fn open(path: &Path) -> Result<BufReader<File>, ImageError> {
+    let file = File::open(path).map_err(|error| unreadable(path, &error))?;
+    Ok(BufReader::new(file))
+}
+
+fn unreadable(path: &Path, error: &std::io::Error) -> ImageError {
+    let remedy = "check the path and whether you may read the file";
+    refusal(path, format!("cannot be read ({error})"), remedy)
+}
+
 /// Reads the image at `path`, of at most `max_pixels` pixels of 8 bits a channel; those that become floats count four
 /// times.
 pub fn read(path: &Path, curve: TransferCurve, max_pixels: u64) -> Result<ReadImage, ImageError> {
-    let unreadable = |error: std::io::Error| {
-        let remedy = "check the path and whether you may read the file";
-        refusal(path, format!("cannot be read ({error})"), remedy)
-    };
-    let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
-    let start = file.fill_buf().map_err(unreadable)?;
+    let mut file = open(path)?;
+    let start = file.fill_buf().map_err(|error| unreadable(path, &error))?;
     let image = if start.starts_with(&EXR_MAGIC) {
         read_exr(path, &mut file, max_pixels)?
     } else if start.starts_with(&HDR_MAGIC) {
         let decoder = HdrDecoder::new_nonstrict(file).map_err(|e| undecodable(path, &e))?;
         decode(path, decoder, curve, max_pixels)?
     } else {
-        let mut reader = ImageReader::new(file).with_guessed_format().map_err(unreadable)?;
+        let mut reader = ImageReader::new(file)
+            .with_guessed_format()
+            .map_err(|error| unreadable(path, &error))?;
         let mut limits = Limits::no_limits();
         limits.max_alloc = Some(MOST_DECODER_BYTES);
         reader.limits(limits);

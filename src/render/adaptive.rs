@@ -85,6 +85,9 @@ struct Look {
     count: u32,
 }
 
+/// What a pixel that is visited takes: the visit and what it tells.
+const VISIT_BYTES: usize = size_of::<Visit>() + size_of::<Estimate>();
+
 /// What a pixel takes between two rounds besides its estimate.
 pub(super) const LOOK_BYTES: usize = size_of::<Look>() + size_of::<bool>();
 
@@ -147,6 +150,9 @@ pub(super) fn render(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
         if wanted_count == 0 {
             ledger += meter.ledger;
             return Some((picture.estimates, ledger));
+        }
+        if let Some(memory) = &frame.thread_memory {
+            memory.note_round(picture.byte_count() + wanted_count * VISIT_BYTES);
         }
         // The first round is taken for half of the work; the second half is done as pixels have enough.
         let whole = *first_count.get_or_insert(wanted_count);
@@ -249,6 +255,11 @@ fn level(count: u32) -> usize {
 }
 
 impl Picture {
+    /// Bytes of what is known of all pixels.
+    fn byte_count(&self) -> usize {
+        size_of_val(&self.estimates[..]) + size_of_val(&self.looks[..]) + size_of_val(&self.wanted[..])
+    }
+
     fn new(frame: &Frame, target: Adaptive) -> Picture {
         let (width, height) = (frame.settings.width as usize, frame.settings.height as usize);
         Picture {

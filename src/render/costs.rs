@@ -93,6 +93,11 @@ pub(super) struct TileCosts {
 }
 
 impl TileCosts {
+    /// Bytes of the pixels.
+    pub(super) fn byte_count(&self) -> usize {
+        size_of_val(&self.pixels[..])
+    }
+
     pub(super) fn new() -> TileCosts {
         TileCosts {
             pixels: vec![Cost::default(); (TILE * TILE) as usize],

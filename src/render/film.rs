@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::RenderSettings;
 use super::estimate::Estimate;
+use super::memory::Memory;
 use super::samples::{SampleFilm, pixel_of};
 use super::wave::{TilePicture, Visit};
 use crate::numeric::{LANES, Lanes, Lanes3};
@@ -62,6 +63,13 @@ impl TileFilm {
     /// The sums of all pixels, row by row.
     pub(super) fn sums(&self) -> &[[f64; 3]] {
         &self.sums
+    }
+
+    /// Adds what is kept for the pixels, and for single samples.
+    pub(super) fn add_to(&self, memory: &mut Memory) {
+        memory.add("film", "sums of a tile", size_of_val(&self.sums[..]));
+        let samples = self.samples.as_ref().map_or(0, SampleFilm::byte_count);
+        memory.add("sampling", "single samples of a tile", samples);
     }
 
     /// The film of single samples, where it is kept.

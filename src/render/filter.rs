@@ -109,6 +109,11 @@ pub(super) struct Splat {
 }
 
 impl Splat {
+    /// Bytes of the sums.
+    pub(super) fn byte_count(&self) -> usize {
+        size_of_val(&self.sums[..])
+    }
+
     pub(super) fn new(filter: PixelFilter) -> Splat {
         let reach = filter.reach();
         let side = TILE as usize + 2 * reach;

@@ -25,6 +25,11 @@ pub(super) struct TileLosses {
 }
 
 impl TileLosses {
+    /// Bytes of the sums.
+    pub(super) fn byte_count(&self) -> usize {
+        self.sums.capacity() * size_of::<[f64; 2]>()
+    }
+
     pub(super) fn clear(&mut self) {
         self.sums.clear();
     }

@@ -14,9 +14,11 @@ mod lamps;
 mod ledger;
 mod lens;
 mod losses;
+mod memory;
 mod meter;
 mod outcome;
 pub mod plan;
+mod probe;
 mod queue;
 mod record;
 mod rough;
@@ -46,7 +48,9 @@ pub use adaptive::Adaptive;
 pub use costs::PixelCosts;
 pub use filter::PixelFilter;
 pub use ledger::{Account, Ledger, Loss, Tally};
+pub use memory::{Holding, Memory};
 pub use plan::Plan;
+pub use probe::{Probe, probe};
 pub use record::{RecordedRays, record};
 pub use sample::{SampledTile, TileSample, render_sample, tile_count};
 pub use sampler::{Purpose, sample_2d};
@@ -71,6 +75,7 @@ use estimate::Estimate;
 use film::Tile;
 use lamps::SoftLight;
 use lens::MovingCamera;
+use memory::ThreadMemory;
 use meter::Meter;
 use sampler::{Layout, PacketShape, SampleGroup};
 use subsurface::Bodies;
@@ -157,6 +162,8 @@ pub struct Rendering {
     pub costs: Option<PixelCosts>,
     /// Rays and seconds.
     pub ledger: Ledger,
+    /// Bytes; empty with the ledger off.
+    pub memory: Memory,
     /// What was simulated.
     pub plan: Plan,
     /// The bodies that scatter light within, where any do.
@@ -200,6 +207,8 @@ struct Frame<'s> {
     probe_count: u64,
     /// What each pixel cost, where somebody asks.
     costs: Option<CostSheet>,
+    /// What the threads hold, with the ledger on.
+    thread_memory: Option<ThreadMemory>,
     /// How wide a camera ray is.
     camera_cone: Cone,
     /// Where camera rays leave it, if it is no pinhole.
@@ -245,6 +254,7 @@ pub fn render(
     };
     ledger.book(Account::Other, setting_up);
     ledger.settle(rayon::current_num_threads(), start.elapsed().as_secs_f64());
+    rendering.memory = frame.memory();
     rendering.costs = frame.costs.map(CostSheet::finish);
     Some(rendering)
 }
@@ -277,6 +287,7 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
         samples: SampleCounts::uniform(settings),
         costs: None,
         ledger,
+        memory: Memory::default(),
         plan: frame.plan.clone(),
         subsurface: None,
     })
@@ -324,6 +335,7 @@ fn render_adaptively(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
         aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),
         costs: None,
         ledger,
+        memory: Memory::default(),
         plan: frame.plan.clone(),
         subsurface: None,
     })
@@ -412,6 +424,7 @@ impl<'s> Frame<'s> {
             probe_count: 0,
             costs: (settings.ledger && settings.cost_aovs)
                 .then(|| CostSheet::new(settings.width, settings.height)),
+            thread_memory: settings.ledger.then(ThreadMemory::default),
             camera_cone: settings.camera_cone(&view),
             lens: camera.lens_view().filter(|_| effects.has(Effect::DepthOfField)),
             motion: MovingCamera::of(camera, [settings.width, settings.height], effects),

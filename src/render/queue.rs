@@ -4,6 +4,7 @@
 
 use super::RenderSettings;
 use super::ledger::Account;
+use super::memory::Memory;
 use super::meter::Accounts;
 use super::travel::{MediaColumn, Travel, TravelPacket, Travels};
 use crate::accel::RayPacket;
@@ -137,6 +138,25 @@ impl Generation {
         self.count
     }
 
+    /// Bytes of a packet and of what it carries.
+    pub(super) const PACKET_BYTES: usize = size_of::<RayPacket>() + size_of::<PathPacket>();
+
+    /// Bytes of the packets, in use or not, and of what they carry.
+    pub(super) fn byte_count(&self) -> usize {
+        self.packets.capacity() * size_of::<RayPacket>() + self.paths.capacity() * size_of::<PathPacket>()
+    }
+
+    /// Adds what is kept beside the packets.
+    pub(super) fn add_columns_to(&self, memory: &mut Memory, effects: EffectSet) {
+        self.travels.add_to(memory, effects);
+        let accounts = self.accounts.as_ref().map_or(0, Vec::capacity);
+        memory.add(
+            "other",
+            "accounts of rays",
+            accounts * size_of::<Lanes<Account>>(),
+        );
+    }
+
     /// The packets in use and their paths.
     pub(super) fn parts(&mut self) -> (&mut [RayPacket], Paths<'_>) {
         let paths = Paths {
@@ -261,6 +281,14 @@ impl Feelers {
             media,
             count: 0,
         })
+    }
+
+    /// Bytes of the packets and of their light.
+    pub(super) const BYTES: usize = size_of::<Feelers>();
+
+    /// Adds what is kept beside the packets.
+    pub(super) fn add_columns_to(&self, memory: &mut Memory) {
+        self.media.add_to(memory);
     }
 
     /// Whether there is no room for another packet.

@@ -109,21 +109,21 @@ pub fn render_sample(
 
 /// Processor time of this thread so far: what other programs do meanwhile is not in it.
 #[cfg(target_os = "linux")]
-fn thread_seconds() -> f64 {
+pub(super) fn thread_seconds() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
 /// Time since the first call.
 #[cfg(not(target_os = "linux"))]
-fn thread_seconds() -> f64 {
+pub(super) fn thread_seconds() -> f64 {
     use std::sync::LazyLock;
     static START: LazyLock<Instant> = LazyLock::new(Instant::now);
     START.elapsed().as_secs_f64()
 }
 
 /// The first `count` tiles in the order of the sample.
-fn chosen_tiles(settings: &RenderSettings, count: usize) -> Vec<Tile> {
+pub(super) fn chosen_tiles(settings: &RenderSettings, count: usize) -> Vec<Tile> {
     /// Powers of the inverse of the plastic number, the root of x³ = x + 1.
     const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
     /// R2 points for each tile after which few are left, which then follow row by row.

@@ -102,6 +102,14 @@ impl SampleFilm {
         }
     }
 
+    /// Bytes of all arrays.
+    pub(super) fn byte_count(&self) -> usize {
+        size_of_val(&self.radiance[..])
+            + self.places.capacity() * size_of::<Place>()
+            + size_of_val(&self.estimates[..])
+            + self.splat.as_ref().map_or(0, Splat::byte_count)
+    }
+
     pub(super) fn clear(&mut self) {
         self.radiance.fill([0.0; 3]);
         self.places.clear();

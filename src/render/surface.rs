@@ -113,7 +113,7 @@ impl<'s> SurfaceScene<'s> {
         });
         SurfaceScene {
             scene,
-            textures: TextureSet::new(scene),
+            textures: TextureSet::of_effects(scene, effects),
             views: views.collect(),
             effects,
         }

@@ -66,6 +66,11 @@ impl Environment {
         let map = EnvironmentMap::new(image, rotation).ok()?;
         Some(Environment { map, samples })
     }
+
+    /// Bytes of the map and its tables.
+    pub(super) fn byte_count(&self) -> usize {
+        self.map.byte_count()
+    }
 }
 
 impl Frame<'_> {

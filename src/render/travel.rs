@@ -5,6 +5,7 @@
 
 use glam::DVec3;
 
+use super::memory::Memory;
 use crate::numeric::{LANES, Lanes};
 use crate::optics::{Body, MediaStack};
 use crate::scene::{Effect, EffectSet};
@@ -110,6 +111,23 @@ impl Travels {
         self.time.set(packet, l, travel.time);
     }
 
+    /// Adds what the columns hold, each to the effect that needs it.
+    pub(super) fn add_to(&self, memory: &mut Memory, effects: EffectSet) {
+        let through = effects.lets_through().name();
+        memory.add(through, "steps of paths", self.depth.byte_count());
+        let wavelengths = self.wavelength.byte_count();
+        memory.add(Effect::Dispersion.name(), "wavelengths of paths", wavelengths);
+        let directions = self.direction.byte_count();
+        memory.add(Effect::Refraction.name(), "directions of paths", directions);
+        self.media.add_to(memory);
+        memory.add(
+            Effect::TextureFilter.name(),
+            "widths of paths",
+            self.cone.byte_count(),
+        );
+        memory.add("sampling", "samples of paths", self.sample.byte_count());
+    }
+
     /// Those of one packet.
     pub(super) fn at(&self, packet: usize) -> TravelPacket<'_> {
         TravelPacket {
@@ -178,6 +196,10 @@ impl<T: Copy> Column<T> {
         }
     }
 
+    fn byte_count(&self) -> usize {
+        self.packets.capacity() * size_of::<Lanes<T>>()
+    }
+
     fn set(&mut self, packet: usize, l: usize, value: T) {
         if self.is_kept {
             self.packets[packet][l] = value;
@@ -213,6 +235,14 @@ impl MediaColumn {
     pub(super) fn resize(&mut self, packets: usize) {
         self.single.resize(packets, None);
         self.nested.resize(packets, MediaStack::EMPTY);
+    }
+
+    /// Adds what the columns hold.
+    pub(super) fn add_to(&self, memory: &mut Memory) {
+        let single = self.single.byte_count();
+        memory.add(Effect::Refraction.name(), "the body around each path", single);
+        let nested = self.nested.byte_count();
+        memory.add(Effect::NestedMedia.name(), "the bodies around each path", nested);
     }
 
     /// Writes lane `l` of packet `packet`.

@@ -14,6 +14,7 @@ use glam::DVec3;
 
 use super::lamps::SoftLight;
 use super::ledger::Account;
+use super::memory::Memory;
 use super::meter::{Accounts, Meter};
 use super::outcome::{Outcome, Stage};
 use super::queue::{Feelers, PathPacket};
@@ -52,6 +53,13 @@ impl<'f> Marches<'f> {
             shadow: march(),
             feelers: Feelers::new(frame.effects()),
         }
+    }
+
+    /// Adds what marches and their feelers hold.
+    pub(super) fn add_to(&self, memory: &mut Memory) {
+        let own = size_of::<Marches>() + Feelers::BYTES;
+        memory.add(Effect::Volume.name(), "marches and their feelers", own);
+        self.feelers.add_columns_to(memory);
     }
 
     /// Takes what lies on the way to the light from the radiance that the feelers of `packet` bring, each of which is as

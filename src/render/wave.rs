@@ -15,9 +15,10 @@ use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
 use super::ledger::{Account, Ledger, Tally};
 use super::lens;
+use super::memory::{Held, Memory};
 use super::meter::Accounts;
 use super::outcome::{Outcome, Stage};
-use super::queue::{BATCH, Generation};
+use super::queue::{BATCH, Feelers, Generation, Sorts};
 use super::sampler::SampleGroup;
 use super::samples::SampleFilm;
 use super::surface::Surfaces;
@@ -42,6 +43,10 @@ pub(super) struct Wave<'f, 's> {
     outcome: Outcome<'f, 's>,
     /// Camera packets of this tile so far.
     packets: usize,
+    /// With the ledger on.
+    held: Option<Held<'f>>,
+    /// The largest generation behind the camera rays so far: its packets, rays and sorts.
+    largest: (usize, u64, Sorts),
 }
 
 /// A tile's pixels, row by row.
@@ -70,6 +75,8 @@ impl<'f, 's> Wave<'f, 's> {
             .then(|| SampleFilm::new(frame.settings.filter));
         Wave {
             packets: 0,
+            held: frame.thread_memory.as_ref().map(Held::new),
+            largest: (0, 0, Sorts::default()),
             frame,
             current: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
             surfaces: Box::new(Surfaces::new(frame.effects())),
@@ -94,8 +101,9 @@ impl<'f, 's> Wave<'f, 's> {
         let pixels = (0..TILE * TILE).map(|pixel| (pixel, frame.settings.spp));
         outcome.losses.settle(pixels, &mut outcome.meter.ledger);
         let picture = outcome.film.picture(tile, frame.settings);
-        outcome.finish(tile);
-        (picture, outcome.meter.ledger)
+        self.note_memory(frame.tile_bytes(tile));
+        self.outcome.finish(tile);
+        (picture, self.outcome.meter.ledger)
     }
 
     /// What the samples of each of `visits` tell, and what they took.
@@ -118,8 +126,9 @@ impl<'f, 's> Wave<'f, 's> {
             .zip(&estimates)
             .map(|(visit, estimate)| (visit.y * TILE + visit.x, estimate.count));
         outcome.losses.settle(pixels, &mut outcome.meter.ledger);
-        outcome.finish(tile);
-        (estimates, outcome.meter.ledger)
+        self.note_memory(0);
+        self.outcome.finish(tile);
+        (estimates, self.outcome.meter.ledger)
     }
 
     fn begin(&mut self, tile: Tile) {
@@ -237,8 +246,83 @@ impl<'f, 's> Wave<'f, 's> {
                     .shade_batch(&mut self.surfaces, packets, paths, stage);
             }
             self.outcome.meter.ledger.book_sent(all, self.current.sorts());
+            if self.held.is_some() && self.current.len() > self.largest.0 {
+                self.largest = (self.current.len(), all.rays, self.current.sorts());
+            }
             self.current.clear();
         }
+    }
+}
+
+impl Wave<'_, '_> {
+    /// Notes what is held, with the ledger on, and what a finished tile takes from now on.
+    fn note_memory(&mut self, finished: usize) {
+        if self.held.is_some() {
+            let memory = self.memory();
+            self.held
+                .iter_mut()
+                .for_each(|held| held.note(memory.clone(), finished));
+        }
+    }
+
+    /// What this thread holds.
+    fn memory(&self) -> Memory {
+        let (outcome, effects) = (&self.outcome, self.frame.effects());
+        let mut memory = Memory::default();
+        self.add_queues_to(&mut memory);
+        for generation in [&self.current, &outcome.next] {
+            generation.add_columns_to(&mut memory, effects);
+        }
+        let feeling = match effects.has(Effect::Shadow) {
+            true => Account::Shadow,
+            false => Account::Lighting,
+        };
+        memory.add(feeling.name(), "feelers", Feelers::BYTES);
+        outcome.feelers.add_columns_to(&mut memory);
+        memory.add(
+            Account::Surface.name(),
+            "points and materials",
+            size_of::<Surfaces>(),
+        );
+        if outcome.sheets.is_some() {
+            let behind = Effect::TransparentShadow.name();
+            memory.add(behind, "points and materials", size_of::<Surfaces>());
+        }
+        outcome
+            .marches
+            .iter()
+            .for_each(|marches| marches.add_to(&mut memory));
+        outcome.film.add_to(&mut memory);
+        let losses = outcome.losses.byte_count();
+        memory.add(Account::Film.name(), "weights of lost rays", losses);
+        let costs = outcome.meter.costs.as_ref().map_or(0, |costs| costs.byte_count());
+        memory.add(Account::Other.name(), "costs of a tile", costs);
+        memory
+    }
+
+    /// Adds the queues of rays: camera packets wait a batch at a time, and what is beyond that is for what waited there when
+    /// most did.
+    fn add_queues_to(&self, memory: &mut Memory) {
+        let all = self.current.byte_count() + self.outcome.next.byte_count();
+        let camera = all.min(BATCH * Generation::PACKET_BYTES);
+        memory.add(Account::Camera.name(), "queued rays", camera);
+        let (_, rays, sorts) = self.largest;
+        let colors = sorts.mirrored_colors + sorts.refracted_colors;
+        let mirrored = rays.saturating_sub(sorts.refracted + colors);
+        let through = self.frame.effects().lets_through().name();
+        let mut left = (all - camera, rays);
+        for (holder, part) in [
+            (through, sorts.refracted),
+            (Account::Dispersion.name(), colors),
+            (Account::Reflection.name(), mirrored),
+        ] {
+            // Of what is left, so that nothing is left behind the last.
+            let bytes = (left.0 as f64 * part as f64 / left.1.max(1) as f64) as usize;
+            memory.add(holder, "queued rays", bytes);
+            left = (left.0 - bytes, left.1.saturating_sub(part));
+        }
+        // Made ready for camera rays that sent out no others.
+        memory.add(Account::Camera.name(), "queued rays", left.0);
     }
 }
 

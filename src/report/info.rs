@@ -12,8 +12,10 @@ use crate::render::plan::{Decision, Plan};
 use crate::scene::{AreaShape, EffectOverrides, Geometry, LightKind, Material, Model, Projection, Scene};
 use crate::shape::Shape;
 
+use super::forecast::Forecast;
 use super::memory::{self, MemoryForecast};
 use super::prices::PriceList;
+use super::structure::{self, StructureRow};
 use super::volumes_info;
 pub use super::volumes_info::{FogInfo, VolumeInfo};
 
@@ -72,6 +74,13 @@ pub struct SceneInfo {
     pub effects: BTreeMap<&'static str, String>,
     /// The same in the plan's order, with whether it is.
     pub plan: Vec<Decision>,
+    /// What finds hits among, and what that takes or does without.
+    pub structure: Vec<StructureRow>,
+    /// Where rays and time will probably go, by a quick probe.
+    pub forecast: Option<Forecast>,
+    /// Why there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub no_forecast: Option<String>,
     /// What each effect costs; absent unless it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prices: Option<PriceList>,
@@ -282,6 +291,9 @@ impl SceneInfo {
                 .map(|decision| (decision.effect.name(), decision.reason.clone()))
                 .collect(),
             plan,
+            structure: structure::rows(scene),
+            forecast: None,
+            no_forecast: None,
             prices: None,
             warnings: scene.warnings.clone(),
         }
@@ -455,8 +467,16 @@ impl fmt::Display for SceneInfo {
             format!("(p - {:?}) * {}", normalisation.center, normalisation.scale),
         )?;
         for decision in &self.plan {
-            let note = self.prices.as_ref().map(|prices| prices.note(decision.effect));
-            line("effect", format!("{decision}{}", note.unwrap_or_default()))?;
+            let forecast = self.forecast.as_ref().map(|told| told.note(decision.effect));
+            let price = self.prices.as_ref().map(|prices| prices.note(decision.effect));
+            let notes = [forecast, price].map(Option::unwrap_or_default).concat();
+            line("effect", format!("{decision}{notes}"))?;
+        }
+        for row in &self.structure {
+            line("structure", row.to_string())?;
+        }
+        if let Some(reason) = &self.no_forecast {
+            line("forecast", format!("none: {reason}"))?;
         }
         let memory = &self.memory;
         let within = match memory.subsurface_bytes {
@@ -473,6 +493,9 @@ impl fmt::Display for SceneInfo {
                 words(memory.film_bytes)
             ),
         )?;
+        if let Some(forecast) = &self.forecast {
+            write!(f, "{forecast}")?;
+        }
         if let Some(prices) = &self.prices {
             write!(f, "{prices}")?;
         }

@@ -4,10 +4,12 @@
 
 pub mod bench;
 pub mod extents;
+pub mod forecast;
 pub mod heat;
 pub mod info;
 pub mod memory;
 pub mod prices;
 pub mod stats;
+pub mod structure;
 pub mod table;
 mod volumes_info;

@@ -7,7 +7,9 @@ use serde::Serialize;
 
 use crate::accel::{Backend, EmbreeIdentity, Precision};
 use crate::render::plan::Decision;
-use crate::render::{Account, Ledger, Loss, Plan, SampleCounts, SubsurfaceStats, Tally};
+use crate::render::{
+    Account, Holding, Ledger, Loss, Memory, Rendering, SampleCounts, SubsurfaceStats, Tally,
+};
 use crate::scene::{Geometry, Scene};
 
 /// Everything worth knowing about one rendered image.
@@ -41,7 +43,7 @@ pub struct RenderStats {
     pub rays: RayCounts,
     /// What was simulated and what was not, each with its cost and its reason.
     pub effects: BTreeMap<&'static str, EffectStats>,
-    /// Every ray and every second, each under one account, and what the measuring took.
+    /// Every ray, every second and every byte, each under one account, and what the measuring took.
     pub ledger: LedgerStats,
     /// Bodies that scatter light within; null where none does.
     pub subsurface: Option<SubsurfaceStats>,
@@ -211,6 +213,8 @@ pub struct EffectStats {
     pub rays: u64,
     /// Seconds that it took, summed over threads; 0 where it has no account of its own.
     pub seconds: f64,
+    /// Bytes that were held for it.
+    pub bytes: u64,
     /// Whether it was simulated.
     pub on: bool,
     /// What in the scene calls for it, or that nothing does.
@@ -218,11 +222,15 @@ pub struct EffectStats {
 }
 
 /// The effects of a frame by name.
-pub fn effect_stats(plan: &Plan, ledger: &Ledger) -> BTreeMap<&'static str, EffectStats> {
+pub fn effect_stats(rendering: &Rendering) -> BTreeMap<&'static str, EffectStats> {
+    let Rendering {
+        plan, ledger, memory, ..
+    } = rendering;
     let tally = |effect| Account::of(effect).map_or(Tally::default(), |account| ledger.of(account));
     let entry = |decision: &Decision| EffectStats {
         rays: tally(decision.effect).rays,
         seconds: tally(decision.effect).seconds,
+        bytes: memory.of(decision.effect.name()),
         on: decision.on,
         reason: decision.reason.clone(),
     };
@@ -232,7 +240,7 @@ pub fn effect_stats(plan: &Plan, ledger: &Ledger) -> BTreeMap<&'static str, Effe
         .collect()
 }
 
-/// Where rays and seconds of the render phase went.
+/// Where rays, seconds and bytes of the render phase went.
 #[derive(Clone, Debug, Serialize)]
 pub struct LedgerStats {
     /// By account; an effect's has the effect's name. Rays add up to all that were asked of the backend, seconds to
@@ -246,6 +254,12 @@ pub struct LedgerStats {
     pub clock_read_seconds: f64,
     /// Seconds that reading the clock took, summed over threads.
     pub seconds_of_measuring: f64,
+    /// Bytes of all holdings, each at its own peak.
+    pub bytes: u64,
+    /// Bytes that were held at the same time, at most.
+    pub bytes_at_once: u64,
+    /// What was held in memory, and for what: effects, accounts, and what serves to find hits.
+    pub holdings: Vec<Holding>,
 }
 
 /// What one account took.
@@ -257,16 +271,19 @@ pub struct AccountStats {
     pub seconds: f64,
     /// Of these, within the backend.
     pub trace_seconds: f64,
+    /// Bytes that were held for it.
+    pub bytes: u64,
 }
 
 impl LedgerStats {
-    /// Those of a ledger.
-    pub fn of(ledger: &Ledger) -> LedgerStats {
+    /// Those of a render.
+    pub fn of(ledger: &Ledger, memory: &Memory) -> LedgerStats {
         let entry = |(account, tally): (Account, Tally)| {
             let stats = AccountStats {
                 rays: tally.rays,
                 seconds: tally.seconds,
                 trace_seconds: tally.trace_seconds,
+                bytes: memory.of(account.name()),
             };
             (account.name(), stats)
         };
@@ -276,6 +293,9 @@ impl LedgerStats {
             clock_reads: ledger.clock_reads,
             clock_read_seconds: ledger.clock_read_seconds,
             seconds_of_measuring: ledger.seconds_of_measuring(),
+            bytes: memory.total(),
+            bytes_at_once: memory.at_once(),
+            holdings: memory.holdings().to_vec(),
         }
     }
 }

@@ -1,20 +1,22 @@
-//! Rays and seconds by effect as a table, for a person: `whit render --stats -`.
+//! Rays, seconds and bytes by effect as a table, for a person: `whit render --stats -`.
 
 use std::fmt::Write;
 
+use super::memory::in_words;
 use super::stats::{AccountStats, RenderStats};
 use crate::render::Account;
 
 /// The ledger of an image, an account a line, and what measuring it took.
 pub fn ledger(stats: &RenderStats) -> String {
-    let mut text = row(["", "rays", "seconds", "share", "because"]);
+    let mut text = row(["", "rays", "seconds", "share", "bytes", "because"]);
     let whole = stats.ledger.thread_seconds;
+    let is_account = |name: &str| Account::ALL.iter().any(|account| account.name() == name);
     for account in Account::ALL {
         let name = account.name();
         let Some(spent) = stats.ledger.accounts.get(name) else {
             continue;
         };
-        if spent.rays == 0 && spent.seconds == 0.0 {
+        if spent.rays == 0 && spent.seconds == 0.0 && spent.bytes == 0 {
             continue;
         }
         let reason = stats
@@ -24,12 +26,20 @@ pub fn ledger(stats: &RenderStats) -> String {
         text += &spent_row(name, *spent, whole, reason);
     }
     for (name, effect) in &stats.effects {
-        if effect.on && !Account::ALL.iter().any(|account| account.name() == *name) {
-            text += &row([name, "", "", "", &effect.reason]);
+        if (effect.on || effect.bytes > 0) && !is_account(name) {
+            text += &row([name, "", "", "", &bytes_in_words(effect.bytes), &effect.reason]);
         }
+    }
+    for (name, bytes) in structures(stats) {
+        text += &row([name, "", "", "", &bytes_in_words(bytes), ""]);
     }
     text += &spent_row("total", total(stats), whole, "");
     // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "at most {} at once in the render phase",
+        in_words(stats.ledger.bytes_at_once)
+    );
     let _ = writeln!(
         text,
         "{} threads, {:.3} s each; {} readings of the clock at {:.0} ns took {:.2} % of that",
@@ -42,12 +52,29 @@ pub fn ledger(stats: &RenderStats) -> String {
     text
 }
 
+/// What is held neither for an effect nor for an account, but to find hits.
+fn structures(stats: &RenderStats) -> Vec<(&'static str, u64)> {
+    let mut sums: Vec<(&str, u64)> = Vec::new();
+    for holding in &stats.ledger.holdings {
+        let name = holding.holder;
+        if stats.ledger.accounts.contains_key(name) || stats.effects.contains_key(name) {
+            continue;
+        }
+        match sums.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, sum)) => *sum += holding.bytes,
+            None => sums.push((name, holding.bytes)),
+        }
+    }
+    sums
+}
+
 fn total(stats: &RenderStats) -> AccountStats {
     let accounts = || stats.ledger.accounts.values();
     AccountStats {
         rays: accounts().map(|spent| spent.rays).sum(),
         seconds: accounts().map(|spent| spent.seconds).sum(),
         trace_seconds: accounts().map(|spent| spent.trace_seconds).sum(),
+        bytes: stats.ledger.bytes,
     }
 }
 
@@ -58,12 +85,26 @@ fn spent_row(name: &str, spent: AccountStats, whole: f64, reason: &str) -> Strin
     };
     let seconds = format!("{:.3}", spent.seconds);
     let share = format!("{:.1} %", percent(spent.seconds, whole));
-    row([name, &rays, &seconds, &share, reason])
+    row([
+        name,
+        &rays,
+        &seconds,
+        &share,
+        &bytes_in_words(spent.bytes),
+        reason,
+    ])
 }
 
-fn row([name, rays, seconds, share, reason]: [&str; 5]) -> String {
-    let line = format!("{name:<18} {rays:>15} {seconds:>9} {share:>8}  {reason}");
+fn row([name, rays, seconds, share, bytes, reason]: [&str; 6]) -> String {
+    let line = format!("{name:<18} {rays:>15} {seconds:>9} {share:>8} {bytes:>9}  {reason}");
     format!("{}\n", line.trim_end())
+}
+
+fn bytes_in_words(bytes: u64) -> String {
+    match bytes {
+        0 => String::new(),
+        bytes => in_words(bytes),
+    }
 }
 
 fn percent(part: f64, whole: f64) -> f64 {
@@ -101,11 +142,12 @@ mod tests {
             rays: 0,
             seconds: 0.25,
             trace_seconds: 0.0,
+            bytes: 12_345,
         };
         let line = spent_row("film", spent, 2.0, "");
         assert_eq!(
             line.split_whitespace().collect::<Vec<_>>(),
-            ["film", "0.250", "12.5", "%"]
+            ["film", "0.250", "12.5", "%", "12.3", "kB"]
         );
     }
 }

@@ -264,6 +264,13 @@ impl EffectSet {
         self.has(Effect::Refraction) || self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend)
     }
 
+    /// The first of the effects for which light goes on behind some surfaces.
+    pub fn lets_through(self) -> Effect {
+        let effects = [Effect::Refraction, Effect::AlphaTest];
+        let first = effects.into_iter().find(|&effect| self.has(effect));
+        first.unwrap_or(Effect::AlphaBlend)
+    }
+
     /// Whether surfaces pick at random what they ask for light.
     #[inline(always)]
     pub const fn samples_light(self) -> bool {

@@ -199,6 +199,31 @@ impl Scene {
 }
 
 impl Material {
+    /// Whether a texture on `parameter` that is taken by `strength` can change anything: nothing times zero stays zero.
+    pub fn heeds(&self, parameter: Parameter, strength: f32) -> bool {
+        let [r, g, b, a] = self.base_color;
+        match (parameter, &self.model) {
+            (Parameter::BaseColor, _) => {
+                [r, g, b] != [0.0; 3] || (a != 0.0 && self.alpha != AlphaMode::Opaque)
+            }
+            (Parameter::Emission, _) => self.emission != [0.0; 3],
+            (Parameter::Normal | Parameter::Bump | Parameter::Occlusion, _) => strength != 0.0,
+            (parameter, Model::MetallicRoughness(model)) => match parameter {
+                Parameter::Roughness => model.roughness != 0.0,
+                Parameter::Metallic => model.metallic != 0.0,
+                Parameter::MetallicRoughness => model.roughness != 0.0 || model.metallic != 0.0,
+                Parameter::Specular => model.specular != 0.0,
+                Parameter::SpecularColor => model.specular_color != [0.0; 3],
+                Parameter::Transmission => model.transmission != 0.0,
+                _ => true,
+            },
+            (Parameter::SpecularColor, Model::Lecture(lecture)) => lecture.specular != [0.0; 3],
+            (Parameter::Reflection, Model::Lecture(lecture)) => lecture.reflection != [0.0; 3],
+            (Parameter::Transmission, Model::Lecture(lecture)) => lecture.transmission != [0.0; 3],
+            _ => true,
+        }
+    }
+
     /// A material of the metallic-roughness model without textures.
     pub fn metallic_roughness(base_color: [f32; 3], metallic: f32, roughness: f32) -> Material {
         Material {

@@ -18,6 +18,8 @@ mod validate_light;
 mod validate_material;
 mod volumes;
 
+use std::collections::HashSet;
+
 pub use camera::{Camera, CameraRay, CameraView, Projection, Shutter};
 pub use effect::{Effect, EffectOverrides, EffectSet};
 pub use instance::Instance;
@@ -142,6 +144,21 @@ impl Geometry {
 }
 
 impl Scene {
+    /// The images that some layer of a material looks up whose effect is not among `without`, and the environment map if
+    /// anything shows it.
+    pub(crate) fn images_for(&self, without: EffectSet) -> HashSet<u32> {
+        let mut wanted = HashSet::new();
+        let is_simulated = |effect: Effect| !without.has(effect);
+        for layer in self.materials.iter().flat_map(|material| &material.layers) {
+            if let Texture::Image { image, .. } = self.textures[layer.texture.texture as usize]
+                && is_simulated(layer.effect())
+            {
+                wanted.insert(image);
+            }
+        }
+        wanted
+    }
+
     /// The geometry of an instance.
     #[inline(always)]
     pub fn geometry_of(&self, instance: u32) -> &Geometry {

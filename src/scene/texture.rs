@@ -20,11 +20,7 @@ pub struct Layer {
 impl Layer {
     /// The effect that it is a part of.
     pub fn effect(&self) -> Effect {
-        match self.parameter {
-            Parameter::Normal | Parameter::Bump => Effect::NormalMap,
-            Parameter::Occlusion => Effect::Occlusion,
-            _ => Effect::Texture,
-        }
+        self.parameter.effect()
     }
 }
 
@@ -59,6 +55,15 @@ pub enum Parameter {
 }
 
 impl Parameter {
+    /// The effect that a texture on it belongs to.
+    pub fn effect(self) -> Effect {
+        match self {
+            Parameter::Normal | Parameter::Bump => Effect::NormalMap,
+            Parameter::Occlusion => Effect::Occlusion,
+            _ => Effect::Texture,
+        }
+    }
+
     /// How 8-bit images of it are meant.
     pub fn encoding(self) -> Encoding {
         match self {
@@ -239,6 +244,8 @@ impl Image {
     /// those that become floats count four times.
     ///
     /// `encoding` says how images of 16 bits a channel are meant, which become floats; those of 8 bits keep their codes.
+    ///
+    /// See [`Image::unread`] for images that nothing looks at.
     pub fn read(path: &Path, encoding: Encoding, max_texels: u64) -> Result<Image, ImageError> {
         let curve = match encoding {
             Encoding::Srgb => TransferCurve::Srgb,
@@ -257,6 +264,19 @@ impl Image {
     }
 }
 
+impl Image {
+    /// The image of the file at `path`, of which only the kind and the size are read: its pixels may be anything.
+    pub fn unread(path: &Path) -> Result<Image, ImageError> {
+        let [width, height] = image::read_size(path)?;
+        Ok(Image {
+            name: path.display().to_string(),
+            width,
+            height,
+            texels: Texels::Unread,
+        })
+    }
+}
+
 /// The pixels of an image.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Texels {
@@ -264,6 +284,8 @@ pub enum Texels {
     Bytes(Vec<[u8; 4]>),
     /// Linear RGBA (EXR, Radiance HDR, 16 bits a channel).
     Floats(Vec<[f32; 4]>),
+    /// Left in the file, as nothing that is simulated looks at them; who does all the same sees white.
+    Unread,
 }
 
 impl Texels {
@@ -272,6 +294,7 @@ impl Texels {
         match self {
             Texels::Bytes(texels) => texels.len(),
             Texels::Floats(texels) => texels.len(),
+            Texels::Unread => 0,
         }
     }
 
@@ -280,6 +303,7 @@ impl Texels {
         match self {
             Texels::Bytes(texels) => size_of_val(&texels[..]) as u64,
             Texels::Floats(texels) => size_of_val(&texels[..]) as u64,
+            Texels::Unread => 0,
         }
     }
 

@@ -10,7 +10,8 @@ use super::validate_material::{
     check_interior, check_model, check_procedural, check_scattering, check_texels,
 };
 use super::{
-    AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texture,
+    AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texels,
+    Texture,
 };
 use crate::mesh::Mesh;
 use crate::numeric::{Bounds, Motion, Ray};
@@ -214,7 +215,8 @@ impl Scene {
         }
         for (index, image) in self.images.iter().enumerate() {
             let texel_count = u64::from(image.width) * u64::from(image.height);
-            if texel_count == 0 || texel_count != image.texels.len() as u64 {
+            let is_unread = image.texels == Texels::Unread;
+            if texel_count == 0 || (!is_unread && texel_count != image.texels.len() as u64) {
                 return Err(error(
                     named("image", index, &image.name),
                     "its texels do not fill width times height: load it again",

@@ -102,6 +102,9 @@ pub(super) fn check_environment(
     let Some(image) = image else {
         return Err("its image does not exist: give the number of one of the scene's".into());
     };
+    if image.texels == Texels::Unread {
+        return Ok(());
+    }
     let Texels::Floats(texels) = &image.texels else {
         return Err(format!(
             "{} has 8 bits a channel, too few for light: give an .hdr or .exr file",

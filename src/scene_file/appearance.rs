@@ -3,7 +3,7 @@
 //! No image file says what its codes are for; the parameter that uses it does. So materials are asked first, and images
 //! are read for colours, for data, or for both.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use super::SceneFileError;
@@ -13,7 +13,7 @@ use super::fault::{Fault, Source};
 use super::texture::{TextureForm, TextureKind};
 use super::value::At;
 use crate::image::ImageError;
-use crate::scene::{Encoding, Image, Layer, Texels, Texture, TextureUse};
+use crate::scene::{Effect, Encoding, Image, Layer, Texels, Texture, TextureUse};
 
 impl Assembler {
     /// Reads textures and materials; returns the indices of the materials.
@@ -23,12 +23,7 @@ impl Assembler {
         path: &Path,
         document: &Document,
     ) -> Result<HashMap<String, u32>, SceneFileError> {
-        let mut uses: HashMap<&str, Uses> = HashMap::new();
-        for layer in document.material.values().flat_map(|form| form.layers()) {
-            uses.entry(layer.texture)
-                .or_default()
-                .add(layer.parameter.encoding());
-        }
+        let uses = self.uses(document);
         let mut textures = HashMap::new();
         for (name, form) in &document.texture {
             let uses = uses.get(name.as_str()).copied().unwrap_or_default();
@@ -41,6 +36,9 @@ impl Assembler {
             let mut material = form.material(name).map_err(refuse)?;
             form.scatter(&mut material).map_err(|fault| source.error(fault))?;
             for layer in form.layers() {
+                if !material.heeds(layer.parameter, layer.strength) {
+                    continue;
+                }
                 let made = find("texture", layer.texture, &textures).map_err(|f| source.error(f))?;
                 let texture = made.of(layer.parameter.encoding());
                 material.layers.push(Layer {
@@ -58,6 +56,33 @@ impl Assembler {
             self.scene.materials.push(material);
         }
         Ok(materials)
+    }
+
+    /// What each texture is looked up for, by materials that some object names and that are changed by it.
+    fn uses<'d>(&self, document: &'d Document) -> HashMap<&'d str, Uses> {
+        let groups = document.group.values().flat_map(|group| &group.object);
+        let named = document.object.iter().chain(groups);
+        let named: HashSet<&str> = named
+            .filter_map(|object| object.material.as_ref().map(|name| name.as_str()))
+            .collect();
+        let mut uses: HashMap<&str, Uses> = HashMap::new();
+        for (name, form) in &document.material {
+            // What is wrong with it is told where it is made.
+            let Ok(material) = form.material(name) else {
+                continue;
+            };
+            for layer in form.layers() {
+                let is_looked_at = named.contains(name.as_str())
+                    && material.heeds(layer.parameter, layer.strength)
+                    && !self.without.has(layer.parameter.effect());
+                if is_looked_at {
+                    uses.entry(layer.texture)
+                        .or_default()
+                        .add(layer.parameter.encoding());
+                }
+            }
+        }
+        uses
     }
 
     /// Puts a texture of the file at `path` into the scene.
@@ -99,8 +124,14 @@ impl Assembler {
         let index = self.scene.images.len() as u32;
         if let Some(file) = document.background.as_ref().and_then(|form| form.file()) {
             let full = path.with_file_name(&**file);
-            let image = Image::read(&full, Encoding::Linear, self.texels_left)
-                .map_err(|error| source.error(file.fault(format!("the image {error}"))))?;
+            let is_seen = [Effect::Background, Effect::Environment]
+                .into_iter()
+                .any(|effect| !self.without.has(effect));
+            let read = match is_seen {
+                true => Image::read(&full, Encoding::Linear, self.texels_left),
+                false => Image::unread(&full),
+            };
+            let image = read.map_err(|error| source.error(file.fault(format!("the image {error}"))))?;
             self.texels_left -= budget_of(&image).min(self.texels_left);
             self.scene.images.push(image);
         }
@@ -153,10 +184,14 @@ impl Uses {
     }
 }
 
-/// Reads the image at `path` within a budget, for colours and for data: one image where both see the same texels.
+/// Reads the image at `path` within a budget, for colours and for data: one image where both see the same texels; where
+/// neither looks at it, only its size.
 ///
 /// Only codes of 16 bits mean different texels, as those of 8 bits are decoded when they are looked up.
 fn read_images(path: &Path, uses: Uses, max_texels: u64) -> Result<(Image, Option<Image>), ImageError> {
+    if !(uses.data || uses.color) {
+        return Ok((Image::unread(path)?, None));
+    }
     if uses.data && !uses.color {
         return Ok((Image::read(path, Encoding::Linear, max_texels)?, None));
     }

@@ -20,7 +20,7 @@ use super::value::At;
 use super::volume::{MadeVolume, VolumeForm};
 use crate::gltf::{self, LoadOptions};
 use crate::numeric::Motion;
-use crate::scene::{Camera, Geometry, Layer, Light, Scene, Texture};
+use crate::scene::{Camera, EffectSet, Geometry, Layer, Light, Scene, Texture};
 
 /// Objects that are placed together: a group's, a file's.
 #[derive(Debug, Default)]
@@ -98,6 +98,8 @@ const MAX_BYTES: u64 = 1 << 26;
 pub(super) struct Assembler {
     pub(super) scene: Scene,
     pub(super) texels_left: u64,
+    /// Effects that nobody will simulate.
+    pub(super) without: EffectSet,
     /// Files and groups that are open.
     nesting: usize,
     /// Files that are being read, the outermost first.
@@ -125,6 +127,7 @@ impl Assembler {
         Assembler {
             scene: Scene::default(),
             texels_left: options.max_texels,
+            without: options.without,
             nesting: 0,
             open_files: Vec::new(),
             includes: HashMap::new(),
@@ -424,6 +427,7 @@ impl Assembler {
         }
         let options = LoadOptions {
             max_texels: self.texels_left,
+            without: self.without,
         };
         let part = gltf::load_part(path, &options).map_err(|error| error.to_string())?;
         let source = Source {

@@ -86,6 +86,11 @@ struct Place {
 }
 
 impl EnvironmentMap {
+    /// Bytes of the image and of the tables beside it.
+    pub fn byte_count(&self) -> usize {
+        size_of_val(&self.texels[..]) + size_of_val(&self.cell_up_to[..]) + size_of_val(&self.row_up_to[..])
+    }
+
     /// The map of `image`, in linear RGB radiance, turned by `rotation` radians about +y, counter-clockwise as seen from
     /// above. Negative values, which filters leave in images, count as 0.
     pub fn new(image: LinearImage, rotation: f64) -> Result<EnvironmentMap, EnvironmentError> {

@@ -77,6 +77,11 @@ impl EmptySpace {
         empty as f64 / self.distance.len() as f64
     }
 
+    /// Bytes of memory that the blocks take.
+    pub fn byte_count(&self) -> usize {
+        size_of_val(&self.distance[..])
+    }
+
     /// What lies around the point of the ray at `t`.
     #[inline(always)]
     pub(super) fn around(&self, ray: &VoxelRay, t: f64) -> Surroundings {

@@ -242,6 +242,7 @@ impl View<'_> {
         match &self.image.texels {
             Texels::Bytes(texels) => Approx3::rounded(self.channels.of_bytes(texels[index])),
             Texels::Floats(texels) => Approx3::exact(self.channels.of_floats(texels[index])),
+            Texels::Unread => Approx3::exact(self.channels.of_floats([1.0; 4])),
         }
     }
 

@@ -6,7 +6,7 @@ use super::builder::{Branch, Built, build};
 use super::primitives::{Primitives, RunKind};
 use crate::accel::extents::SphereExtent;
 use crate::accel::planes::Planes;
-use crate::accel::{AccelError, AccelOptions, Hit};
+use crate::accel::{AccelError, AccelOptions, AccelPart, Hit, holder_of_tree};
 use crate::numeric::Ray;
 use crate::scene::{Geometry, Scene};
 
@@ -89,10 +89,22 @@ impl<'s, T: Layout> Levels<'s, T> {
         }
     }
 
-    /// Bytes of all trees.
+    /// Bytes of all trees, and of the list of what is in the world's.
     pub(super) fn byte_count(&self) -> u64 {
         let objects = self.objects.iter().flatten().map(|level| level.tree.byte_count());
-        self.world.tree.byte_count() + objects.sum::<u64>()
+        self.world.tree.byte_count() + self.world.primitives.byte_count() + objects.sum::<u64>()
+    }
+
+    /// Bytes of the trees, each for what it serves.
+    pub(super) fn parts(&self) -> Vec<AccelPart> {
+        let world = self.world.tree.byte_count() + self.world.primitives.byte_count();
+        let objects = self.world.primitives.object_count();
+        let triangles = self.world.primitives.count() - objects;
+        let part = |holder, what, bytes| AccelPart { holder, what, bytes };
+        vec![
+            part("triangles", "trees of placed meshes", self.byte_count() - world),
+            part(holder_of_tree(triangles, objects), "tree of the world", world),
+        ]
     }
 
     /// One line about what was built.

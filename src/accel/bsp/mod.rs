@@ -23,7 +23,7 @@ mod wide;
 
 use super::extents::{Spheres, spheres_of_shapes};
 use super::planes::Planes;
-use super::{Accel, AccelError, AccelOptions, AccelReport, Kernel, LANES, RayOrder, RayPacket};
+use super::{Accel, AccelError, AccelOptions, AccelPart, AccelReport, Kernel, LANES, RayOrder, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch};
 use crate::scene::Scene;
 use levels::{Layout, Levels};
@@ -73,7 +73,13 @@ impl<'s> BspAccel<'s> {
             Ok(levels)
         })?;
         let mut report = report(&levels);
-        report.bytes += size_of_val(&*levels.spheres) as u64;
+        let spheres = size_of_val(&*levels.spheres) as u64;
+        report.bytes += spheres;
+        report.parts.push(AccelPart {
+            holder: "extents",
+            what: "spheres",
+            bytes: spheres,
+        });
         let walker = match options.kernel {
             Kernel::Single => Walker::Single(levels),
             Kernel::Packet => Walker::Packet(levels),
@@ -195,6 +201,7 @@ fn report<T: Layout>(levels: &Levels<T>) -> AccelReport {
         peak_bytes: levels.peak_bytes,
         embree: None,
         summary: levels.summary(),
+        parts: levels.parts(),
     }
 }
 

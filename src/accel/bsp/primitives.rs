@@ -87,6 +87,17 @@ impl<'s> Primitives<'s> {
         (self.count < u32::MAX as usize).then_some(())
     }
 
+    /// Bytes of the list of runs.
+    pub(super) fn byte_count(&self) -> u64 {
+        (self.runs.capacity() * size_of::<Run>()) as u64
+    }
+
+    /// How many of them are asked as a whole.
+    pub(super) fn object_count(&self) -> usize {
+        let is_whole = |run: &&Run| matches!(run.kind, RunKind::Whole(_));
+        self.runs.iter().filter(is_whole).count()
+    }
+
     /// How many there are.
     pub(super) fn count(&self) -> usize {
         self.count

@@ -37,7 +37,7 @@ use self::scene::{Built, EmbreeScene};
 use self::trace::Width;
 use self::user::UserGeometry;
 use super::planes::Planes;
-use super::{Accel, AccelError, AccelOptions, AccelReport, RayOrder, RayPacket};
+use super::{Accel, AccelError, AccelOptions, AccelPart, AccelReport, RayOrder, RayPacket, holder_of_tree};
 use crate::scene::{Instance, Scene};
 
 /// Embree's structure over a scene that it borrows: Embree reads the vertices where they are.
@@ -51,6 +51,10 @@ pub struct EmbreeAccel<'s> {
     planes: Planes,
     placed_mesh_count: usize,
     native_instance_count: usize,
+    /// Of Embree's memory: that of the scenes of placed meshes.
+    placed_bytes: u64,
+    /// Whose the rest of it is.
+    world_holder: &'static str,
     summary: String,
 }
 
@@ -73,6 +77,7 @@ impl<'s> EmbreeAccel<'s> {
             users,
             held_back_count,
             native_instance_count,
+            placed_bytes,
         } = scene::build(scene, &device, options)?;
         let mut summary = format!(
             "Embree {}, {}, {width}, {} triangles native, {} shapes and placed meshes as user geometry",
@@ -101,6 +106,8 @@ impl<'s> EmbreeAccel<'s> {
             widths,
             planes: Planes::of(scene),
             native_instance_count,
+            placed_bytes,
+            world_holder: holder_of_tree(scene::native_triangle_count(scene), object_count),
             placed_mesh_count: scene.instances.iter().filter(is_placed).count(),
             summary,
         })
@@ -146,11 +153,83 @@ impl Accel for EmbreeAccel<'_> {
         let untold = still.byte_count()
             + moving.own_byte_count()
             + native::RECORD_BYTES * self.native_instance_count as u64;
+        let placed = self.placed_bytes.min(memory.bytes());
+        let records = match still.primitive_count() + moving.primitive_count() {
+            0 => "tree",
+            _ => "user-geometry",
+        };
+        let part = |holder, what, bytes| AccelPart { holder, what, bytes };
         AccelReport {
+            parts: vec![
+                part("triangles", "trees of placed meshes", placed),
+                part(self.world_holder, "tree of the world", memory.bytes() - placed),
+                part(records, "records", untold),
+            ],
             bytes: memory.bytes() + untold,
             peak_bytes: memory.peak_bytes() + untold,
             embree: Some(self.device.identity().clone()),
             summary: self.summary.clone(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use embree_sys as sys;
+
+    use super::*;
+    use crate::accel::{Contents, Precision};
+    use crate::gltf::LoadOptions;
+
+    /// Objects that are asked by callbacks, and records and holders of the build.
+    fn built(scene: &Scene) -> (usize, AccelReport) {
+        let accel = EmbreeAccel::build(scene, &AccelOptions::default()).unwrap();
+        (accel.users[0].primitive_count(), accel.report())
+    }
+
+    #[test]
+    fn a_scene_of_triangles_has_no_user_geometry_and_one_of_shapes_no_triangles() {
+        let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+        let options = LoadOptions::default();
+        let shapes = crate::scene_file::load(&scenes.join("table_of_shapes.toml"), &options).unwrap();
+        let mut meshes = crate::gltf::load(&scenes.join("first_light.gltf"), &options).unwrap();
+        let geometries = &meshes.geometries;
+        let is_native = |i: &Instance| i.is_identity() && !geometries[i.geometry as usize].is_unbounded();
+        meshes.instances = meshes
+            .instances
+            .iter()
+            .filter(|i| is_native(i))
+            .cloned()
+            .collect();
+        assert!(!meshes.instances.is_empty());
+        let (asked, report) = built(&meshes);
+        assert_eq!((asked, Contents::of(&meshes).user_geometry()), (0, 0));
+        assert!(report.parts.iter().all(|part| part.holder != "user-geometry"));
+        let (asked, _) = built(&shapes.scene);
+        assert_eq!(asked, Contents::of(&shapes.scene).user_geometry());
+        assert!(asked > 0);
+    }
+
+    #[test]
+    fn scenes_have_no_flag_but_the_one_that_closes_edges() {
+        assert_eq!(scene::flags(Precision::Fast), sys::RTC_SCENE_FLAG_NONE);
+        assert_eq!(scene::flags(Precision::Robust), sys::RTC_SCENE_FLAG_ROBUST);
+    }
+
+    #[test]
+    fn no_filter_function_can_be_set_as_none_is_declared() {
+        let declared = include_str!("../../../embree-sys/build.rs");
+        let functions = declared
+            .split("const FUNCTIONS")
+            .nth(1)
+            .unwrap()
+            .split(';')
+            .next()
+            .unwrap();
+        assert!(functions.contains("SetSceneFlags") && !functions.contains("Filter"));
+        let shim = include_str!("../../../embree-sys/shim.c");
+        assert!(!shim.contains("ilter"), "the shim sets a filter");
     }
 }

@@ -88,6 +88,8 @@ pub(super) struct Built<'s> {
     pub(super) held_back_count: usize,
     /// Placed meshes that are Embree's own instances.
     pub(super) native_instance_count: usize,
+    /// Bytes of the scenes of placed meshes.
+    pub(super) placed_bytes: u64,
 }
 
 /// Builds the world and the user geometry in it.
@@ -103,7 +105,9 @@ pub(super) fn build<'s>(
     let mut progress = Progress::new(scene, options);
     let plan = in_pool(options.threads, || Plan::new(scene));
     let held_back_count = plan.held_back_count(scene);
+    let before = device.memory().bytes();
     let parts = plan.build_placed(device, options, &mut progress)?;
+    let placed_bytes = device.memory().bytes().saturating_sub(before);
     let users = UserGeometry::pair(scene, parts, instancing).map(Arc::new);
 
     let mut world = EmbreeScene::new(device, options.precision)?;
@@ -128,6 +132,7 @@ pub(super) fn build<'s>(
         users,
         held_back_count,
         native_instance_count,
+        placed_bytes,
     })
 }
 
@@ -271,6 +276,14 @@ impl<'s> Part<'s> {
     }
 }
 
+/// What Embree is told of a scene: nothing that it need not know.
+pub(super) fn flags(precision: Precision) -> sys::RTCSceneFlags {
+    match precision {
+        Precision::Fast => sys::RTC_SCENE_FLAG_NONE,
+        Precision::Robust | Precision::Watertight => sys::RTC_SCENE_FLAG_ROBUST,
+    }
+}
+
 impl<'s> EmbreeScene<'s> {
     fn new(device: &Device, precision: Precision) -> Result<EmbreeScene<'s>, AccelError> {
         // SAFETY: the device is live.
@@ -284,12 +297,8 @@ impl<'s> EmbreeScene<'s> {
             has_instances: false,
             arrays: PhantomData,
         };
-        let flags = match precision {
-            Precision::Fast => sys::RTC_SCENE_FLAG_NONE,
-            Precision::Robust | Precision::Watertight => sys::RTC_SCENE_FLAG_ROBUST,
-        };
         // SAFETY: the scene is live and not yet committed.
-        unsafe { sys::rtcSetSceneFlags(handle, flags) };
+        unsafe { sys::rtcSetSceneFlags(handle, flags(precision)) };
         // SAFETY: as above.
         unsafe { sys::rtcSetSceneBuildQuality(handle, sys::RTC_BUILD_QUALITY_MEDIUM) };
         device.check("set up a scene")?;

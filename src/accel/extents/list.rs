@@ -7,7 +7,7 @@ use super::rays::RayLanes;
 use super::{ExtentCounts, ExtentKind, Extents, Object};
 use crate::accel::brute::{blocks, nearest_of};
 use crate::accel::planes::Planes;
-use crate::accel::{Accel, AccelReport, Hit, LANES, RayOrder, RayPacket};
+use crate::accel::{Accel, AccelPart, AccelReport, Hit, LANES, RayOrder, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch, lanes};
 use crate::scene::Scene;
 
@@ -148,6 +148,11 @@ impl Accel for ListAccel<'_> {
             bytes: size_of_val(objects) as u64,
             peak_bytes: size_of_val(objects) as u64,
             embree: None,
+            parts: vec![AccelPart {
+                holder: "user-geometry",
+                what: "list of objects",
+                bytes: size_of_val(objects) as u64,
+            }],
             summary: format!(
                 "a list of {} objects, {} planes",
                 objects.len(),

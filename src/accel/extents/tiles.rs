@@ -10,7 +10,7 @@ use super::projection::{FilmBox, ProjectionExtents};
 use super::{ExtentKind, Extents};
 use rayon::prelude::*;
 
-use crate::accel::{Accel, AccelReport, RayOrder, RayPacket};
+use crate::accel::{Accel, AccelPart, AccelReport, RayOrder, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch};
 use crate::numeric::LANES;
 use crate::scene::{CameraView, Geometry, Scene};
@@ -166,8 +166,13 @@ impl Accel for ProjectedAccel<'_, '_> {
     }
 
     fn report(&self) -> AccelReport {
-        let report = self.inner.report();
+        let mut report = self.inner.report();
         let bytes = report.bytes + self.tiles.byte_count();
+        report.parts.push(AccelPart {
+            holder: "extents",
+            what: "lists of tiles",
+            bytes: self.tiles.byte_count(),
+        });
         AccelReport {
             bytes,
             peak_bytes: report.peak_bytes.max(bytes),

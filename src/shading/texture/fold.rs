@@ -11,7 +11,12 @@ use super::{constant, slot};
 
 /// Folds the constant textures of a scene that has passed its checks into its materials.
 pub fn fold_constant_textures(scene: &mut Scene) {
-    let images: Vec<Option<[[f32; 4]; 2]>> = scene.images.iter().map(constant).collect();
+    // What was not read is not known to be of one colour.
+    let color_of = |image: &Image| match image.texels {
+        Texels::Unread => None,
+        _ => constant(image),
+    };
+    let images: Vec<Option<[[f32; 4]; 2]>> = scene.images.iter().map(color_of).collect();
     let color = |texture: &Texture| match texture {
         Texture::Image { image, .. } => images[*image as usize],
         Texture::Procedural(rule) => (rule.colors[0] == rule.colors[1]).then_some([rule.colors[0]; 2]),
@@ -49,6 +54,7 @@ fn shrink(image: &mut Image) {
     match &mut image.texels {
         Texels::Bytes(texels) => *texels = texels[..1].to_vec(),
         Texels::Floats(texels) => *texels = texels[..1].to_vec(),
+        Texels::Unread => return,
     }
     (image.width, image.height) = (1, 1);
 }

@@ -2,6 +2,7 @@
 
 use std::sync::LazyLock;
 
+use super::WHITE;
 use crate::image::linear_from_srgb;
 use crate::scene::{Encoding, Image, Sampler, Texels, Wrap};
 
@@ -32,6 +33,7 @@ impl<'a> Grid<'a> {
             (Texels::Bytes(texels), Encoding::Linear) => Decoder::Bytes(texels),
             (Texels::Bytes(texels), Encoding::Srgb) => Decoder::SrgbBytes(texels, &LINEAR_FROM_SRGB),
             (Texels::Floats(texels), _) => Decoder::Floats(texels),
+            (Texels::Unread, _) => return Grid::of_floats(1, 1, &[WHITE]),
         };
         Grid {
             width: image.width,

@@ -22,7 +22,10 @@ use rayon::prelude::*;
 pub use self::fold::fold_constant_textures;
 use self::grid::Grid;
 use self::pyramid::Pyramid;
-use crate::scene::{Encoding, Filter, Image, Procedural, Sampler, Scene, Space, Texels, Texture, TextureUse};
+use crate::scene::{
+    Effect, EffectSet, Encoding, Filter, Image, Procedural, Sampler, Scene, Space, Texels, Texture,
+    TextureUse,
+};
 
 /// Everything a texture is asked about at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,6 +90,12 @@ const MOST_PROBES: f64 = 16.0;
 impl<'s> TextureSet<'s> {
     /// Prepares the textures of a scene that has been validated.
     pub fn new(scene: &'s Scene) -> TextureSet<'s> {
+        TextureSet::of_effects(scene, EffectSet::ALL)
+    }
+
+    /// Prepares them for look-ups by these effects only, and without halved images where [`Effect::TextureFilter`] is not
+    /// among them.
+    pub fn of_effects(scene: &'s Scene, effects: EffectSet) -> TextureSet<'s> {
         let constants: Vec<_> = scene.images.par_iter().map(constant).collect();
         let lookups: Vec<Lookup> = scene
             .textures
@@ -103,7 +112,7 @@ impl<'s> TextureSet<'s> {
                 },
             })
             .collect();
-        let wanted = wanted_pyramids(scene, &lookups);
+        let wanted = wanted_pyramids(scene, &lookups, effects);
         let pyramids = scene.images.par_iter().enumerate().map(|(index, image)| {
             [Encoding::Srgb, Encoding::Linear].map(|encoding| {
                 wanted
@@ -216,6 +225,16 @@ impl<'s> TextureSet<'s> {
         }
     }
 
+    /// Bytes of the halved images.
+    pub fn level_byte_count(&self) -> usize {
+        self.pyramids
+            .iter()
+            .flatten()
+            .flatten()
+            .map(Pyramid::byte_count)
+            .sum()
+    }
+
     /// An image where the ray is `width` texels wide.
     fn texels(&self, lookup: &ImageLookup, encoding: Encoding, uv: [f64; 2], width: f64) -> [f32; 4] {
         let finest = Grid::of_image(lookup.image, encoding);
@@ -316,11 +335,15 @@ fn slot(encoding: Encoding) -> usize {
     }
 }
 
+/// What is seen of images that were not read.
+const WHITE: [f32; 4] = [1.0; 4];
+
 /// The colours, by encoding, of an image whose texels are all the same.
 fn constant(image: &Image) -> Option<[[f32; 4]; 2]> {
     let same = match &image.texels {
         Texels::Bytes(texels) => all_same(texels),
         Texels::Floats(texels) => all_same(texels),
+        Texels::Unread => return Some([WHITE; 2]),
     };
     same.then(|| {
         [Encoding::Srgb, Encoding::Linear].map(|encoding| Grid::of_image(image, encoding).texel(0, 0))
@@ -332,9 +355,10 @@ fn all_same<T: PartialEq>(texels: &[T]) -> bool {
 }
 
 /// Images and encodings of which the materials look up some by the width of the ray.
-fn wanted_pyramids(scene: &Scene, lookups: &[Lookup]) -> HashSet<(usize, usize)> {
+fn wanted_pyramids(scene: &Scene, lookups: &[Lookup], effects: EffectSet) -> HashSet<(usize, usize)> {
     let layers = scene.materials.iter().flat_map(|material| &material.layers);
     layers
+        .filter(|layer| effects.has(Effect::TextureFilter) && effects.has(layer.effect()))
         .filter_map(|layer| match &lookups[layer.texture.texture as usize] {
             Lookup::Image(lookup) if lookup.sampler.filter == Filter::Mipmap => {
                 Some((lookup.index, slot(layer.parameter.encoding())))

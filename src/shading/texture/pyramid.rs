@@ -35,6 +35,14 @@ impl Level {
 }
 
 impl Pyramid {
+    /// Bytes of all levels but the finest, which is the image.
+    pub(super) fn byte_count(&self) -> usize {
+        self.levels
+            .iter()
+            .map(|level| size_of_val(&level.texels[..]))
+            .sum()
+    }
+
     /// Halves `finest` until one texel is left.
     pub(super) fn new(finest: Grid, encoding: Encoding) -> Pyramid {
         let mut levels: Vec<Level> = Vec::new();

@@ -1,0 +1,389 @@
+//! What a render holds in memory, and for what: every byte under the name of one effect, account or structure.
+//!
+//! Sizes are those of what is there: capacities of queues and columns, arrays of meshes, decoded images and what is made
+//! of them. What all threads hold together is noted after each tile, as their queues grow with what they meet and never
+//! shrink; the rest is as large as the picture and the scene. Nothing is counted with the ledger off.
+
+use std::sync::{Mutex, PoisonError};
+
+use super::estimate::Estimate;
+use super::film::{self, Tile};
+use super::surface::InstanceView;
+use super::wave::TilePicture;
+use super::{Frame, Ledger, PixelCosts};
+use crate::accel::AccelReport;
+use crate::mesh::Mesh;
+use crate::scene::{Background, Effect, EffectSet, Geometry, Instance, Scene, Texture};
+
+/// Something that is held.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Holding {
+    /// For what: the name of an effect or of an account; `geometry`, `instances`, `triangles`, `user-geometry`, `tree` or
+    /// `extents` where it serves to find hits; `unused` where the scene brought it along and nothing looks at it.
+    pub holder: &'static str,
+    /// What it is.
+    pub what: &'static str,
+    /// Its size, at its peak.
+    pub bytes: u64,
+}
+
+/// Everything that a render holds; empty with the ledger off.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Memory {
+    holdings: Vec<Holding>,
+    at_once: u64,
+}
+
+impl Memory {
+    /// One by one; none is empty.
+    pub fn holdings(&self) -> &[Holding] {
+        &self.holdings
+    }
+
+    /// Bytes that are held for `holder`.
+    pub fn of(&self, holder: &str) -> u64 {
+        let held = self.holdings.iter().filter(|holding| holding.holder == holder);
+        held.map(|holding| holding.bytes).sum()
+    }
+
+    /// Bytes that were held at the same time, at most: what the threads hold is gone when the picture is put together.
+    pub fn at_once(&self) -> u64 {
+        self.at_once
+    }
+
+    /// Bytes of all holdings, each at its own peak.
+    pub fn total(&self) -> u64 {
+        self.holdings.iter().map(|holding| holding.bytes).sum()
+    }
+
+    /// Adds `bytes` to what is held.
+    pub(super) fn add(&mut self, holder: &'static str, what: &'static str, bytes: usize) {
+        if bytes == 0 {
+            return;
+        }
+        let bytes = bytes as u64;
+        let known = self.holdings.iter_mut();
+        match known
+            .into_iter()
+            .find(|holding| holding.holder == holder && holding.what == what)
+        {
+            Some(holding) => holding.bytes += bytes,
+            None => self.holdings.push(Holding { holder, what, bytes }),
+        }
+    }
+
+    fn add_all(&mut self, other: &Memory) {
+        for holding in &other.holdings {
+            self.add(holding.holder, holding.what, holding.bytes as usize);
+        }
+    }
+
+    fn remove_all(&mut self, other: &Memory) {
+        for gone in &other.holdings {
+            let is_it = |holding: &&mut Holding| (holding.holder, holding.what) == (gone.holder, gone.what);
+            if let Some(holding) = self.holdings.iter_mut().find(is_it) {
+                holding.bytes -= gone.bytes;
+            }
+        }
+    }
+}
+
+/// What the threads of a render hold together.
+#[derive(Debug, Default)]
+pub(super) struct ThreadMemory(Mutex<Watched>);
+
+#[derive(Debug, Default)]
+struct Watched {
+    now: Memory,
+    /// When they held most.
+    peak: Memory,
+    /// Pictures of tiles that are finished.
+    finished: u64,
+    /// The most that threads and finished tiles took together.
+    most: u64,
+    /// The most that a round of adaptive sampling took.
+    most_in_round: u64,
+}
+
+impl ThreadMemory {
+    /// Books that a thread that held `before` holds `after`.
+    fn change(&self, before: &Memory, after: &Memory) {
+        let mut watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        watched.now.remove_all(before);
+        watched.now.add_all(after);
+        watched.most = watched.most.max(watched.now.total() + watched.finished);
+        if watched.now.total() > watched.peak.total() {
+            watched.peak = watched.now.clone();
+        }
+    }
+
+    /// Books a finished tile.
+    fn finish(&self, bytes: usize) {
+        let mut watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        watched.finished += bytes as u64;
+        watched.most = watched.most.max(watched.now.total() + watched.finished);
+    }
+
+    /// Books a round of adaptive sampling: what is known of the picture, and what the visits add.
+    pub(super) fn note_round(&self, bytes: usize) {
+        let mut watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        watched.most_in_round = watched.most_in_round.max(bytes as u64);
+    }
+
+    fn most_in_round(&self) -> u64 {
+        let watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        watched.most_in_round
+    }
+
+    /// What they held when they held most; and the most that they and finished tiles took together.
+    fn peak(&self) -> (Memory, u64) {
+        let watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        (watched.peak.clone(), watched.most)
+    }
+}
+
+/// What one thread holds, as it was noted last.
+pub(super) struct Held<'f> {
+    together: &'f ThreadMemory,
+    noted: Memory,
+}
+
+impl<'f> Held<'f> {
+    pub(super) fn new(together: &'f ThreadMemory) -> Held<'f> {
+        Held {
+            together,
+            noted: Memory::default(),
+        }
+    }
+
+    /// Notes what the thread holds now, and what it has finished since.
+    pub(super) fn note(&mut self, memory: Memory, finished: usize) {
+        if memory != self.noted {
+            self.together.change(&self.noted, &memory);
+            self.noted = memory;
+        }
+        self.together.finish(finished);
+    }
+}
+
+impl Drop for Held<'_> {
+    fn drop(&mut self) {
+        self.together.change(&self.noted, &Memory::default());
+    }
+}
+
+impl Frame<'_> {
+    /// Everything that the render held, each thing at its peak.
+    pub(super) fn memory(&self) -> Memory {
+        let Some(threads) = &self.thread_memory else {
+            return Memory::default();
+        };
+        let (mut memory, most_in_tiles) = threads.peak();
+        let of_threads = memory.total();
+        self.add_film(&mut memory);
+        self.add_geometry(&mut memory);
+        self.add_appearance(&mut memory);
+        add_accel(&self.accel.report(), &mut memory);
+        let (counted, at_once) = self.phases(threads, most_in_tiles);
+        memory.at_once = memory.total() - of_threads - counted + at_once;
+        memory
+    }
+
+    /// Bytes that are not all there at the same time, and the most of them that are: while samples are taken, or when the
+    /// picture is put together.
+    fn phases(&self, threads: &ThreadMemory, most_in_tiles: u64) -> (u64, u64) {
+        let picture = self.picture_bytes() as u64;
+        if self.settings.target().is_some() {
+            let rounds = threads.most_in_round();
+            let pixels = self.picture_bytes() / size_of::<[f32; 3]>();
+            let estimates = (pixels * size_of::<Estimate>()) as u64;
+            return (
+                rounds + picture,
+                (rounds + most_in_tiles).max(estimates + picture),
+            );
+        }
+        let tiles = film::tiles(self.settings.width, self.settings.height).into_iter();
+        let tiles: usize = tiles.map(|tile| self.tile_bytes(tile)).sum();
+        let put_together = tiles as u64 + picture;
+        (put_together, most_in_tiles.max(put_together))
+    }
+
+    /// What is kept of a finished tile until the picture is put together.
+    pub(super) fn tile_bytes(&self, tile: Tile) -> usize {
+        let settings = &self.settings;
+        let estimate = if settings.sample_aovs {
+            size_of::<Estimate>()
+        } else {
+            0
+        };
+        let pixel = size_of::<[f32; 3]>() + estimate + settings.filter.bytes_per_pixel() as usize;
+        (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TilePicture), Ledger)>()
+    }
+
+    fn picture_bytes(&self) -> usize {
+        let settings = &self.settings;
+        settings.width as usize * settings.height as usize * size_of::<[f32; 3]>()
+    }
+
+    /// What is as large as the picture.
+    fn add_film(&self, memory: &mut Memory) {
+        let settings = &self.settings;
+        let pixels = settings.width as usize * settings.height as usize;
+        let estimate = size_of::<Estimate>();
+        memory.add("film", "the picture", self.picture_bytes());
+        if settings.target().is_some() {
+            let rounds = self.thread_memory.as_ref().map_or(0, ThreadMemory::most_in_round);
+            memory.add("sampling", "estimates", rounds as usize);
+        } else {
+            let tiles = film::tiles(settings.width, settings.height).into_iter();
+            let tiles: usize = tiles.map(|tile| self.tile_bytes(tile)).sum();
+            memory.add("film", "pictures of tiles", tiles);
+            if settings.sample_aovs {
+                memory.add("sampling", "estimates", pixels * estimate);
+            }
+        }
+        if settings.sample_aovs {
+            memory.add("sampling", "counts and variances", pixels * 2 * size_of::<f32>());
+        }
+        if self.costs.is_some() {
+            memory.add("other", "costs of pixels", pixels * PixelCosts::BYTES);
+        }
+        memory.add("sampling", "places of samples", size_of_val(&self.groups[..]));
+    }
+
+    /// Meshes, shapes and where they stand.
+    fn add_geometry(&self, memory: &mut Memory) {
+        let scene = self.scene;
+        for geometry in &scene.geometries {
+            memory.add("geometry", "records", size_of::<Geometry>());
+            if let Geometry::Mesh(mesh) = geometry {
+                add_mesh(mesh, self.effects(), memory);
+            }
+        }
+        let instances = &scene.instances;
+        let heap: usize = instances.iter().map(Instance::heap_byte_count).sum();
+        memory.add("instances", "placements", size_of_val(&instances[..]) + heap);
+        let views = instances.len() * size_of::<InstanceView>();
+        memory.add("instances", "views of the renderer", views);
+    }
+
+    /// Images and volumes, and what was made of them.
+    fn add_appearance(&self, memory: &mut Memory) {
+        let (scene, effects) = (self.scene, self.effects());
+        for (image, effect) in scene.images.iter().zip(image_effects(scene, effects)) {
+            let bytes = image.texels.byte_count() as usize;
+            memory.add(effect.map_or(UNUSED, Effect::name), "decoded images", bytes);
+        }
+        let levels = self.surfaces.textures().level_byte_count();
+        memory.add(Effect::TextureFilter.name(), "levels of images", levels);
+        if let Some(environment) = &self.environment {
+            let holder = match effects.has(Effect::Environment) {
+                true => Effect::Environment,
+                false => Effect::Background,
+            };
+            memory.add(holder.name(), "map and tables", environment.byte_count());
+        }
+        let holder = holder(Effect::Volume, effects);
+        for volume in &scene.volumes {
+            memory.add(holder, "grids", volume.memory());
+            memory.add(holder, "blocks of empty space", volume.empty_space().byte_count());
+        }
+    }
+}
+
+/// Who holds what the scene brought along and nothing looks at.
+const UNUSED: &str = "unused";
+
+/// Who holds what only `effect` looks at.
+fn holder(effect: Effect, on: EffectSet) -> &'static str {
+    if on.has(effect) { effect.name() } else { UNUSED }
+}
+
+/// The arrays of a mesh, each for what needs it; those of a mapped file are the file's pages.
+fn add_mesh(mesh: &Mesh, on: EffectSet, memory: &mut Memory) {
+    let corners = size_of_val(&mesh.positions[..]) + size_of_val(&mesh.triangles[..]);
+    memory.add("geometry", "positions and triangles", corners);
+    let mut add = |effect: Effect, what, bytes: usize| memory.add(holder(effect, on), what, bytes);
+    let normals = mesh.normals.as_ref().map_or(0, |array| size_of_val(&array[..]));
+    add(Effect::SmoothNormals, "vertex normals", normals);
+    let tangents = mesh.tangents.as_ref().map_or(0, |array| size_of_val(&array[..]));
+    add(Effect::NormalMap, "vertex tangents", tangents);
+    let colors = mesh.colors.as_ref().map_or(0, |array| size_of_val(&array[..]));
+    add(Effect::VertexColor, "vertex colours", colors);
+    let coordinates = mesh.tex_coords.iter().map(|array| size_of_val(&array[..])).sum();
+    let lookers = [Effect::Texture, Effect::NormalMap, Effect::Occlusion];
+    let looker = lookers.into_iter().find(|&effect| on.has(effect));
+    add(
+        looker.unwrap_or(Effect::Texture),
+        "texture coordinates",
+        coordinates,
+    );
+}
+
+/// The first effect of those that are on to look up each image.
+fn image_effects(scene: &Scene, on: EffectSet) -> Vec<Option<Effect>> {
+    let mut effects = vec![None; scene.images.len()];
+    if let Background::Environment { image, .. } = scene.background {
+        let lookers = [Effect::Environment, Effect::Background];
+        effects[image as usize] = lookers.into_iter().find(|&effect| on.has(effect));
+    }
+    for layer in scene.materials.iter().flat_map(|material| &material.layers) {
+        if let Texture::Image { image, .. } = &scene.textures[layer.texture.texture as usize]
+            && on.has(layer.effect())
+        {
+            effects[*image as usize].get_or_insert(layer.effect());
+        }
+    }
+    effects
+}
+
+fn add_accel(report: &AccelReport, memory: &mut Memory) {
+    for part in &report.parts {
+        memory.add(part.holder, part.what, part.bytes as usize);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(parts: &[(&'static str, &'static str, usize)]) -> Memory {
+        let mut memory = Memory::default();
+        for &(holder, what, bytes) in parts {
+            memory.add(holder, what, bytes);
+        }
+        memory
+    }
+
+    #[test]
+    fn threads_are_noted_at_the_moment_when_they_hold_most_together() {
+        let together = ThreadMemory::default();
+        let mut first = Held::new(&together);
+        first.note(of(&[("film", "sums", 10), ("camera", "rays", 5)]), 3);
+        let mut second = Held::new(&together);
+        second.note(of(&[("film", "sums", 10), ("shadow", "rays", 1)]), 0);
+        second.note(of(&[("film", "sums", 10), ("shadow", "rays", 7)]), 0);
+        drop(first);
+        second.note(of(&[("film", "sums", 10), ("shadow", "rays", 9)]), 0);
+        drop(second);
+        let (peak, most) = together.peak();
+        // 15 of the first and 17 of the second, before the first was gone; and the first one's finished tile.
+        assert_eq!(most, 35);
+        assert_eq!((peak.total(), peak.of("film"), peak.of("shadow")), (32, 20, 7));
+        assert_eq!(together.0.lock().unwrap().now.total(), 0);
+    }
+
+    #[test]
+    fn what_is_held_twice_is_one_holding_and_what_is_empty_none() {
+        let memory = of(&[
+            ("film", "sums", 1),
+            ("film", "sums", 2),
+            ("film", "means", 4),
+            ("other", "", 0),
+        ]);
+        assert_eq!(
+            (memory.holdings().len(), memory.of("film"), memory.total()),
+            (2, 7, 7)
+        );
+    }
+}

@@ -1,0 +1,82 @@
+//! What finds hits: rows of the plan that are no effects. What a scene has none of takes no callback, no flag and no memory.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::accel::Contents;
+use crate::scene::Scene;
+
+/// A part of what finds hits, and why it is there or not.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StructureRow {
+    /// `triangles`, `user-geometry`, `instances`, `planes`, `robust-triangles` or `filters`.
+    pub part: &'static str,
+    /// Whether it is there.
+    pub on: bool,
+    /// What in the scene calls for it, or that nothing does.
+    pub reason: String,
+}
+
+/// The rows of a scene, with the defaults of `whit render`.
+pub(super) fn rows(scene: &Scene) -> Vec<StructureRow> {
+    let contents = Contents::of(scene);
+    let Contents {
+        world_triangles,
+        placed_meshes,
+        shapes,
+        planes,
+    } = contents;
+    let row = |part, on, there: String, absent: &str| StructureRow {
+        part,
+        on,
+        reason: if on { there } else { absent.into() },
+    };
+    let has_triangles = world_triangles + placed_meshes > 0;
+    let (instances, geometries) = (scene.instances.len(), scene.geometries.len());
+    vec![
+        row(
+            "triangles",
+            has_triangles,
+            format!("{world_triangles} in world space, and {placed_meshes} placed meshes"),
+            "there are no meshes",
+        ),
+        row(
+            "user-geometry",
+            contents.user_geometry() > 0,
+            format!("{shapes} shapes and {placed_meshes} placed meshes are asked by callbacks"),
+            "all objects are triangles in world space, so Embree calls nobody back",
+        ),
+        row(
+            "instances",
+            instances > geometries || placed_meshes > 0,
+            format!("{instances} of {geometries} geometries, {placed_meshes} of them meshes that are placed"),
+            "no geometry stands in two places, and meshes lie in world space",
+        ),
+        row(
+            "planes",
+            planes > 0,
+            format!("{planes} infinite planes are asked after the structure"),
+            "there are no infinite planes",
+        ),
+        row(
+            "robust-triangles",
+            has_triangles,
+            "edges are closed, as `--precision robust` is the default".into(),
+            "there are no meshes",
+        ),
+        row(
+            "filters",
+            false,
+            String::new(),
+            "holes are looked through by further rays, never by Embree's filter functions",
+        ),
+    ]
+}
+
+impl fmt::Display for StructureRow {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let state = if self.on { "on" } else { "off" };
+        write!(f, "{} {state}: {}", self.part, self.reason)
+    }
+}

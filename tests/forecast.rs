@@ -1,0 +1,147 @@
+//! The forecast of `whit info`: a probe of a few strips sees what the whole picture takes.
+//!
+//! `cargo test --release --test forecast -- --ignored --nocapture` holds the shares of time against a render's ledger, which
+//! needs a quiet machine.
+
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
+
+    pub mod scene_folder;
+}
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use common::scene_folder::{self, FiledScene};
+use whit::accel::{self, Accel, AccelOptions, Backend};
+use whit::render::{Account, Ledger, Monitor, RenderSettings, probe, render};
+use whit::report::forecast::Forecast;
+
+/// What the shares of a forecast may be off by.
+const OFF_BY: f64 = 0.1;
+
+/// Mirrors and glass; wavelengths; look-ups; soft shadows; a march.
+const SCENES: [&str; 5] = ["whitted_1980", "prism", "textured", "soft_shadows", "fog_beam"];
+
+fn filed(name: &str) -> FiledScene {
+    scene_folder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml")))
+}
+
+fn forecast(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Forecast {
+    let probe = probe((&filed.scene, &filed.scene.cameras[0]), accel, settings);
+    Forecast::of(&probe, settings, Backend::default())
+}
+
+fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Ledger {
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &AtomicBool::new(false),
+    };
+    let settings = RenderSettings {
+        ledger: true,
+        ..*settings
+    };
+    let camera = &filed.scene.cameras[0];
+    render(&filed.scene, camera, accel, &settings, &monitor)
+        .unwrap()
+        .ledger
+}
+
+#[test]
+fn shares_of_rays_are_forecast_to_within_ten_points() {
+    for name in SCENES {
+        let filed = filed(name);
+        let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
+        // As many tiles as strips, so that the probe still leaves most of the picture out.
+        let settings = filed.settings(256, 4);
+        let told = forecast(&filed, &*accel, &settings);
+        let ledger = ledger(&filed, &*accel, &settings);
+        let whole = ledger.total().rays as f64;
+        assert!(told.samples < ledger.camera_rays() / 2, "{name}: {told:?}");
+        for account in Account::ALL {
+            let share = ledger.of(account).rays as f64 / whole;
+            let forecast = told
+                .accounts
+                .get(account.name())
+                .map_or(0.0, |shares| shares.rays);
+            println!("{name}: {} {forecast:.3}, and is {share:.3}", account.name());
+            assert!(
+                (forecast - share).abs() <= OFF_BY,
+                "{name}: {} {forecast:.3}, and is {share:.3}",
+                account.name()
+            );
+        }
+    }
+}
+
+#[test]
+fn a_probe_takes_the_same_rays_each_time_and_no_more_than_its_share() {
+    let filed = filed("gems");
+    let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
+    let settings = filed.settings(1024, 16);
+    let camera = &filed.scene.cameras[0];
+    let runs = [(); 2].map(|()| {
+        let probe = probe((&filed.scene, camera), &*accel, &settings);
+        let rays: Vec<u64> = probe.ledger.tallies().map(|(_, tally)| tally.rays).collect();
+        (probe.strips, probe.samples, rays)
+    });
+    assert_eq!(runs[0], runs[1]);
+    let (strips, samples, rays) = &runs[0];
+    assert!(
+        (48..=128).contains(strips) && *samples <= 128 * 512,
+        "{strips} {samples}"
+    );
+    assert!(rays.iter().sum::<u64>() > 10_000);
+}
+
+#[test]
+fn shares_add_up_to_one() {
+    let filed = filed("whitted_1980");
+    let accel = accel::build(&filed.scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let told = forecast(&filed, &*accel, &filed.settings(64, 16));
+    let sum =
+        |part: fn(&whit::report::forecast::Shares) -> f64| told.accounts.values().map(part).sum::<f64>();
+    // Rounding errors of so few terms are far below a millionth.
+    assert!((sum(|shares| shares.time) - 1.0).abs() < 1e-6);
+    assert!((sum(|shares| shares.rays) - 1.0).abs() < 1e-6);
+}
+
+#[test]
+#[ignore = "measures time"]
+fn shares_of_time_are_forecast_to_within_ten_points() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for name in SCENES {
+        let filed = filed(name);
+        let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
+        let settings = filed.settings(800, 16);
+        let (told, ledger) = pool.install(|| {
+            let told = forecast(&filed, &*accel, &settings);
+            (told, ledger(&filed, &*accel, &settings))
+        });
+        let whole = ledger.total().seconds - ledger.of(Account::Idle).seconds;
+        let mut worst = (0.0, "");
+        for account in Account::ALL
+            .into_iter()
+            .filter(|&account| account != Account::Idle)
+        {
+            let share = ledger.of(account).seconds / whole;
+            let forecast = told
+                .accounts
+                .get(account.name())
+                .map_or(0.0, |shares| shares.time);
+            let off = (forecast - share).abs();
+            if off > worst.0 {
+                worst = (off, account.name());
+            }
+        }
+        println!(
+            "{name}: off by {:.1} points at most ({}); {:.2} s forecast, {whole:.2} s taken; probed by {} rays",
+            100.0 * worst.0,
+            worst.1,
+            told.seconds,
+            told.rays
+        );
+        assert!(worst.0 <= OFF_BY, "{name}: {worst:?}");
+    }
+}

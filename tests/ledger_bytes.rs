@@ -137,6 +137,9 @@ fn what_is_off_holds_no_bytes_and_the_rest_adds_up() {
         Effect::VertexColor,
         Effect::Volume,
         Effect::Environment,
+        Effect::RoughReflection,
+        Effect::MotionBlur,
+        Effect::Subsurface,
     ] {
         assert!(held.contains(&effect), "{effect} never held anything");
     }

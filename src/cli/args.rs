@@ -122,6 +122,10 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "RADIANCE", allow_hyphen_values = true)]
     pub(super) ambient: Option<Ambient>,
 
+    /// Picture N of those that differ by their random numbers alone
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(super) seed: u32,
+
     /// Rays that each camera ray sends into the lobe of a rough surface, 0 for none, in place of the materials' own
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=MAX_ROUGH_RAYS))]
     pub(super) rough_rays: Option<u32>,

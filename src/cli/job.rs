@@ -36,6 +36,7 @@ pub(super) struct RenderJob {
     pub(super) ambient: Option<[f32; 3]>,
     /// Rays into lobes, for all materials.
     pub(super) rough_rays: Option<u32>,
+    pub(super) seed: u32,
     pub(super) stats: Option<StatsTo>,
     pub(super) verbosity: Verbosity,
 }
@@ -145,6 +146,7 @@ impl RenderJob {
             camera: args.camera.clone(),
             ambient: args.ambient.map(|a| a.0),
             rough_rays: args.rough_rays,
+            seed: args.seed,
             stats,
             verbosity: if args.quiet {
                 Verbosity::Quiet
@@ -191,6 +193,7 @@ impl RenderJob {
             sample_aovs: self.aovs.contains(&Aov::Samples),
             cost_aovs,
             effects: self.effects,
+            seed: self.seed,
             ledger: self.stats.is_some() || cost_aovs,
             ..settings(&picture)?
         };

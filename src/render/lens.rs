@@ -53,7 +53,7 @@ impl Frame<'_> {
     /// The pair of numbers of lane `l`'s sample.
     fn numbers(&self, block: &Block, group: &SampleGroup, l: usize, purpose: Purpose) -> [f64; 2] {
         let settings = &self.settings;
-        let pixel = self.pixel(block, l);
+        let (pixel, purpose) = (self.pixel(block, l), purpose.seeded(settings.seed));
         sample_2d(settings.pattern, pixel, group.sample[l], settings.spp, purpose)
     }
 

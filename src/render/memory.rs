@@ -283,6 +283,12 @@ impl Frame<'_> {
             };
             memory.add(holder.name(), "map and tables", environment.byte_count());
         }
+        let scattered = self.bodies.as_ref().map_or(0, |bodies| bodies.stats.bytes);
+        memory.add(
+            Effect::Subsurface.name(),
+            "trees of light within",
+            scattered as usize,
+        );
         let holder = holder(Effect::Volume, effects);
         for volume in &scene.volumes {
             memory.add(holder, "grids", volume.memory());

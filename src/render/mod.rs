@@ -101,6 +101,9 @@ pub struct RenderSettings {
     pub spp: u32,
     /// How they lie in the pixel.
     pub pattern: Pattern,
+    /// Which of the pictures it is that differ by their random numbers alone: errors of two are independent of each other,
+    /// but for the places in the pixel that patterns without random numbers give.
+    pub seed: u32,
     /// How they become the pixel.
     pub filter: PixelFilter,
     /// When a pixel has samples enough; `None` gives every pixel `spp`.
@@ -135,6 +138,7 @@ impl Default for RenderSettings {
             height: DEFAULT_SIZE[1],
             spp: 1,
             pattern: Pattern::default(),
+            seed: 0,
             filter: PixelFilter::default(),
             adaptive: None,
             sample_aovs: false,

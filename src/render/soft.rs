@@ -67,7 +67,8 @@ impl Origin {
         let pixel = [self.corner[0] + pixel % TILE, self.corner[1] + pixel / TILE];
         // Those of all samples of a pixel make one even set.
         let index = self.sample.wrapping_mul(draw.of).wrapping_add(draw.number);
-        sample_2d(settings.pattern, pixel, index, settings.spp, draw.purpose)
+        let purpose = draw.purpose.seeded(settings.seed);
+        sample_2d(settings.pattern, pixel, index, settings.spp, purpose)
     }
 }
 
@@ -105,7 +106,8 @@ impl Outcome<'_, '_> {
         let Some(Some(shape)) = frame.soft_lights.get(number) else {
             return true;
         };
-        let is_mirrored = shape.is_seen() && frame.effects().has(Effect::Reflection);
+        let effects = frame.effects();
+        let is_mirrored = shape.is_seen() && (effects.has(Effect::Reflection) || effects.has_lobes());
         let without_lobes = is_mirrored.then(|| without_seen_lobes(lit.materials));
         let lit = Lit {
             materials: without_lobes.as_ref().unwrap_or(lit.materials),

@@ -126,6 +126,16 @@ impl Travels {
             self.cone.byte_count(),
         );
         memory.add("sampling", "samples of paths", self.sample.byte_count());
+        let lobes = match effects.has(Effect::RoughReflection) {
+            true => Effect::RoughReflection,
+            false => Effect::RoughRefraction,
+        };
+        memory.add(lobes.name(), "rays of lobes", self.split.byte_count());
+        memory.add(
+            Effect::MotionBlur.name(),
+            "times of paths",
+            self.time.byte_count(),
+        );
     }
 
     /// Those of one packet.

@@ -314,7 +314,7 @@ impl Wave<'_, '_> {
         for (holder, part) in [
             (through, sorts.refracted),
             (Account::Dispersion.name(), colors),
-            (Account::Reflection.name(), mirrored),
+            (self.frame.effects().sends_back().name(), mirrored),
         ] {
             // Of what is left, so that nothing is left behind the last.
             let bytes = (left.0 as f64 * part as f64 / left.1.max(1) as f64) as usize;
@@ -342,7 +342,7 @@ fn lane_positions(frame: &Frame, block: &Block, group: &SampleGroup) -> [Lanes<f
     let (tile, corner) = (block.tile, block.corner);
     let x = frame.pixels[0].map(|x| tile.x + corner.0 + x);
     let y = frame.pixels[1].map(|y| tile.y + corner.1 + y);
-    frame.layout.lane_positions(&x, &y, group)
+    frame.layout.lane_positions(&x, &y, group, frame.settings.seed)
 }
 
 /// Camera rays through sixteen film points, rounded to f32, from where on the f32 rays are the exact ones; and their

@@ -29,14 +29,17 @@ impl<'s> Judge<'s> {
             references: [LinearImage::default(), LinearImage::default()],
             uniform: Vec::new(),
         };
-        // Jittered, so that no sequence under test is a part of them; on different grids, so they share no samples.
-        judge.references = [side * side, side * (side + 1)].map(|spp| judge.reference(spp));
+        // Jittered, so that no sequence under test is a part of them; on different grids and with numbers of their own, so
+        // they share no samples of pixels, lenses or lights.
+        judge.references =
+            [(side * side, 1), (side * (side + 1), 2)].map(|(spp, seed)| judge.reference(spp, seed));
         judge
     }
 
-    fn reference(&self, spp: u32) -> LinearImage {
+    fn reference(&self, spp: u32, seed: u32) -> LinearImage {
         let settings = RenderSettings {
             spp,
+            seed,
             pattern: Pattern::Jittered,
             ..self.settings
         };

@@ -34,6 +34,11 @@ impl Purpose {
     pub const fn nested(self, number: u32) -> Purpose {
         Purpose(sobol::mixed(self.0 ^ sobol::mixed(number ^ NESTED)))
     }
+
+    /// The same purpose in the picture of another `seed`: itself for 0.
+    pub const fn seeded(self, seed: u32) -> Purpose {
+        Purpose(self.0 ^ sobol::mixed(seed) ^ sobol::mixed(0))
+    }
 }
 
 /// Tells nested purposes from the plain ones.
@@ -127,16 +132,19 @@ impl Layout {
         ]
     }
 
-    /// The places of sixteen samples in pixels of columns `x` and rows `y`, for a pattern in which pixels differ.
+    /// The places of sixteen samples in pixels of columns `x` and rows `y` of the picture of a `seed`, for a pattern in which
+    /// pixels differ.
     #[inline(always)]
     pub(super) fn lane_positions(
         &self,
         x: &Lanes<u32>,
         y: &Lanes<u32>,
         group: &SampleGroup,
+        seed: u32,
     ) -> [Lanes<f64>; 2] {
         let mut position = [[0.0; LANES]; 2];
-        let seed: Lanes<u32> = std::array::from_fn(|l| sobol::seed([x[l], y[l]], Purpose::FILM.0));
+        let purpose = Purpose::FILM.seeded(seed);
+        let seed: Lanes<u32> = std::array::from_fn(|l| sobol::seed([x[l], y[l]], purpose.0));
         if self.pattern == Pattern::Sobol {
             for l in 0..LANES {
                 [position[0][l], position[1][l]] = sobol::point(group.sample[l], seed[l]);
@@ -331,7 +339,7 @@ mod tests {
                 let [dx, dy] = shape.pixels();
                 let (x, y) = (dx.map(|d| 96 + d), dy.map(|d| 640 + d));
                 for group in shape.groups(layout, spp) {
-                    let position = layout.lane_positions(&x, &y, &group);
+                    let position = layout.lane_positions(&x, &y, &group, 0);
                     for l in (0..LANES).filter(|&l| group.exists[l]) {
                         let one = film(pattern, [x[l], y[l]], group.sample[l], spp);
                         assert_eq!([position[0][l], position[1][l]], one, "{pattern:?} {spp} {l}");

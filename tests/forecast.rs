@@ -114,7 +114,7 @@ fn shares_of_time_are_forecast_to_within_ten_points() {
     for name in SCENES {
         let filed = filed(name);
         let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
-        let settings = filed.settings(800, 16);
+        let settings = filed.settings(400, 16);
         let (told, ledger) = pool.install(|| {
             let told = forecast(&filed, &*accel, &settings);
             (told, ledger(&filed, &*accel, &settings))

@@ -74,6 +74,27 @@ fn effects_that_are_switched_say_what_that_changes() {
 }
 
 #[test]
+fn a_forecast_is_left_out_if_nobody_wants_it() {
+    let run = whit(&["info", &first_light(), "--forecast", "never"]);
+    assert_eq!((run.code, &*run.stderr), (0, ""));
+    assert!(
+        run.stdout.contains("forecast       none: not asked for"),
+        "{}",
+        run.stdout
+    );
+    assert!(!run.stdout.contains("(forecast: "), "{}", run.stdout);
+    let json = whit(&["info", &first_light(), "--json"]).stdout;
+    let info: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let shares = info["forecast"]["accounts"].as_object().unwrap();
+    let sum: f64 = shares
+        .values()
+        .map(|shares| shares["rays"].as_f64().unwrap())
+        .sum();
+    // Rounding errors of so few terms are far below a millionth.
+    assert!((sum - 1.0).abs() < 1e-6, "{sum}");
+}
+
+#[test]
 fn a_bad_scene_ends_in_one_sentence() {
     fails_with(2, "no-such-scene.glb", &["info", "no-such-scene.glb"]);
 }

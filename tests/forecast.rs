@@ -111,10 +111,11 @@ fn shares_add_up_to_one() {
 #[ignore = "measures time"]
 fn shares_of_time_are_forecast_to_within_ten_points() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let mut wrong = Vec::new();
     for name in SCENES {
         let filed = filed(name);
         let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
-        let settings = filed.settings(800, 16);
+        let settings = filed.settings(400, 16);
         let (told, ledger) = pool.install(|| {
             let told = forecast(&filed, &*accel, &settings);
             (told, ledger(&filed, &*accel, &settings))
@@ -142,6 +143,9 @@ fn shares_of_time_are_forecast_to_within_ten_points() {
             told.seconds,
             told.rays
         );
-        assert!(worst.0 <= OFF_BY, "{name}: {worst:?}");
+        if worst.0 > OFF_BY {
+            wrong.push(name);
+        }
     }
+    assert!(wrong.is_empty(), "{wrong:?}");
 }

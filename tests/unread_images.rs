@@ -44,13 +44,12 @@ fn scene_file(folder: &Path, material: &str, more: &str) -> PathBuf {
 }
 
 fn load(path: &Path, options: &LoadOptions) -> Result<Scene, String> {
-    let loaded = match path.extension().is_some_and(|e| e == "toml") {
+    match path.extension().is_some_and(|e| e == "toml") {
         true => scene_file::load(path, options)
             .map(|loaded| loaded.scene)
             .map_err(|e| e.to_string()),
         false => gltf::load(path, options).map_err(|e| e.to_string()),
-    };
-    loaded
+    }
 }
 
 fn is_refused(path: &Path, options: &LoadOptions) {

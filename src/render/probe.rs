@@ -88,7 +88,7 @@ pub fn probe((scene, camera): (&Scene, &Camera), accel: &dyn Accel, settings: &R
 /// the strip is rendered again.
 fn undisturbed(wave: &mut Wave, strip: Tile) -> Ledger {
     /// Renders of a strip at most.
-    const MOST_TRIES: usize = 8;
+    const MOST_TRIES: usize = 4;
     /// Part of a strip's time that others may have had.
     const ALLOWED: f64 = 0.02;
     let mut least = (f64::INFINITY, Ledger::default());

@@ -284,8 +284,14 @@ const TARGETS: [f64; 3] = [0.01, 0.005, 0.0025];
 #[ignore = "a measurement of some minutes"]
 fn adaptive_sampling_takes_fewer_samples_for_the_same_error() {
     let (mut savings, mut misses) = (0, Vec::new());
+    // The names of some alone, with commas between.
+    let some = std::env::var("WHIT_SCENES").ok();
     let scenes = measured_scenes();
-    for (name, scene, settings) in &scenes {
+    let is_measured = |name: &str| {
+        some.as_ref()
+            .is_none_or(|some| some.split(',').any(|one| one == name))
+    };
+    for (name, scene, settings) in scenes.iter().filter(|(name, ..)| is_measured(name)) {
         let mut judge = Judge::new(scene, Backend::default(), *settings, REFERENCE_SIDE);
         let mut ratios = Vec::new();
         for error in TARGETS {
@@ -309,5 +315,5 @@ fn adaptive_sampling_takes_fewer_samples_for_the_same_error() {
     }
     println!("{savings} scenes at {SAVING} or less");
     assert!(misses.is_empty(), "{misses:?}");
-    assert!(savings >= 3, "{savings} scenes");
+    assert!(savings >= 3 || some.is_some(), "{savings} scenes");
 }

@@ -13,6 +13,7 @@ mod gather;
 mod lamps;
 mod ledger;
 mod lens;
+mod look;
 mod losses;
 mod memory;
 mod meter;

@@ -14,6 +14,7 @@ mod pose;
 pub(crate) mod survey;
 mod texture;
 mod validate;
+mod validate_geometry;
 mod validate_light;
 mod validate_material;
 mod volumes;

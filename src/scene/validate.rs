@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::survey::{all_finite, survey};
+use super::validate_geometry::{check_geometry, check_vertices};
 use super::validate_light::{check_environment, check_lamp, check_light};
 use super::validate_material::{
     check_interior, check_model, check_procedural, check_scattering, check_texels,
@@ -13,9 +13,8 @@ use super::{
     AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texels,
     Texture,
 };
-use crate::mesh::Mesh;
 use crate::numeric::{Bounds, Motion, Ray};
-use crate::shape::{Implicit, Shape, Sphere, Torus};
+use crate::shape::Implicit;
 
 /// What is wrong with a scene, worded as advice.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -227,81 +226,6 @@ impl Scene {
     }
 }
 
-/// Everything about a mesh that needs a look at every vertex; its bounds.
-fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
-    if !all_finite(bytemuck::cast_slice(&mesh.positions)) {
-        return Err("has a vertex that is not finite: correct its positions".into());
-    }
-    let survey = survey(mesh).map_err(|bad| {
-        format!(
-            "triangle {} refers to vertex {} of {}: correct its indices",
-            bad.triangle,
-            bad.vertex,
-            mesh.positions.len()
-        )
-    })?;
-    if survey.unusable > 0 {
-        return Err(format!(
-            "has {} triangles without an area: take them away",
-            survey.unusable
-        ));
-    }
-    let optional = [
-        mesh.normals.as_ref().map(|n| bytemuck::cast_slice(&n[..])),
-        mesh.tangents.as_ref().map(|t| bytemuck::cast_slice(&t[..])),
-        mesh.colors.as_ref().map(|c| bytemuck::cast_slice(&c[..])),
-    ];
-    let sets = mesh.tex_coords.iter().map(|set| bytemuck::cast_slice(&set[..]));
-    if !optional.into_iter().flatten().chain(sets).all(all_finite) {
-        return Err(
-            "has a normal, tangent, colour or texture coordinate that is not finite: correct it".into(),
-        );
-    }
-    Ok(survey.bounds)
-}
-
-/// What a shape's own constructor has not checked.
-fn check_shape(shape: &Shape) -> Result<(), String> {
-    match *shape {
-        Shape::Sphere(Sphere { center, radius }) if !(is_size(radius) && center.is_finite()) => {
-            Err("is a sphere without a positive, finite radius and a finite centre: correct them".into())
-        }
-        Shape::Torus(Torus { minor_radius }) if !(minor_radius > 0.0 && minor_radius < 1.0) => {
-            Err("is a torus whose tube's radius is not between 0 and 1: correct it".into())
-        }
-        _ => Ok(()),
-    }
-}
-
-fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
-    let vertex_range = || {
-        if in_range(bounds.magnitude()) {
-            Ok(())
-        } else {
-            Err("leaves the range of coordinates: normalise the scene or make it smaller".into())
-        }
-    };
-    match geometry {
-        Geometry::Shape(Shape::Plane) => Ok(()),
-        Geometry::Shape(shape) => {
-            check_shape(shape)?;
-            vertex_range()
-        }
-        Geometry::Mesh(mesh) => {
-            let count = mesh.positions.len();
-            let normals = mesh.normals.as_ref().map_or(count, |n| n.len());
-            let tangents = mesh.tangents.as_ref().map_or(count, |t| t.len());
-            let colors = mesh.colors.as_ref().map_or(count, |c| c.len());
-            if [normals, tangents, colors] != [count; 3] {
-                return Err(
-                    "has not as many normals, tangents or colours as vertices: give one for each".into(),
-                );
-            }
-            vertex_range()
-        }
-    }
-}
-
 /// What is wrong with a camera.
 pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     for map in [Some(camera.world_from_camera), camera.world_from_camera_end]
@@ -350,7 +274,7 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     Ok(())
 }
 
-fn is_size(x: f64) -> bool {
+pub(super) fn is_size(x: f64) -> bool {
     x > 0.0 && x < f64::INFINITY
 }
 
@@ -394,7 +318,7 @@ fn out_of_range(kind: &str, index: u32, count: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Slab;
+    use crate::mesh::{Mesh, Slab};
     use crate::optics::subsurface::SubsurfacePreset;
     use crate::optics::{Absorption, Dispersion};
     use crate::scene::{
@@ -402,6 +326,7 @@ mod tests {
         Sampler, Texels, TextureUse, Translucency, Wrap,
     };
     use crate::scene::{Light, LightKind};
+    use crate::shape::{Shape, Sphere, Torus};
     use glam::DAffine3;
 
     /// A textured triangle, a sphere, a light and a camera, all in order.

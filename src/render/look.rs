@@ -1,0 +1,97 @@
+//! A pixel as the display shows it, by which adaptive sampling decides.
+//! The display value is a curve close to sRGB's, but made of a square root, which is rounded alike on every machine:
+//! decisions must not depend on anybody's `pow`. It goes on above white, so highlights of linear pictures count too.
+
+use super::estimate::Estimate;
+
+/// A pixel as the display shows it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Look {
+    /// Display value of one standard error of the mean.
+    pub(super) error: f64,
+    /// Display values of the darkest and the brightest sample.
+    pub(super) extremes: [f64; 2],
+    /// If the darkest, or the brightest, differs from all other samples: the step in display value if one sample in n + 1
+    /// does so. Else 0.
+    pub(super) single_steps: [f64; 2],
+    /// Of samples.
+    pub(super) count: u32,
+}
+
+impl Look {
+    /// Of a pixel whose radiance is multiplied by `gain`.
+    pub(super) fn of(estimate: &Estimate, gain: f64) -> Look {
+        let count = f64::from(estimate.count);
+        let mean = gain * estimate.luminance();
+        // σ / n^¾.
+        let error = gain * (estimate.variance() / (count * count.sqrt())).sqrt();
+        Look {
+            error: display_value(mean + error) - display_value(mean),
+            extremes: estimate.extremes.map(|l| display_value(gain * f64::from(l))),
+            single_steps: [0, 1].map(|end| single_step(estimate, end, gain)),
+            count: estimate.count,
+        }
+    }
+
+    /// How much more a neighbour has seen: the larger step beyond this pixel's own extremes.
+    pub(super) fn unseen(&self, neighbour: &Look) -> f64 {
+        let brighter = neighbour.extremes[1] - self.extremes[1];
+        let darker = self.extremes[0] - neighbour.extremes[0];
+        brighter.max(darker)
+    }
+}
+
+/// [`Look::single_steps`], at the dark `end` 0 or the bright one 1.
+fn single_step(estimate: &Estimate, end: usize, gain: f64) -> f64 {
+    let count = f64::from(estimate.count);
+    let [own, others] = [end, 1 - end].map(|end| f64::from(estimate.extremes[end]));
+    // A single one moves the mean of n by 1/n of the way, two by 2/n. Of samples that are all alike this is no number.
+    let is_single = (estimate.luminance() - others) / (own - others) < 1.5 / count;
+    if !is_single {
+        return 0.0;
+    }
+    let moved = others + (own - others) / (count + 1.0);
+    (display_value(gain * moved) - display_value(gain * others)).abs()
+}
+
+/// Nearly the sRGB value of a luminance, from 0 for black to 1 for white and on: within 0.07 of it, and as steep at black.
+pub(super) fn display_value(luminance: f64) -> f64 {
+    /// Makes the slope at zero 12.92, as in IEC 61966-2-1: (√(1 + r²) + r) / (2 r) = 12.92.
+    const ROOT: f64 = 0.0403;
+    let shifted = |x: f64| (x + ROOT * ROOT).sqrt();
+    (shifted(luminance.clamp(0.0, f64::INFINITY)) - ROOT) * (shifted(1.0) + ROOT)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::estimate::estimate;
+    use super::*;
+
+    #[test]
+    fn the_display_value_keeps_close_to_srgb_and_ends_where_it_ends() {
+        assert_eq!(display_value(0.0), 0.0);
+        assert_eq!(display_value(-1.0), 0.0);
+        assert!((display_value(1.0) - 1.0).abs() < 1e-15);
+        assert!((display_value(1e-7) / 1e-7 / 12.92 - 1.0).abs() < 1e-3);
+        for step in 0..=1000 {
+            let luminance = f64::from(step) / 1000.0;
+            let srgb = if luminance <= 0.003_130_8 {
+                12.92 * luminance
+            } else {
+                1.055 * luminance.powf(1.0 / 2.4) - 0.055
+            };
+            assert!((display_value(luminance) - srgb).abs() < 0.07, "{luminance}");
+        }
+    }
+
+    #[test]
+    fn the_error_is_that_of_evenly_spread_samples_on_the_display() {
+        // Eight samples of 0 and eight of 1: variance 16/15 · 1/4; over 16^1.5 = 64, its root is 0.064550.
+        let mut half = vec![0.0; 16];
+        half[..8].fill(1.0);
+        let look = Look::of(&estimate(&half), 1.0);
+        let expected = display_value(0.5 + (16.0 / 15.0 / 4.0 / 64.0f64).sqrt()) - display_value(0.5);
+        assert!((look.error - expected).abs() < 1e-12, "{}", look.error);
+        assert_eq!(look.extremes[0], 0.0);
+    }
+}

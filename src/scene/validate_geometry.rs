@@ -1,0 +1,84 @@
+//! The checks of meshes and shapes.
+
+use super::Geometry;
+use super::survey::{all_finite, survey};
+use super::validate::{in_range, is_size};
+use crate::mesh::Mesh;
+use crate::numeric::Bounds;
+use crate::shape::{Shape, Sphere, Torus};
+
+/// Everything about a mesh that needs a look at every vertex; its bounds.
+pub(super) fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
+    if !all_finite(bytemuck::cast_slice(&mesh.positions)) {
+        return Err("has a vertex that is not finite: correct its positions".into());
+    }
+    let survey = survey(mesh).map_err(|bad| {
+        format!(
+            "triangle {} refers to vertex {} of {}: correct its indices",
+            bad.triangle,
+            bad.vertex,
+            mesh.positions.len()
+        )
+    })?;
+    if survey.unusable > 0 {
+        return Err(format!(
+            "has {} triangles without an area: take them away",
+            survey.unusable
+        ));
+    }
+    let optional = [
+        mesh.normals.as_ref().map(|n| bytemuck::cast_slice(&n[..])),
+        mesh.tangents.as_ref().map(|t| bytemuck::cast_slice(&t[..])),
+        mesh.colors.as_ref().map(|c| bytemuck::cast_slice(&c[..])),
+    ];
+    let sets = mesh.tex_coords.iter().map(|set| bytemuck::cast_slice(&set[..]));
+    if !optional.into_iter().flatten().chain(sets).all(all_finite) {
+        return Err(
+            "has a normal, tangent, colour or texture coordinate that is not finite: correct it".into(),
+        );
+    }
+    Ok(survey.bounds)
+}
+
+/// What a shape's own constructor has not checked.
+fn check_shape(shape: &Shape) -> Result<(), String> {
+    match *shape {
+        Shape::Sphere(Sphere { center, radius }) if !(is_size(radius) && center.is_finite()) => {
+            Err("is a sphere without a positive, finite radius and a finite centre: correct them".into())
+        }
+        Shape::Torus(Torus { minor_radius }) if !(minor_radius > 0.0 && minor_radius < 1.0) => {
+            Err("is a torus whose tube's radius is not between 0 and 1: correct it".into())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Everything else about a geometry of these bounds.
+pub(super) fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
+    let vertex_range = || {
+        if in_range(bounds.magnitude()) {
+            Ok(())
+        } else {
+            Err("leaves the range of coordinates: normalise the scene or make it smaller".into())
+        }
+    };
+    match geometry {
+        Geometry::Shape(Shape::Plane) => Ok(()),
+        Geometry::Shape(shape) => {
+            check_shape(shape)?;
+            vertex_range()
+        }
+        Geometry::Mesh(mesh) => {
+            let count = mesh.positions.len();
+            let normals = mesh.normals.as_ref().map_or(count, |n| n.len());
+            let tangents = mesh.tangents.as_ref().map_or(count, |t| t.len());
+            let colors = mesh.colors.as_ref().map_or(count, |c| c.len());
+            if [normals, tangents, colors] != [count; 3] {
+                return Err(
+                    "has not as many normals, tangents or colours as vertices: give one for each".into(),
+                );
+            }
+            vertex_range()
+        }
+    }
+}

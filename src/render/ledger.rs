@@ -247,16 +247,7 @@ impl Ledger {
 
     /// Books rays that surfaces sent out; they shared packets, and so share the time.
     pub(super) fn book_sent(&mut self, all: Tally, sorts: Sorts) {
-        let colors = sorts.mirrored_colors + sorts.refracted_colors + sorts.rough_colors;
-        let rough = sorts.rough_reflected + sorts.rough_refracted;
-        let mirrored = all.rays.saturating_sub(sorts.refracted + rough + colors);
-        let shared = [
-            (Account::Reflection, mirrored),
-            (Account::Refraction, sorts.refracted),
-            (Account::RoughReflection, sorts.rough_reflected),
-            (Account::RoughRefraction, sorts.rough_refracted),
-            (Account::Dispersion, colors),
-        ];
+        let shared = sorts.accounts(all.rays);
         for (account, rays) in shared {
             let share = rays as f64 / all.rays.max(1) as f64;
             let tally = Tally {

@@ -7,11 +7,10 @@
 //! lens, and the bodies around the camera those around that point in the middle of the time.
 
 use super::Frame;
-use super::sampler::{Purpose, SampleGroup, sample_2d};
+use super::sampler::{Purpose, SampleGroup};
 use super::wave::Block;
 use crate::accel::RayPacket;
-use crate::numeric::Motion;
-use crate::numeric::{LANES, Lanes};
+use crate::numeric::{LANES, Lanes, Motion};
 use crate::scene::{Camera, CameraRay, CameraView, Effect, EffectSet, LensView};
 
 impl Frame<'_> {
@@ -52,9 +51,8 @@ impl Frame<'_> {
 
     /// The pair of numbers of lane `l`'s sample.
     fn numbers(&self, block: &Block, group: &SampleGroup, l: usize, purpose: Purpose) -> [f64; 2] {
-        let settings = &self.settings;
-        let (pixel, purpose) = (self.pixel(block, l), purpose.seeded(settings.seed));
-        sample_2d(settings.pattern, pixel, group.sample[l], settings.spp, purpose)
+        self.settings
+            .numbers(self.pixel(block, l), group.sample[l], purpose)
     }
 
     /// Column and row of lane `l`'s pixel in the picture.

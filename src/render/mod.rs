@@ -370,15 +370,23 @@ impl RenderSettings {
         (estimates + aovs + costs) as u64 + self.filter.bytes_per_pixel()
     }
 
-    /// The cone of a sample: a pixel's, by the root of the number of samples narrower each way. With adaptive sampling that
-    /// is what a pixel with detail gets.
-    fn camera_cone(&self, view: &CameraView) -> Cone {
-        let samples = match self.target() {
+    /// Samples that rays are as wide as for: a pixel's; with adaptive sampling those of one with detail.
+    fn typical_spp(&self) -> u32 {
+        match self.target() {
             Some(target) => target.typical_count().clamp(ROUND, self.spp),
             None => self.spp,
-        };
+        }
+    }
+
+    /// The pair of numbers that sample `sample` of `pixel` (column and row) has for `purpose`.
+    fn numbers(&self, pixel: [u32; 2], sample: u32, purpose: Purpose) -> [f64; 2] {
+        sample_2d(self.pattern, pixel, sample, self.spp, purpose.seeded(self.seed))
+    }
+
+    /// The cone of a sample: a pixel's, by the root of the number of samples narrower each way.
+    fn camera_cone(&self, view: &CameraView) -> Cone {
         let pixel = Cone::of_pixel(view, [0.5, 0.5], [self.width, self.height]);
-        let part = f64::from(samples).sqrt().recip();
+        let part = f64::from(self.typical_spp()).sqrt().recip();
         Cone {
             width: pixel.width * part,
             spread: pixel.spread * part,

@@ -75,6 +75,24 @@ impl Sorts {
     }
 }
 
+impl Sorts {
+    /// How many of all `rays` of the generation each account sent.
+    pub(super) fn accounts(&self, rays: u64) -> [(Account, u64); 5] {
+        let colors = self.mirrored_colors + self.refracted_colors + self.rough_colors;
+        let rough = self.rough_reflected + self.rough_refracted;
+        [
+            (
+                Account::Reflection,
+                rays.saturating_sub(self.refracted + rough + colors),
+            ),
+            (Account::Refraction, self.refracted),
+            (Account::RoughReflection, self.rough_reflected),
+            (Account::RoughRefraction, self.rough_refracted),
+            (Account::Dispersion, colors),
+        ]
+    }
+}
+
 impl Sent {
     fn account(&self) -> Account {
         match self.travel {

@@ -16,7 +16,7 @@ use super::film::TILE;
 use super::lamps::SoftLight;
 use super::ledger::Account;
 use super::outcome::{Outcome, Stage, Traced};
-use super::sampler::{Purpose, sample_2d};
+use super::sampler::Purpose;
 use super::samples::pixel_of;
 use super::shade::{self, Lit};
 use crate::numeric::{LANES, Lanes3};
@@ -67,32 +67,24 @@ impl Origin {
         let pixel = [self.corner[0] + pixel % TILE, self.corner[1] + pixel / TILE];
         // Those of all samples of a pixel make one even set.
         let index = self.sample.wrapping_mul(draw.of).wrapping_add(draw.number);
-        let purpose = draw.purpose.seeded(settings.seed);
-        sample_2d(settings.pattern, pixel, index, settings.spp, purpose)
+        settings.numbers(pixel, index, draw.purpose)
     }
 }
 
-/// The materials, but those that reflect an image, a sharp one or by rays into their lobe, answer light without a lobe.
-pub(super) fn without_mirror_lobes(materials: &MaterialPacket) -> MaterialPacket {
+/// The materials as they answer light that they see as well: those that reflect an image, a sharp one or by rays into their
+/// lobe, without a lobe, and those of the lecture's model that have a reflected ray without a highlight.
+pub(super) fn without_seen_lobes(materials: &MaterialPacket) -> MaterialPacket {
     let mut without = materials.clone();
     for l in 0..LANES {
         if materials.roughness[l] <= MIRROR_ROUGHNESS || materials.has_lobe(l) {
             without.roughness[l] = 0.0;
         }
-    }
-    without
-}
-
-/// The same, those of the lecture's model that have a reflected ray too: what their highlights stand for is in that ray.
-fn without_seen_lobes(materials: &MaterialPacket) -> MaterialPacket {
-    let mut materials = without_mirror_lobes(materials);
-    let rich = &mut materials.rich;
-    for l in 0..LANES {
+        let rich = &mut without.rich;
         if rich.is_lecture[l] && (0..3).any(|c| rich.reflection[c][l] != 0.0) {
             (0..3).for_each(|c| rich.specular_color[c][l] = 0.0);
         }
     }
-    materials
+    without
 }
 
 impl Outcome<'_, '_> {

@@ -8,7 +8,7 @@ use super::Frame;
 use super::outcome::{Outcome, Stage, Traced};
 use super::sampler::Purpose;
 use super::shade::Lit;
-use super::soft::{Arrivals, Draw, without_mirror_lobes};
+use super::soft::{Arrivals, Draw, without_seen_lobes};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes3};
 use crate::scene::{Background, Effect, EffectSet, Scene, Texels};
@@ -36,9 +36,7 @@ impl Environment {
     pub(super) fn map(&self) -> &EnvironmentMap {
         &self.map
     }
-}
 
-impl Environment {
     /// That of the scene, if it has one and anything asks for it.
     pub(super) fn of(scene: &Scene, effects: EffectSet) -> Option<Environment> {
         let Background::Environment {
@@ -113,7 +111,7 @@ impl Outcome<'_, '_> {
         let Some(environment) = &frame.environment else {
             return;
         };
-        let materials = without_mirror_lobes(lit.materials);
+        let materials = without_seen_lobes(lit.materials);
         let lit = Lit {
             materials: &materials,
             ..*lit

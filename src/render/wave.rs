@@ -307,15 +307,13 @@ impl Wave<'_, '_> {
         let camera = all.min(BATCH * Generation::PACKET_BYTES);
         memory.add(Account::Camera.name(), "queued rays", camera);
         let (_, rays, sorts) = self.largest;
-        let colors = sorts.mirrored_colors + sorts.refracted_colors;
-        let mirrored = rays.saturating_sub(sorts.refracted + colors);
-        let through = self.frame.effects().lets_through().name();
         let mut left = (all - camera, rays);
-        for (holder, part) in [
-            (through, sorts.refracted),
-            (Account::Dispersion.name(), colors),
-            (self.frame.effects().sends_back().name(), mirrored),
-        ] {
+        for (account, part) in sorts.accounts(rays) {
+            let holder = match account {
+                // What goes through holes and veils is booked as if it were refracted.
+                Account::Refraction => self.frame.effects().lets_through().name(),
+                _ => account.name(),
+            };
             // Of what is left, so that nothing is left behind the last.
             let bytes = (left.0 as f64 * part as f64 / left.1.max(1) as f64) as usize;
             memory.add(holder, "queued rays", bytes);

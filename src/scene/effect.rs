@@ -271,13 +271,6 @@ impl EffectSet {
         first.unwrap_or(Effect::AlphaBlend)
     }
 
-    /// The first of the effects for which surfaces send rays back to where light came from.
-    pub fn sends_back(self) -> Effect {
-        let effects = [Effect::Reflection, Effect::RoughReflection];
-        let first = effects.into_iter().find(|&effect| self.has(effect));
-        first.unwrap_or(Effect::RoughRefraction)
-    }
-
     /// Whether surfaces pick at random what they ask for light.
     #[inline(always)]
     pub const fn samples_light(self) -> bool {

@@ -19,7 +19,8 @@ const REMEDY: &str =
 const FUNCTIONS: &str = "rtc(NewDevice|ReleaseDevice|GetDeviceProperty|GetDeviceError|SetDeviceErrorFunction\
     |SetDeviceMemoryMonitorFunction|NewScene|ReleaseScene|CommitScene|SetSceneFlags|SetSceneBuildQuality\
     |SetSceneProgressMonitorFunction|NewGeometry|ReleaseGeometry|CommitGeometry|AttachGeometryByID\
-    |SetGeometryBuildQuality|SetGeometryMask|SetSharedGeometryBuffer|SetNewGeometryBuffer|SetGeometryUserPrimitiveCount|SetGeometryTimeStepCount\
+    |SetGeometryBuildQuality|SetGeometryMask|SetSharedGeometryBuffer|SetNewGeometryBuffer|SetGeometryUserPrimitiveCount\
+    |SetGeometryTimeStepCount\
     |SetGeometryUserData|SetGeometryInstancedScene|SetGeometryTransform|SetGeometryBoundsFunction|SetGeometryIntersectFunction|SetGeometryOccludedFunction)\
     |embree_.*";
 

@@ -48,7 +48,6 @@ impl LectureCamera {
 
     fn camera(&self) -> Camera {
         Camera {
-            name: String::new(),
             world_from_camera: DAffine3::from_mat3_translation(self.axes, self.eye),
             projection: Projection::Window {
                 half_width: self.w,
@@ -56,10 +55,7 @@ impl LectureCamera {
                 distance: self.n,
             },
             z_near: self.n,
-            z_far: f64::INFINITY,
-            lens: None,
-            world_from_camera_end: None,
-            shutter: Default::default(),
+            ..Camera::default()
         }
     }
 }

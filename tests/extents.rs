@@ -211,17 +211,13 @@ fn camera(projection: Projection, eye: DVec3, at: DVec3, z_near: f64) -> Camera 
     let z = (eye - at).normalize();
     let x = DVec3::Y.cross(z).normalize();
     Camera {
-        name: String::new(),
         world_from_camera: DAffine3 {
             matrix3: glam::DMat3::from_cols(x, z.cross(x), z),
             translation: eye,
         },
         projection,
         z_near,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Default::default(),
+        ..Camera::default()
     }
 }
 

@@ -21,29 +21,38 @@ use whit::report::forecast::Forecast;
 /// What the shares of a forecast may be off by.
 const OFF_BY: f64 = 0.1;
 
-/// Mirrors and glass; wavelengths; look-ups; soft shadows; a march.
-const SCENES: [&str; 5] = ["whitted_1980", "prism", "textured", "soft_shadows", "fog_beam"];
+/// Mirrors and glass; wavelengths; look-ups; soft shadows; a march; light within bodies.
+const SCENES: [&str; 6] = [
+    "whitted_1980",
+    "prism",
+    "textured",
+    "soft_shadows",
+    "fog_beam",
+    "wax",
+];
+
+static GOES_ON: AtomicBool = AtomicBool::new(false);
+const MONITOR: Monitor = Monitor {
+    progress: &|_| {},
+    cancel: &GOES_ON,
+};
 
 fn filed(name: &str) -> FiledScene {
     scene_folder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml")))
 }
 
 fn forecast(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Forecast {
-    let probe = probe((&filed.scene, &filed.scene.cameras[0]), accel, settings);
+    let probe = probe((&filed.scene, &filed.scene.cameras[0]), accel, settings, &MONITOR).unwrap();
     Forecast::of(&probe, settings, Backend::default())
 }
 
 fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Ledger {
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-    };
     let settings = RenderSettings {
         ledger: true,
         ..*settings
     };
     let camera = &filed.scene.cameras[0];
-    render(&filed.scene, camera, accel, &settings, &monitor)
+    render(&filed.scene, camera, accel, &settings, &MONITOR)
         .unwrap()
         .ledger
 }
@@ -82,7 +91,7 @@ fn a_probe_takes_the_same_rays_each_time_and_no_more_than_its_share() {
     let settings = filed.settings(1024, 16);
     let camera = &filed.scene.cameras[0];
     let runs = [(); 2].map(|()| {
-        let probe = probe((&filed.scene, camera), &*accel, &settings);
+        let probe = probe((&filed.scene, camera), &*accel, &settings, &MONITOR).unwrap();
         let rays: Vec<u64> = probe.ledger.tallies().map(|(_, tally)| tally.rays).collect();
         (probe.strips, probe.samples, rays)
     });

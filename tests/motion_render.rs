@@ -65,11 +65,7 @@ fn camera() -> Camera {
             y_mag: 2.0,
             x_mag: None,
         },
-        z_near: 0.0,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Shutter::default(),
+        ..Camera::default()
     }
 }
 

@@ -86,17 +86,12 @@ fn at(degrees: f64) -> DVec3 {
 fn close_look(wo: DVec3) -> Camera {
     let (x, y) = wo.any_orthonormal_pair();
     Camera {
-        name: String::new(),
         world_from_camera: DAffine3::from_mat3_translation(DMat3::from_cols(x, y, wo), 2.0 * wo),
         projection: Projection::Orthographic {
             y_mag: 1e-6,
             x_mag: None,
         },
-        z_near: 0.0,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Default::default(),
+        ..Camera::default()
     }
 }
 

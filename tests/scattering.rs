@@ -88,17 +88,12 @@ fn sun(to_light: DVec3) -> Light {
 /// Looks down the z axis from `height` at a square of edge `edge`.
 fn from_above(height: f64, edge: f64) -> Camera {
     Camera {
-        name: String::new(),
         world_from_camera: DAffine3::from_translation(DVec3::new(0.0, 0.0, height)),
         projection: Projection::Orthographic {
             y_mag: 0.5 * edge,
             x_mag: None,
         },
-        z_near: 0.0,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Default::default(),
+        ..Camera::default()
     }
 }
 

@@ -70,14 +70,9 @@ fn close_look() -> Camera {
 
 fn camera(place: DVec3, projection: Projection) -> Camera {
     Camera {
-        name: String::new(),
         world_from_camera: DAffine3::from_translation(place),
         projection,
-        z_near: 0.0,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Default::default(),
+        ..Camera::default()
     }
 }
 

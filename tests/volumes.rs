@@ -65,11 +65,7 @@ fn on_axis() -> Camera {
             x_mag: None,
             y_mag: 1e-6,
         },
-        z_near: 0.0,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Default::default(),
+        ..Camera::default()
     }
 }
 

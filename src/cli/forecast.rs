@@ -4,7 +4,7 @@
 //! is left out, and the list says so.
 
 use crate::accel::{self, AccelOptions};
-use crate::render;
+use crate::render::{self, Monitor};
 use crate::report::forecast::Forecast;
 use crate::scene::Scene;
 use crate::scene_file::SceneFile;
@@ -48,8 +48,13 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> 
             // The scene can be told all the same.
             Err(error) => return Ok(Told::LeftOut(error.to_string())),
         };
-        interrupt::check()?;
-        let probe = render::probe((scene, camera), &*accel, &settings);
+        let monitor = Monitor {
+            progress: &|_| {},
+            cancel: &interrupt::CANCELLED,
+        };
+        let Some(probe) = render::probe((scene, camera), &*accel, &settings, &monitor) else {
+            return Err(Failure::Interrupted);
+        };
         interrupt::check()?;
         let forecast = Forecast::of(&probe, &settings, backend);
         Ok(Told::Forecast(Box::new(forecast)))

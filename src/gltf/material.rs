@@ -91,24 +91,22 @@ impl<'a> Materials<'a> {
                 "material `{name}` has textures of diffuse transmission, which are not read: shown with its factors"
             ));
         }
-        let mut layers = Vec::new();
+        let mut material = Material {
+            name,
+            ..surface(source, &mut corrections)
+        };
         for slot in slots(source, &mut corrections) {
-            if lacks.contains(&slot.tex_coord) {
+            if lacks.contains(&slot.tex_coord) || !material.heeds(slot.parameter, slot.strength) {
                 continue;
             }
             if let Some(texture) = self.texture_use(&slot)? {
-                layers.push(Layer {
+                material.layers.push(Layer {
                     parameter: slot.parameter,
                     texture,
                     strength: slot.strength,
                 });
             }
         }
-        let material = Material {
-            layers,
-            name,
-            ..surface(source, &mut corrections)
-        };
         if !corrections.names.is_empty() {
             let (name, factors) = (&material.name, corrections.names.join(", "));
             self.warnings.push(format!(

@@ -1,11 +1,9 @@
 //! The textures of a material: which parameter each changes, by which coordinates and how strongly.
 //!
-//! Only textures that can show are listed: an unlit surface has no use for a normal map, nor a factor of zero for a
-//! texture that multiplies it. What is not listed is not decoded.
+//! An unlit surface has no use for a normal map, nor a factor of zero for a texture that multiplies it: what a material does
+//! not heed ([`Material::heeds`](crate::scene::Material::heeds)) is not decoded.
 
 use gltf::json;
-use json::material::AlphaMode;
-use json::validation::Checked;
 use serde_json::{Map, Value};
 
 use super::extension::{Corrections, Extension};
@@ -21,29 +19,21 @@ pub(super) struct Slot {
     pub(super) strength: f32,
 }
 
-/// The textures that a material shows.
+/// The textures of a material, heeded or not.
 pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<Slot> {
     let pbr = &material.pbr_metallic_roughness;
     let mut slots = Vec::new();
-    let [r, g, b, a] = pbr.base_color_factor.0;
-    let is_opaque = matches!(material.alpha_mode, Checked::Valid(AlphaMode::Opaque));
-    if [r, g, b] != [0.0; 3] || (a != 0.0 && !is_opaque) {
-        slots.extend(slot(Parameter::BaseColor, &pbr.base_color_texture, corrections));
-    }
+    slots.extend(slot(Parameter::BaseColor, &pbr.base_color_texture, corrections));
     let extensions = material.extensions.as_ref().map(|e| &e.others);
     if Extension::of(extensions, "KHR_materials_unlit", corrections).is_present() {
         return slots;
     }
-    if pbr.metallic_factor.0 != 0.0 || pbr.roughness_factor.0 != 0.0 {
-        slots.extend(slot(
-            Parameter::MetallicRoughness,
-            &pbr.metallic_roughness_texture,
-            corrections,
-        ));
-    }
-    if material.emissive_factor.0 != [0.0; 3] {
-        slots.extend(slot(Parameter::Emission, &material.emissive_texture, corrections));
-    }
+    slots.extend(slot(
+        Parameter::MetallicRoughness,
+        &pbr.metallic_roughness_texture,
+        corrections,
+    ));
+    slots.extend(slot(Parameter::Emission, &material.emissive_texture, corrections));
     slots.extend(normal_slot(material, corrections));
     slots.extend(occlusion_slot(material, corrections));
     slots.extend(extension_slots(extensions, corrections));
@@ -74,7 +64,7 @@ fn normal_slot(material: &json::Material, corrections: &mut Corrections) -> Opti
     if !info.scale.is_finite() {
         corrections.note("scale");
     }
-    (info.scale != 0.0).then_some(Slot {
+    Some(Slot {
         parameter: Parameter::Normal,
         texture: info.index.value(),
         tex_coord,
@@ -88,7 +78,7 @@ fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> O
     let extensions = info.extensions.as_ref().map(|e| &e.others);
     let (transform, tex_coord) = transform(extensions, info.tex_coord, corrections);
     let strength = corrections.within("strength", f64::from(info.strength.0), 0.0..=1.0, 1.0);
-    (strength > 0.0).then_some(Slot {
+    Some(Slot {
         parameter: Parameter::Occlusion,
         texture: info.index.value(),
         tex_coord,
@@ -100,41 +90,23 @@ fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> O
 /// Of the extensions that are carried out. The thickness texture of `KHR_materials_volume` stands in for the way
 /// through a body where that cannot be traced; here it can.
 fn extension_slots(extensions: Option<&Map<String, Value>>, corrections: &mut Corrections) -> Vec<Slot> {
-    let factors = [
-        (
-            "KHR_materials_specular",
-            "specularFactor",
-            1.0,
-            "specularTexture",
-            Parameter::Specular,
-        ),
+    let textures = [
+        ("KHR_materials_specular", "specularTexture", Parameter::Specular),
         (
             "KHR_materials_transmission",
-            "transmissionFactor",
-            0.0,
             "transmissionTexture",
             Parameter::Transmission,
         ),
     ];
     let mut slots = Vec::new();
-    for (name, factor, default, texture, parameter) in factors {
+    for (name, texture, parameter) in textures {
         let extension = Extension::of(extensions, name, corrections);
-        if extension.number(factor, default, 0.0..=1.0, corrections) > 0.0 {
-            let info = extension.texture(texture, corrections);
-            slots.extend(slot(parameter, &info, corrections));
-        }
+        let info = extension.texture(texture, corrections);
+        slots.extend(slot(parameter, &info, corrections));
     }
     let specular = Extension::of(extensions, "KHR_materials_specular", corrections);
     let info = specular.texture("specularColorTexture", corrections);
-    let factor = specular.vector(
-        "specularColorFactor",
-        [1.0; 3],
-        0.0..=f64::from(f32::MAX),
-        corrections,
-    );
-    if factor != [0.0; 3] {
-        slots.extend(slot(Parameter::SpecularColor, &info, corrections));
-    }
+    slots.extend(slot(Parameter::SpecularColor, &info, corrections));
     slots
 }
 

@@ -49,11 +49,7 @@ pub(crate) fn framing_camera(bounds: &Bounds) -> Camera {
             y_fov: FRAC_PI_4,
             aspect: None,
         },
-        z_near: 0.0,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Default::default(),
+        ..Camera::default()
     }
 }
 
@@ -96,9 +92,7 @@ impl Document {
             projection,
             z_near,
             z_far,
-            lens: None,
-            world_from_camera_end: None,
-            shutter: Default::default(),
+            ..Camera::default()
         }))
     }
 

@@ -76,14 +76,14 @@ impl<T: Pod> Deref for Slab<T> {
 
 #[cfg(test)]
 mod tests {
+    use memmap2::MmapMut;
+
     use super::*;
-    use std::io::Write;
 
     fn mapped(bytes: &[u8]) -> Arc<Mmap> {
-        let mut file = tempfile::tempfile().unwrap();
-        file.write_all(bytes).unwrap();
-        // SAFETY: the file is this test's own and nobody truncates it.
-        Arc::new(unsafe { Mmap::map(&file) }.unwrap())
+        let mut map = MmapMut::map_anon(bytes.len()).unwrap();
+        map.copy_from_slice(bytes);
+        Arc::new(map.make_read_only().unwrap())
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::queue::BATCH;
 use super::sample::{chosen_tiles, thread_seconds};
 use super::sampler::PacketShape;
 use super::wave::Wave;
-use super::{Frame, Ledger, Plan, RenderSettings};
+use super::{Account, Frame, Ledger, Monitor, Plan, RenderSettings, Tally};
 use crate::accel::Accel;
 use crate::scene::{Camera, Scene};
 
@@ -28,10 +28,10 @@ const MOST_SPP: u32 = 64;
 /// What a probe found.
 #[derive(Clone, Debug)]
 pub struct Probe {
-    /// Rays of the strips, and seconds of one thread, without setting up.
+    /// Rays of the strips, and seconds of one thread.
     pub ledger: Ledger,
-    /// Seconds of setting up, which a picture takes once.
-    pub setup_seconds: f64,
+    /// What a picture takes once, however large: setting up, and the light within bodies that scatter it.
+    pub once: Ledger,
     /// Strips that were rendered.
     pub strips: usize,
     /// Samples that were taken.
@@ -43,8 +43,13 @@ pub struct Probe {
 /// Renders strips of the picture that `settings` ask for, on this thread.
 ///
 /// Every pixel is taken to have the same number of samples. `scene` must have passed [`Scene::validate`], and `accel` must
-/// have been built from it.
-pub fn probe((scene, camera): (&Scene, &Camera), accel: &dyn Accel, settings: &RenderSettings) -> Probe {
+/// have been built from it. `None` if it was cancelled.
+pub fn probe(
+    (scene, camera): (&Scene, &Camera),
+    accel: &dyn Accel,
+    settings: &RenderSettings,
+    monitor: &Monitor,
+) -> Option<Probe> {
     let start = Instant::now();
     let settings = RenderSettings {
         spp: settings.spp.min(MOST_SPP),
@@ -54,8 +59,14 @@ pub fn probe((scene, camera): (&Scene, &Camera), accel: &dyn Accel, settings: &R
         ledger: true,
         ..*settings
     };
-    let frame = Frame::new(scene, camera, accel, &settings);
-    let setup_seconds = start.elapsed().as_secs_f64();
+    let mut frame = Frame::new(scene, camera, accel, &settings);
+    let setting_up = Tally {
+        rays: frame.probe_count,
+        seconds: start.elapsed().as_secs_f64(),
+        trace_seconds: 0.0,
+    };
+    let mut once = frame.scatter(monitor)?;
+    once.book(Account::Other, setting_up);
     let mut wave = Wave::new(&frame);
     let strips: Vec<Tile> = chosen_tiles(&settings, MOST_STRIPS)
         .into_iter()
@@ -66,7 +77,7 @@ pub fn probe((scene, camera): (&Scene, &Camera), accel: &dyn Accel, settings: &R
     strips.first().map(|&strip| wave.render_tile(strip));
     let mut probe = Probe {
         ledger: Ledger::default(),
-        setup_seconds,
+        once,
         strips: 0,
         samples: 0,
         plan: frame.plan.clone(),
@@ -81,7 +92,7 @@ pub fn probe((scene, camera): (&Scene, &Camera), accel: &dyn Accel, settings: &R
     }
     probe.ledger.settle(1, 0.0);
     probe.ledger.seconds = probe.ledger.total().seconds;
-    probe
+    Some(probe)
 }
 
 /// The account of a strip. If the system gave the processor to others meanwhile, whose time would be booked as this thread's,

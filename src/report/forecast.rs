@@ -6,7 +6,7 @@ use std::fmt::{self, Write};
 use serde::Serialize;
 
 use crate::accel::Backend;
-use crate::render::{Account, Probe, RenderSettings};
+use crate::render::{Account, Ledger, Probe, RenderSettings, Tally};
 use crate::scene::Effect;
 
 /// A forecast of where rays and time will go.
@@ -48,19 +48,18 @@ impl Forecast {
     pub fn of(probe: &Probe, settings: &RenderSettings, backend: Backend) -> Forecast {
         let samples = f64::from(settings.width) * f64::from(settings.height) * f64::from(settings.spp);
         let times = samples / probe.samples.max(1) as f64;
-        let ledger = &probe.ledger;
-        let total = ledger.total();
-        let seconds = total.seconds * times + probe.setup_seconds;
+        let of_picture = |of: &dyn Fn(&Ledger) -> Tally| {
+            let (strips, once) = (of(&probe.ledger), of(&probe.once));
+            let rays = strips.rays as f64 * times + once.rays as f64;
+            (strips.seconds * times + once.seconds, rays)
+        };
+        let (seconds, rays) = of_picture(&Ledger::total);
         let part = |part: f64, whole: f64| if whole > 0.0 { part / whole } else { 0.0 };
         let shares = |account: Account| {
-            let tally = ledger.of(account);
-            let mut spent = tally.seconds * times;
-            if account == Account::Other {
-                spent += probe.setup_seconds;
-            }
+            let (of_seconds, of_rays) = of_picture(&|ledger| ledger.of(account));
             Shares {
-                time: part(spent, seconds),
-                rays: part(tally.rays as f64, total.rays as f64),
+                time: part(of_seconds, seconds),
+                rays: part(of_rays, rays),
             }
         };
         Forecast {
@@ -71,7 +70,7 @@ impl Forecast {
             backend,
             strips: probe.strips,
             samples: probe.samples,
-            rays: total.rays,
+            rays: probe.ledger.total().rays,
             seconds,
             accounts: Account::ALL
                 .into_iter()

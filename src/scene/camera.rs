@@ -1,5 +1,7 @@
 //! Cameras: where rays start and through which points of the film they go.
 
+use std::f64::consts::FRAC_PI_4;
+
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::{Lens, LensView};
@@ -24,6 +26,25 @@ pub struct Camera {
     pub world_from_camera_end: Option<DAffine3>,
     /// When the film is exposed.
     pub shutter: Shutter,
+}
+
+/// A pinhole at the origin that stands still, looks along -z and sees half a right angle from bottom to top.
+impl Default for Camera {
+    fn default() -> Camera {
+        Camera {
+            name: String::new(),
+            world_from_camera: DAffine3::IDENTITY,
+            projection: Projection::Perspective {
+                y_fov: FRAC_PI_4,
+                aspect: None,
+            },
+            z_near: 0.0,
+            z_far: f64::INFINITY,
+            lens: None,
+            world_from_camera_end: None,
+            shutter: Shutter::default(),
+        }
+    }
 }
 
 /// When a shutter opens and closes, as parts of all motions, the camera's own and those of instances: from 0 where they
@@ -233,14 +254,10 @@ mod tests {
 
     fn camera(projection: Projection) -> Camera {
         Camera {
-            name: String::new(),
             world_from_camera: DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0)),
             projection,
             z_near: 0.5,
-            z_far: f64::INFINITY,
-            lens: None,
-            world_from_camera_end: None,
-            shutter: Default::default(),
+            ..Camera::default()
         }
     }
 

@@ -176,15 +176,12 @@ mod tests {
 
     fn camera(projection: Projection) -> Camera {
         Camera {
-            name: String::new(),
             world_from_camera: DAffine3::from_translation(DVec3::new(10.0, -20.0, 5.0))
                 * DAffine3::from_axis_angle(DVec3::new(0.48, 0.6, 0.64), 0.9),
             projection,
             z_near: 0.25,
             z_far: 100.0,
-            lens: None,
-            world_from_camera_end: None,
-            shutter: Default::default(),
+            ..Camera::default()
         }
     }
 

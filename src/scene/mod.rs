@@ -145,8 +145,7 @@ impl Geometry {
 }
 
 impl Scene {
-    /// The images that some layer of a material looks up whose effect is not among `without`, and the environment map if
-    /// anything shows it.
+    /// The images that some layer of a material looks up whose effect is not among `without`.
     pub(crate) fn images_for(&self, without: EffectSet) -> HashSet<u32> {
         let mut wanted = HashSet::new();
         let is_simulated = |effect: Effect| !without.has(effect);

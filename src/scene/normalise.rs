@@ -328,10 +328,7 @@ mod tests {
                     x_mag: None,
                 },
                 z_near: 0.5 * scale,
-                z_far: f64::INFINITY,
-                lens: None,
-                world_from_camera_end: None,
-                shutter: Default::default(),
+                ..Camera::default()
             }],
             materials: vec![Default::default()],
             ..Scene::default()

@@ -244,8 +244,6 @@ impl Image {
     /// those that become floats count four times.
     ///
     /// `encoding` says how images of 16 bits a channel are meant, which become floats; those of 8 bits keep their codes.
-    ///
-    /// See [`Image::unread`] for images that nothing looks at.
     pub fn read(path: &Path, encoding: Encoding, max_texels: u64) -> Result<Image, ImageError> {
         let curve = match encoding {
             Encoding::Srgb => TransferCurve::Srgb,

@@ -375,11 +375,7 @@ mod tests {
                     y_fov: 1.0,
                     aspect: None,
                 },
-                z_near: 0.0,
-                z_far: f64::INFINITY,
-                lens: None,
-                world_from_camera_end: None,
-                shutter: Default::default(),
+                ..Camera::default()
             }],
             ..Scene::default()
         }

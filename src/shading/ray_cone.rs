@@ -174,14 +174,10 @@ mod tests {
 
     fn view(projection: Projection, width: u32, height: u32) -> CameraView {
         Camera {
-            name: String::new(),
             world_from_camera: DAffine3::IDENTITY,
             projection,
             z_near: 0.1,
-            z_far: f64::INFINITY,
-            lens: None,
-            world_from_camera_end: None,
-            shutter: Default::default(),
+            ..Camera::default()
         }
         .view(width, height)
     }

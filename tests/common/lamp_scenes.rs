@@ -133,14 +133,9 @@ pub fn up(height: f64) -> DAffine3 {
 
 pub fn camera(place: DVec3, projection: Projection) -> Camera {
     Camera {
-        name: String::new(),
         world_from_camera: DAffine3::from_translation(place),
         projection,
-        z_near: 0.0,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Default::default(),
+        ..Camera::default()
     }
 }
 

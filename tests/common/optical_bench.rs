@@ -261,17 +261,12 @@ impl Bench {
 pub fn see_scene(scene: &Scene, beam: Beam, backend: Backend, depth: u32) -> Vec<DVec3> {
     let axes = DMat3::from_cols(beam.across.cross(-beam.direction), beam.across, -beam.direction);
     let camera = Camera {
-        name: String::new(),
         world_from_camera: DAffine3::from_mat3_translation(axes, beam.origin),
         projection: Projection::Orthographic {
             y_mag: beam.half_width,
             x_mag: None,
         },
-        z_near: 0.0,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Default::default(),
+        ..Camera::default()
     };
     let settings = RenderSettings {
         width: 1,

@@ -185,10 +185,7 @@ fn camera(r: &mut Random) -> Camera {
             }
         },
         z_near,
-        z_far: f64::INFINITY,
-        lens: None,
-        world_from_camera_end: None,
-        shutter: Default::default(),
+        ..Camera::default()
     }
 }
 

@@ -1,12 +1,18 @@
 //! Motion blur in whole renders, against what is known in closed form.
 
-use std::sync::atomic::AtomicBool;
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
+    pub mod pictures;
+}
+
+use common::pictures::{picture, settings};
 use glam::{DAffine3, DVec3};
-use whit::accel::{self, AccelOptions, Backend};
+use whit::accel::Backend;
 use whit::image::LinearImage;
 use whit::optics::{Absorption, Dispersion};
-use whit::render::{Monitor, Plan, RenderSettings, render};
+use whit::render::{Plan, RenderSettings};
 use whit::scene::{
     Camera, Effect, EffectOverrides, Geometry, Instance, Interior, Lecture, Light, LightKind, Material,
     MetallicRoughness, Model, Projection, Scene, Shutter,
@@ -67,25 +73,6 @@ fn camera() -> Camera {
         },
         ..Camera::default()
     }
-}
-
-fn settings(size: u32, spp: u32) -> RenderSettings {
-    RenderSettings {
-        width: size,
-        height: size,
-        spp,
-        ..RenderSettings::default()
-    }
-}
-
-fn picture(scene: &Scene, camera: &Camera, backend: Backend, settings: &RenderSettings) -> LinearImage {
-    scene.validate().unwrap();
-    let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-    };
-    render(scene, camera, &*accel, settings, &monitor).unwrap().image
 }
 
 fn plan(scene: &Scene, camera: &Camera) -> Plan {

@@ -3,14 +3,19 @@
 //! Estimates are compared in standard errors, which the pixels' own spread tells: their samples are unrelated. The
 //! quadrature has formulas of its own and goes over microfacets evenly.
 
-use std::f64::consts::{FRAC_PI_2, TAU};
-use std::sync::atomic::AtomicBool;
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
+    pub mod pictures;
+}
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use common::pictures::{self, estimate, rendered};
 use glam::{DAffine3, DMat3, DVec3};
-use whit::accel::{self, AccelOptions, Backend};
-use whit::image::LinearImage;
 use whit::optics::{Absorption, Cauchy, Dispersion};
-use whit::render::{Account, Monitor, Plan, RenderSettings, Rendering, render};
+use whit::render::{Account, Plan, RenderSettings};
 use whit::scene::{
     AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Image, Instance, Interior, Light,
     LightKind, Material, MetallicRoughness, Model, Projection, Scene, Texels,
@@ -97,32 +102,10 @@ fn close_look(wo: DVec3) -> Camera {
 
 fn settings(size: u32, spp: u32) -> RenderSettings {
     RenderSettings {
-        width: size,
-        height: size,
-        spp,
         // So that nothing is lost on purpose.
         weight_cutoff: 0.0,
-        ..RenderSettings::default()
+        ..pictures::settings(size, spp)
     }
-}
-
-fn rendered(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Rendering {
-    scene.validate().unwrap();
-    let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-    };
-    render(scene, camera, &*accel, settings, &monitor).unwrap()
-}
-
-/// Mean of the pixels' green, and its standard error by their spread.
-fn estimate(image: &LinearImage) -> (f64, f64) {
-    let count = image.pixels.len() as f64;
-    let greens = || image.pixels.iter().map(|pixel| f64::from(pixel[1]));
-    let mean = greens().sum::<f64>() / count;
-    let variance = greens().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    (mean, (variance / count).sqrt())
 }
 
 fn assert_is_near(what: &str, scene: &Scene, wo: DVec3, exact: f64) {

@@ -2,13 +2,20 @@
 //!
 //! Estimates are compared in standard errors, which the pixels' own spread tells: their samples are unrelated.
 
-use std::f64::consts::PI;
-use std::sync::atomic::AtomicBool;
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
+    pub mod pictures;
+}
+
+use std::f64::consts::PI;
+
+use common::pictures::{estimate, picture, settings};
 use glam::{DAffine3, DMat3, DVec3};
-use whit::accel::{self, AccelOptions, Backend};
+use whit::accel::Backend;
 use whit::image::LinearImage;
-use whit::render::{Monitor, RenderSettings, render};
+use whit::render::RenderSettings;
 use whit::scene::{
     Aperture, AreaShape, Background, Camera, Effect, Geometry, Image, Instance, Lecture, Lens, Light,
     LightKind, Material, Model, Projection, Scene, Texels,
@@ -74,34 +81,6 @@ fn camera(place: DVec3, projection: Projection) -> Camera {
         projection,
         ..Camera::default()
     }
-}
-
-fn settings(size: u32, spp: u32) -> RenderSettings {
-    RenderSettings {
-        width: size,
-        height: size,
-        spp,
-        ..RenderSettings::default()
-    }
-}
-
-fn picture(scene: &Scene, camera: &Camera, backend: Backend, settings: &RenderSettings) -> LinearImage {
-    scene.validate().unwrap();
-    let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-    };
-    render(scene, camera, &*accel, settings, &monitor).unwrap().image
-}
-
-/// Mean of the pixels' green, and its standard error by their spread.
-fn estimate(image: &LinearImage) -> (f64, f64) {
-    let count = image.pixels.len() as f64;
-    let greens = || image.pixels.iter().map(|pixel| f64::from(pixel[1]));
-    let mean = greens().sum::<f64>() / count;
-    let variance = greens().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    (mean, (variance / count).sqrt())
 }
 
 fn assert_is_near(what: &str, image: &LinearImage, exact: f64) {

@@ -195,16 +195,13 @@ impl Frame<'_> {
         let picture = self.picture_bytes() as u64;
         if self.settings.target().is_some() {
             let rounds = threads.most_in_round();
-            let pixels = self.picture_bytes() / size_of::<[f32; 3]>();
-            let estimates = (pixels * size_of::<Estimate>()) as u64;
+            let estimates = (self.pixel_count() * size_of::<Estimate>()) as u64;
             return (
                 rounds + picture,
                 (rounds + most_in_tiles).max(estimates + picture),
             );
         }
-        let tiles = film::tiles(self.settings.width, self.settings.height).into_iter();
-        let tiles: usize = tiles.map(|tile| self.tile_bytes(tile)).sum();
-        let put_together = tiles as u64 + picture;
+        let put_together = self.all_tile_bytes() as u64 + picture;
         (put_together, most_in_tiles.max(put_together))
     }
 
@@ -220,26 +217,32 @@ impl Frame<'_> {
         (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TilePicture), Ledger)>()
     }
 
+    /// What is kept of all tiles when the last is finished.
+    fn all_tile_bytes(&self) -> usize {
+        let tiles = film::tiles(self.settings.width, self.settings.height).into_iter();
+        tiles.map(|tile| self.tile_bytes(tile)).sum()
+    }
+
+    fn pixel_count(&self) -> usize {
+        self.settings.width as usize * self.settings.height as usize
+    }
+
     fn picture_bytes(&self) -> usize {
-        let settings = &self.settings;
-        settings.width as usize * settings.height as usize * size_of::<[f32; 3]>()
+        self.pixel_count() * size_of::<[f32; 3]>()
     }
 
     /// What is as large as the picture.
     fn add_film(&self, memory: &mut Memory) {
         let settings = &self.settings;
-        let pixels = settings.width as usize * settings.height as usize;
-        let estimate = size_of::<Estimate>();
+        let pixels = self.pixel_count();
         memory.add("film", "the picture", self.picture_bytes());
         if settings.target().is_some() {
             let rounds = self.thread_memory.as_ref().map_or(0, ThreadMemory::most_in_round);
             memory.add("sampling", "estimates", rounds as usize);
         } else {
-            let tiles = film::tiles(settings.width, settings.height).into_iter();
-            let tiles: usize = tiles.map(|tile| self.tile_bytes(tile)).sum();
-            memory.add("film", "pictures of tiles", tiles);
+            memory.add("film", "pictures of tiles", self.all_tile_bytes());
             if settings.sample_aovs {
-                memory.add("sampling", "estimates", pixels * estimate);
+                memory.add("sampling", "estimates", pixels * size_of::<Estimate>());
             }
         }
         if settings.sample_aovs {

@@ -443,7 +443,8 @@ fn filter_radius(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("give a radius from {min} to {max} pixels"))
 }
 
-/// Under this a standard error is less than f32 pixels can hold.
+/// The most samples, 2^16, have an error of σ / n^¾, which is 2^-20 where σ is 2^-8, an 8-bit code. Less is out of reach
+/// for all pixels but those that are even already; the others would only take the most samples.
 const MIN_ERROR: f64 = 1e-6;
 
 fn adaptive_error(text: &str) -> Result<f64, String> {

@@ -4,6 +4,7 @@
 //! points go through the same code as what the camera sees, and random points of lights are numbered by place and not by
 //! thread.
 
+use std::cell::OnceCell;
 use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
@@ -117,6 +118,7 @@ impl<'f, 's> Receiver<'f, 's> {
         });
         self.outcome.clear();
         self.outcome.corner = corner;
+        let without_seen_lobes = OnceCell::new();
         for (number, points) in points.chunks(LANES).enumerate() {
             let (packet, pixel) = self.seen(points, number * LANES);
             self.frame
@@ -132,6 +134,7 @@ impl<'f, 's> Receiver<'f, 's> {
                 points: &self.surfaces.points,
                 materials: &self.entrance,
                 weight: &ALL,
+                without_seen_lobes: &without_seen_lobes,
             };
             self.outcome.ask_lights(&traced, &lit, stage);
         }

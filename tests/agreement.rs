@@ -225,8 +225,8 @@ fn all_backends_agree_on_a_million_rays_over_seven_scenes() {
     assert!(ray_count >= 1_000_000, "only {ray_count} rays");
 }
 
-/// Meshes mirrored, turned, stretched and sheared at random, some far more in one direction than in another, near and far
-/// from the origin.
+/// Meshes mirrored, turned, stretched and sheared at random, some far more in one direction than in another, near and
+/// far from the origin.
 fn placed_at_random(seed: u64) -> Scene {
     let mut random = Random(seed);
     let meshes = [

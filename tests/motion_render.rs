@@ -86,8 +86,8 @@ fn columns(image: &LinearImage, rows: std::ops::Range<u32>) -> Vec<f64> {
     (0..image.width).map(mean).collect()
 }
 
-/// The part of the time in which something covers a column of the film from -2 to 2, that is 2 `half` wide and whose middle
-/// goes from `from` to `to`: the mean over the column, by the trapezoid rule.
+/// The part of the time in which something covers a column of the film from -2 to 2, that is 2 `half` wide and whose
+/// middle goes from `from` to `to`: the mean over the column, by the trapezoid rule.
 fn covered(column: u32, of: u32, half: f64, [from, to]: [f64; 2]) -> f64 {
     const POINTS: u32 = 4000;
     let share = |x: f64| {

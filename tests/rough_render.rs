@@ -130,7 +130,8 @@ fn visible(alpha: f64, w: DVec3) -> f64 {
 
 /// The mean of `value` over the microfacets that are seen from `wo`, with the density D(m) G1(o) (o·m) / (n·o).
 ///
-/// With tan² = alpha² x / (1 - x) an even grid of x has the same D cos dm everywhere; 1 - x = (1 - y)² thins out the tail.
+/// With tan² = alpha² x / (1 - x) an even grid of x has the same D cos dm everywhere; 1 - x = (1 - y)² thins out the
+/// tail.
 fn over_microfacets(alpha: f64, wo: DVec3, value: impl Fn(DVec3) -> f64) -> f64 {
     let cells = 1000;
     let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);

@@ -1,5 +1,5 @@
-//! Scene files whose materials, textures, pictures, lamps or volumes are bad: each is told in one sentence with file, line,
-//! item and remedy, and the exit code is 2.
+//! Scene files whose materials, textures, pictures, lamps or volumes are bad: each is told in one sentence with file,
+//! line, item and remedy, and the exit code is 2.
 
 mod cli_program;
 

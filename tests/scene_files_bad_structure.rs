@@ -1,5 +1,5 @@
-//! Scene files whose transforms, shapes, names, keys, groups, copies or motions are bad, or that are no scene: each is told
-//! in one sentence with file, line, item and remedy, and the exit code is 2.
+//! Scene files whose transforms, shapes, names, keys, groups, copies or motions are bad, or that are no scene: each is
+//! told in one sentence with file, line, item and remedy, and the exit code is 2.
 
 mod cli_program;
 

@@ -1,4 +1,5 @@
-//! Soft light in whole renders: lights with an extent, environment maps and lenses against what is known in closed form.
+//! Soft light in whole renders: lights with an extent, environment maps and lenses against what is known in closed
+//! form.
 //!
 //! Estimates are compared in standard errors, which the pixels' own spread tells: their samples are unrelated.
 
@@ -96,8 +97,8 @@ fn assert_is_near(what: &str, image: &LinearImage, exact: f64) {
 fn the_irradiance_under_lights_of_every_shape_is_that_of_the_closed_forms_and_converges() {
     let high = DVec3::new(0.0, 0.0, 3.0);
     let (down_u, down_v) = (DVec3::Y, DVec3::X);
-    // At a floor point under the middle, radiance 2. Sphere and disk: π L r² / d², d to the middle or to the rim. The square of half
-    // sides 1: four times Lambert's corner rectangle, (a/√(a²+h²)) atan(b/√(a²+h²)) each way.
+    // At a floor point under the middle, radiance 2. Sphere and disk: π L r² / d², d to the middle or to the rim. The
+    // square of half sides 1: four times Lambert's corner rectangle, (a/√(a²+h²)) atan(b/√(a²+h²)) each way.
     let corner = 10f64.sqrt().recip() * (10f64.sqrt().recip()).atan();
     for (shape, exact) in [
         (
@@ -160,8 +161,9 @@ fn the_penumbra_is_that_of_a_cut_spherical_cap() {
             radius,
         };
         let scene = scene(vec![floor(), (Shape::Quad, matte(), wall)], vec![lamp(shape, 1)]);
-        // Nusselt: the irradiance is the radiance times the area of what is seen, put down from the unit sphere onto the floor. The
-        // cap is a disk of radius s there; the plane's great circle is half an ellipse x = k / √(1 + k²) √(1 - y²).
+        // Nusselt: the irradiance is the radiance times the area of what is seen, put down from the unit sphere onto
+        // the floor. The cap is a disk of radius s there; the plane's great circle is half an ellipse x = k / √(1 + k²)
+        // √(1 - y²).
         let (k, s): (f64, f64) = (edge / above, radius / height);
         let flat = k / (1.0 + k * k).sqrt();
         let steps = 100_000;
@@ -284,7 +286,8 @@ fn a_point_is_sharp_in_the_plane_of_focus_and_a_disk_of_the_lenses_formula_off_i
                 farthest = farthest.max(x.hypot(y));
             }
         }
-        // A disk's mean squared distance is half its squared radius; of the sum of independent ones the sum; a pixel's is pixel²/6.
+        // A disk's mean squared distance is half its squared radius; of the sum of independent ones the sum; a pixel's
+        // is pixel²/6.
         let expected = 0.5 * (blur * blur + seen * seen) + pixel * pixel / 6.0;
         let found = second / sum;
         println!(

@@ -94,7 +94,8 @@ pub(super) struct BenchScene<'s> {
     pub(super) settings: RenderSettings,
 }
 
-/// Measures each scene by `measure` and prints its rows as `table` puts them; writes all rows as JSON if that is asked for.
+/// Measures each scene by `measure` and prints its rows as `table` puts them; writes all rows as JSON if that is asked
+/// for.
 pub(super) fn measure_scenes<Row: Serialize>(
     args: &BenchArgs,
     measure: impl Fn(&BenchJob, BenchScene, &ThreadPool, &Progress) -> Result<Vec<Row>, Failure>,
@@ -297,8 +298,8 @@ struct Contestant<'a> {
 }
 
 impl<'a> Contestant<'a> {
-    /// Whose answers this one's are held against: the first one's. Raw calls, of which only distances are compared, bit by
-    /// bit, are held against the packets that they are the bare form of.
+    /// Whose answers this one's are held against: the first one's. Raw calls, of which only distances are compared, bit
+    /// by bit, are held against the packets that they are the bare form of.
     fn referee<'c>(&self, contestants: &'c [Contestant<'a>]) -> &'c Contestant<'a> {
         let is_referee = |other: &&Contestant| {
             self.mode != Mode::Raw || (other.backend, other.instancing) == (self.backend, self.instancing)

@@ -1,8 +1,8 @@
 //! What a render holds in memory, and for what: every byte under the name of one effect, account or structure.
 //!
-//! Sizes are those of what is there: capacities of queues and columns, arrays of meshes, decoded images and what is made
-//! of them. What all threads hold together is noted after each tile, as their queues grow with what they meet and never
-//! shrink; the rest is as large as the picture and the scene. Nothing is counted with the ledger off.
+//! Sizes are those of what is there: capacities of queues and columns, arrays of meshes, decoded images and what is
+//! made of them. What all threads hold together is noted after each tile, as their queues grow with what they meet and
+//! never shrink; the rest is as large as the picture and the scene. Nothing is counted with the ledger off.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -18,8 +18,8 @@ use crate::scene::{Background, Effect, EffectSet, Geometry, Instance, Scene, Tex
 /// Something that is held.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Holding {
-    /// For what: the name of an effect or of an account; `geometry`, `instances`, `triangles`, `user-geometry`, `tree` or
-    /// `extents` where it serves to find hits; `unused` where the scene brought it along and nothing looks at it.
+    /// For what: the name of an effect or of an account; `geometry`, `instances`, `triangles`, `user-geometry`, `tree`
+    /// or `extents` where it serves to find hits; `unused` where the scene brought it along and nothing looks at it.
     pub holder: &'static str,
     /// What it is.
     pub what: &'static str,
@@ -189,8 +189,8 @@ impl Frame<'_> {
         memory
     }
 
-    /// Bytes that are not all there at the same time, and the most of them that are: while samples are taken, or when the
-    /// picture is put together.
+    /// Bytes that are not all there at the same time, and the most of them that are: while samples are taken, or when
+    /// the picture is put together.
     fn phases(&self, threads: &ThreadMemory, most_in_tiles: u64) -> (u64, u64) {
         let picture = self.picture_bytes() as u64;
         if self.settings.target().is_some() {

@@ -1,8 +1,8 @@
 //! What lies behind everything, and the light that an environment map gives to surfaces.
 //!
-//! Rays that miss see the background. With a map, surfaces also send feelers in directions in which it is bright, picked
-//! as points of lights with an extent are ([`super::soft`]). Surfaces that see the map by mirror rays, or by rays into
-//! their lobes, answer these feelers without their lobe: it would count twice.
+//! Rays that miss see the background. With a map, surfaces also send feelers in directions in which it is bright,
+//! picked as points of lights with an extent are ([`super::soft`]). Surfaces that see the map by mirror rays, or by
+//! rays into their lobes, answer these feelers without their lobe: it would count twice.
 
 use super::Frame;
 use super::outcome::{Outcome, Stage, Traced};

@@ -57,7 +57,8 @@ impl MaterialPacket {
         f0 + (self.f90::<RICH>(l) - f0) * grazing
     }
 
-    /// Schlick's reflectance of lane `l` where light meets the surface, or a microfacet of it, under the cosine `cosine`.
+    /// Schlick's reflectance of lane `l` where light meets the surface, or a microfacet of it, under the cosine
+    /// `cosine`.
     pub fn fresnel(&self, cosine: f32, l: usize) -> [f32; 3] {
         let grazing = fifth_power(1.0 - cosine);
         std::array::from_fn(|channel| self.schlick::<true>(grazing, channel, l))
@@ -137,8 +138,8 @@ fn direct_of<const RICH: bool>(
         let h_squared = dot(h, h);
         // The half vector stays unnormalised: for unit v and i, v·h over |h| is |h| / 2.
         let v_dot_h = 0.5 * h_squared.sqrt();
-        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos², times |h|²: near the peak of a smooth lobe the textbook form
-        // loses all digits, this one none.
+        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos², times |h|²: near the peak of a smooth lobe the
+        // textbook form loses all digits, this one none.
         let c = [
             n[1] * h[2] - n[2] * h[1],
             n[2] * h[0] - n[0] * h[2],

@@ -1,7 +1,7 @@
 //! Embree against the BSP on a closed, displaced sphere: `cargo bench --bench backends -- [RINGS] [FILM]`.
 //!
-//! RINGS (default 707) makes about 4 RINGS² triangles, 2 million by default; FILM (default 1024) is the picture's width.
-//! Tracing takes one thread; the contestants take turns, and medians of five turns are printed.
+//! RINGS (default 707) makes about 4 RINGS² triangles, 2 million by default; FILM (default 1024) is the picture's
+//! width. Tracing takes one thread; the contestants take turns, and medians of five turns are printed.
 
 #[path = "../common/scenes.rs"]
 mod scenes;

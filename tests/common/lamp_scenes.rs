@@ -155,8 +155,8 @@ pub fn assert_is_near(what: &str, image: &LinearImage, exact: f64) {
     );
 }
 
-/// What `radiance` of a polygon makes at the origin of a floor that faces +z: half the sum over the edges of their angle
-/// times the height of their plane's normal (J. Lambert, 1760).
+/// What `radiance` of a polygon makes at the origin of a floor that faces +z: half the sum over the edges of their
+/// angle times the height of their plane's normal (J. Lambert, 1760).
 pub fn lambert(corners: &[DVec3], radiance: f64) -> f64 {
     let seen: Vec<DVec3> = corners.iter().map(|corner| corner.normalize()).collect();
     let sum: f64 = (0..seen.len())

@@ -44,8 +44,8 @@ impl Width {
 
 /// From so many primitives of the user geometry on, or instances of Embree's own, incoherent rays go one by one. Embree
 /// walks a packet through either as a whole, every ray into every cell that any of them meets, and not ray by ray as it
-/// does over triangles: measured against single rays (`embree::scene::speed`) that is slower from some hundred spheres on,
-/// nine times with 10^5.
+/// does over triangles: measured against single rays (`embree::scene::speed`) that is slower from some hundred spheres
+/// on, nine times with 10^5.
 const MANY_OBJECTS: usize = 256;
 
 impl Width {
@@ -123,7 +123,8 @@ pub(super) fn new_query(order: RayOrder) -> sys::EmbreeQuery {
     unsafe { query.assume_init() }
 }
 
-/// `rtcIntersect16` on the packet itself. Embree may abort the process, but no more, if an active lane is not traceable.
+/// `rtcIntersect16` on the packet itself. Embree may abort the process, but no more, if an active lane is not
+/// traceable.
 #[inline(always)]
 pub(super) fn intersect_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
     let rays: *mut RayPacket = packet;

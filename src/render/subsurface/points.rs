@@ -58,8 +58,8 @@ pub(super) fn count(scene: &Scene) -> f64 {
     asking(scene).iter().map(|asking| asking.count).sum()
 }
 
-/// The bodies of a scene that scatter light within, covered with points: at most [`MAX_SAMPLES`] of all bodies, for which
-/// the distances of all grow by one factor.
+/// The bodies of a scene that scatter light within, covered with points: at most [`MAX_SAMPLES`] of all bodies, for
+/// which the distances of all grow by one factor.
 pub(super) fn cover(scene: &Scene) -> Vec<Covered> {
     let asking = asking(scene);
     let count: f64 = asking.iter().map(|asking| asking.count).sum();

@@ -188,7 +188,8 @@ mod tests {
         triangle_solid_angle(p, [a, b, c]) + triangle_solid_angle(p, [a, c, d])
     }
 
-    /// ∫ ω dω over the quad: half the sum over the edges of their angle times the normal of their plane (J. Lambert, 1760).
+    /// ∫ ω dω over the quad: half the sum over the edges of their angle times the normal of their plane (J. Lambert,
+    /// 1760).
     fn light_vector(quad: &QuadLight, p: DVec3) -> DVec3 {
         let seen = corners(quad).map(|corner| (corner - p).normalize());
         let sum: DVec3 = (0..4)

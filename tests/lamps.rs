@@ -13,10 +13,10 @@ mod common {
 use std::f64::consts::PI;
 
 use common::lamp_scenes::{
-    ERRORS, SHINE, add, assert_is_near, ball, lambert, look_at, matte, shining, skew, square, under_lamp,
+    ERRORS, SHINE, assert_is_near, ball, lambert, look_at, matte, shining, skew, square, under_lamp,
     under_light, up,
 };
-use common::pictures::{estimate, picture, rendered_by, settings};
+use common::pictures::{add, estimate, picture, rendered_by, settings};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3Swizzles};
 use whit::accel::{AccelOptions, Backend, Precision};
 use whit::mesh::Mesh;

@@ -12,13 +12,13 @@ mod common {
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use common::pictures::{self, estimate, rendered};
+use common::pictures::{self, add, estimate, rendered};
 use glam::{DAffine3, DMat3, DVec3};
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::render::{Account, Plan, RenderSettings};
 use whit::scene::{
-    AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Image, Instance, Interior, Light,
-    LightKind, Material, MetallicRoughness, Model, Projection, Scene, Texels,
+    AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Image, Interior, Light, LightKind,
+    Material, MetallicRoughness, Model, Projection, Scene, Texels,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -65,13 +65,8 @@ fn scene(objects: Vec<(Shape, Material, DAffine3)>) -> Scene {
         background: Background::Uniform([1.0; 3]),
         ..Scene::default()
     };
-    for (index, (shape, material, place)) in objects.into_iter().enumerate() {
-        scene.geometries.push(Geometry::Shape(shape));
-        scene.materials.push(material);
-        let index = index as u32;
-        scene
-            .instances
-            .push(Instance::new("object", index, index, place).unwrap());
+    for (shape, material, place) in objects {
+        add(&mut scene, "object", Geometry::Shape(shape), material, place);
     }
     scene
 }

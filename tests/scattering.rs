@@ -13,7 +13,7 @@ use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
 use common::meshes::{Shading, ball};
-use common::pictures::{rendered, settings};
+use common::pictures::{add, rendered, settings};
 use glam::{DAffine3, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::mesh::{Mesh, Slab};
@@ -65,13 +65,8 @@ fn scene(objects: Vec<(Geometry, Material, DAffine3)>, lights: Vec<Light>) -> Sc
         lights,
         ..Scene::default()
     };
-    for (index, (geometry, material, place)) in objects.into_iter().enumerate() {
-        scene.geometries.push(geometry);
-        scene.materials.push(material);
-        let index = index as u32;
-        scene
-            .instances
-            .push(Instance::new("object", index, index, place).unwrap());
+    for (geometry, material, place) in objects {
+        add(&mut scene, "object", geometry, material, place);
     }
     scene.validate().unwrap();
     scene

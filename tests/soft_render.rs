@@ -12,14 +12,14 @@ mod common {
 
 use std::f64::consts::PI;
 
-use common::pictures::{estimate, picture, settings};
+use common::pictures::{add, estimate, picture, settings};
 use glam::{DAffine3, DMat3, DVec3};
 use whit::accel::Backend;
 use whit::image::LinearImage;
 use whit::render::RenderSettings;
 use whit::scene::{
-    Aperture, AreaShape, Background, Camera, Effect, Geometry, Image, Instance, Lecture, Lens, Light,
-    LightKind, Material, Model, Projection, Scene, Texels,
+    Aperture, AreaShape, Background, Camera, Effect, Geometry, Image, Lecture, Lens, Light, LightKind,
+    Material, Model, Projection, Scene, Texels,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -41,13 +41,8 @@ fn scene(objects: Vec<(Shape, Material, DAffine3)>, lights: Vec<Light>) -> Scene
         lights,
         ..Scene::default()
     };
-    for (index, (shape, material, place)) in objects.into_iter().enumerate() {
-        scene.geometries.push(Geometry::Shape(shape));
-        scene.materials.push(material);
-        let index = index as u32;
-        scene
-            .instances
-            .push(Instance::new("object", index, index, place).unwrap());
+    for (shape, material, place) in objects {
+        add(&mut scene, "object", Geometry::Shape(shape), material, place);
     }
     scene
 }

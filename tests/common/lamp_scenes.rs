@@ -6,11 +6,11 @@ use glam::{DAffine3, DQuat, DVec3};
 use whit::image::LinearImage;
 use whit::mesh::Mesh;
 use whit::scene::{
-    AreaShape, Camera, Geometry, Instance, Lecture, Light, LightKind, Material, Model, Projection, Scene,
+    AreaShape, Camera, Geometry, Lecture, Light, LightKind, Material, Model, Projection, Scene,
 };
 use whit::shape::Shape;
 
-use super::pictures::estimate;
+use super::pictures::{add, estimate};
 
 /// Standard errors that an estimate may be off.
 pub const ERRORS: f64 = 3.0;
@@ -34,18 +34,6 @@ pub fn shining() -> Material {
         emission: [SHINE; 3],
         ..matte()
     }
-}
-
-pub fn add(scene: &mut Scene, name: &str, geometry: Geometry, material: Material, place: DAffine3) -> u32 {
-    scene.geometries.push(geometry);
-    scene.materials.push(material);
-    let (geometry, material) = (
-        scene.geometries.len() as u32 - 1,
-        scene.materials.len() as u32 - 1,
-    );
-    let instance = Instance::new(name, geometry, material, place).unwrap();
-    scene.instances.push(instance);
-    scene.instances.len() as u32 - 1
 }
 
 /// A matte floor z = 0.

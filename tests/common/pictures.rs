@@ -1,11 +1,25 @@
-//! Pictures of scenes as tests ask for them, and what their pixels estimate.
+//! Scenes of a few objects, pictures of them as tests ask for them, and what their pixels estimate.
 
 use std::sync::atomic::AtomicBool;
 
+use glam::DAffine3;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::image::LinearImage;
 use whit::render::{Monitor, RenderSettings, Rendering, render};
-use whit::scene::{Camera, Scene};
+use whit::scene::{Camera, Geometry, Instance, Material, Scene};
+
+/// Puts an object of a material of its own into the scene, and says its number.
+pub fn add(scene: &mut Scene, name: &str, geometry: Geometry, material: Material, place: DAffine3) -> u32 {
+    scene.geometries.push(geometry);
+    scene.materials.push(material);
+    let (geometry, material) = (
+        scene.geometries.len() as u32 - 1,
+        scene.materials.len() as u32 - 1,
+    );
+    let instance = Instance::new(name, geometry, material, place).unwrap();
+    scene.instances.push(instance);
+    scene.instances.len() as u32 - 1
+}
 
 /// Those of a square picture.
 pub fn settings(size: u32, spp: u32) -> RenderSettings {

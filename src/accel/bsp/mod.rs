@@ -5,7 +5,7 @@
 //!
 //! * [`builder`] cuts the cells, [`heuristic`] says where, [`clip`] what lies on which side.
 //! * [`counters`] counts what rays cause, if that is compiled in.
-//! * [`reference`] is the walk of the lecture: plain, slow, and what the others are tested against.
+//! * [`reference`](mod@reference) is the walk of the lecture: plain, slow, and what the others are tested against.
 //! * [`wide`] stores the same cells eight to a node; [`single`] and [`packet`] walk them. They are written as loops
 //!   over arrays and compiled for each instruction set; there is no fused multiply-add in them, so all give the same
 //!   bits.

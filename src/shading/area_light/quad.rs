@@ -68,7 +68,7 @@ struct SphericalRectangle {
     y: [f64; 2],
     /// Distance of the rectangle's plane; positive, against the third axis.
     height: f64,
-    /// The third components of the normals of the planes through the point and the edges at y[0] and y[1].
+    /// The third components of the normals of the planes through the point and the edges at `y[0]` and `y[1]`.
     b: [f64; 2],
     /// 2π less the two angles of the spherical rectangle that end the count.
     k: f64,

@@ -159,6 +159,8 @@ pub struct Ledger {
     pub depth_limit: Loss,
     /// Of the lost rays, those that weighed too little.
     pub weight_cutoff: Loss,
+    /// Samples that marches interpolated in volumes, along rays and feelers; those that were leapt over do not count.
+    pub volume_samples: u64,
 }
 
 /// Rays that one limit cut off.
@@ -231,6 +233,7 @@ impl Ledger {
         let mut gathered = Ledger {
             clock_reads: self.clock_reads,
             clock_read_seconds: self.clock_read_seconds,
+            volume_samples: self.volume_samples,
             ..Ledger::default()
         };
         let tally = Tally {
@@ -342,6 +345,7 @@ impl AddAssign for Ledger {
         self.max_lost_weight = self.max_lost_weight.max(other.max_lost_weight);
         self.depth_limit += other.depth_limit;
         self.weight_cutoff += other.weight_cutoff;
+        self.volume_samples += other.volume_samples;
     }
 }
 

@@ -329,7 +329,8 @@ impl<'f, 's> Outcome<'f, 's> {
                 shade::block(packet, &mut feeler.radiance);
             }
             if let Some(marches) = &mut self.marches {
-                marches.dim(packet, &packet.t_far, &mut feeler.radiance);
+                let samples = marches.dim(packet, &packet.t_far, &mut feeler.radiance);
+                self.meter.ledger.volume_samples += samples;
             }
             self.film.add(&feeler.pixel, &feeler.radiance);
         }

@@ -34,7 +34,8 @@ impl Outcome<'_, '_> {
         let reaches = through_sheets(self.frame, waiting, sheets, &mut self.meter, order);
         for ((packet, feeler), reach) in packets.iter().zip(feelers).zip(&reaches) {
             if let Some(marches) = &mut self.marches {
-                marches.dim(packet, reach, &mut feeler.radiance);
+                let samples = marches.dim(packet, reach, &mut feeler.radiance);
+                self.meter.ledger.volume_samples += samples;
             }
             self.film.add(&feeler.pixel, &feeler.radiance);
         }

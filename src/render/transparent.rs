@@ -289,7 +289,7 @@ impl Outcome<'_, '_> {
                     ..travel
                 }),
             };
-            self.send(&sent, 0);
+            self.send::<false>(&sent, 0);
         }
         present
     }
@@ -387,7 +387,7 @@ impl Outcome<'_, '_> {
             sender,
             travel: Some(travel),
         };
-        self.send(&sent, 0);
+        self.send::<false>(&sent, 0);
     }
 }
 

@@ -14,6 +14,17 @@ use crate::numeric::{LANES, Lanes, Motion};
 use crate::scene::{Camera, CameraRay, CameraView, Effect, EffectSet, LensView};
 
 impl Frame<'_> {
+    /// Whether camera rays are other than those of a pinhole that stands still.
+    pub(super) fn is_bent(&self) -> bool {
+        self.lens.is_some() || self.motion.is_some()
+    }
+
+    /// Whether camera rays are bent, have times, or begin paths that keep more than their weights.
+    pub(super) fn has_camera_travels(&self) -> bool {
+        // Times are kept by paths.
+        self.is_bent() || self.travels()
+    }
+
     /// The rays of a packet's samples, which lie at `position` in their pixels.
     pub(super) fn camera_rays(
         &self,

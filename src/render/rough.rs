@@ -269,7 +269,7 @@ impl Outcome<'_, '_> {
                     ..arrival.one_of(number, lobe.of)
                 }),
             };
-            self.send(&sent, stage.depth + 1);
+            self.send::<false>(&sent, stage.depth + 1);
         }
     }
 

@@ -174,12 +174,12 @@ impl Outcome<'_, '_> {
     ) {
         if self.feelers.is_full() {
             self.meter.part(Account::Lighting);
-            self.answer_feelers(stage.order);
+            self.answer_feelers::<false>(stage.order);
             self.meter.resume(traced.pixel, &traced.packet.active);
         }
         let (packet, feeler) = self.feelers.next();
         if shade::feel_sample(arrivals, lit, packet, &mut feeler.radiance) {
-            self.keep_feelers(traced, casts);
+            self.keep_feelers::<false>(traced, casts);
         }
     }
 
@@ -194,10 +194,11 @@ impl Outcome<'_, '_> {
     }
 
     /// Counts the packet of feelers last written; those to a light that nothing can hide are not traced.
-    pub(super) fn keep_feelers(&mut self, traced: &Traced, casts: bool) {
+    pub(super) fn keep_feelers<const PLAIN: bool>(&mut self, traced: &Traced, casts: bool) {
+        let effects = self.effects::<PLAIN>();
         let (packet, feeler) = self.feelers.next();
         feeler.pixel = *traced.pixel;
-        if self.frame.effects().has(Effect::MotionBlur) {
+        if effects.has(Effect::MotionBlur) {
             packet.time = traced.packet.time;
         }
         if !casts {
@@ -205,10 +206,7 @@ impl Outcome<'_, '_> {
             packet.active = [0; LANES];
         }
         self.feelers.keep();
-        if let Some(travels) = traced
-            .travels
-            .filter(|_| self.frame.effects().has(Effect::Refraction))
-        {
+        if let Some(travels) = traced.travels.filter(|_| effects.has(Effect::Refraction)) {
             self.feelers.keep_media(travels);
         }
     }

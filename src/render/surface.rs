@@ -188,14 +188,14 @@ impl<'s> SurfaceScene<'s> {
     /// The materials of all hits as they are written. Returns whether any varies over its surface.
     fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) -> bool {
         let mut varies = false;
-        for l in 0..LANES {
+        materials.set_lanes(|l| {
             if packet.instance[l] == NO_HIT {
-                continue;
+                return None;
             }
             let view = &self.views[packet.instance[l] as usize];
-            materials.set(l, self.material_of(view));
             varies |= !view.uniform;
-        }
+            Some(self.material_of(view))
+        });
         varies
     }
 

@@ -290,7 +290,7 @@ impl Outcome<'_, '_> {
                     ..travel
                 }),
             };
-            self.send(&sent, 0);
+            self.send::<false>(&sent, 0);
         }
         present
     }
@@ -388,7 +388,7 @@ impl Outcome<'_, '_> {
             sender,
             travel: Some(travel),
         };
-        self.send(&sent, 0);
+        self.send::<false>(&sent, 0);
     }
 }
 

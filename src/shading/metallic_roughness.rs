@@ -120,8 +120,9 @@ pub fn direct(
     }
 }
 
+/// [`direct`]; `RICH` is needed where the material's effects are rich.
 #[inline(always)]
-fn direct_of<const RICH: bool>(
+pub fn direct_of<const RICH: bool>(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
     wo: &Lanes3<f32>,
@@ -198,9 +199,14 @@ pub fn through(
 }
 
 /// The mirror ray of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, zero where the surface is
-/// rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe; the lecture's kr in its lanes.
+/// rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe; the lecture's kr in its lanes. `RICH` is needed where the
+/// material's effects are rich.
 #[inline(always)]
-pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> (Lanes3<f32>, Lanes3<f32>) {
+pub fn mirror<const RICH: bool>(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+) -> (Lanes3<f32>, Lanes3<f32>) {
     let mut direction = [[0.0; LANES]; 3];
     let mut reflectance = [[0.0; LANES]; 3];
     for l in 0..LANES {
@@ -208,15 +214,15 @@ pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> 
         for axis in 0..3 {
             direction[axis][l] = 2.0 * cosine * ns[axis][l] - wo[axis][l];
         }
-        let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS && !material.has_lobe(l) {
+        let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS && !(RICH && material.has_lobe(l)) {
             1.0
         } else {
             0.0
         };
         let grazing = fifth_power(1.0 - cosine.abs());
         for channel in 0..3 {
-            let polished = smooth * material.schlick::<true>(grazing, channel, l);
-            reflectance[channel][l] = if material.rich.is_lecture[l] {
+            let polished = smooth * material.schlick::<RICH>(grazing, channel, l);
+            reflectance[channel][l] = if RICH && material.rich.is_lecture[l] {
                 material.rich.reflection[channel][l]
             } else {
                 polished
@@ -292,11 +298,14 @@ mod tests {
             direct(&polished, &up, &wo, &lanes3([-0.6, 0.0, 0.8])),
             [[0.0; LANES]; 3]
         );
-        let (direction, reflectance) = mirror(&polished, &up, &wo);
+        let (direction, reflectance) = mirror::<false>(&polished, &up, &wo);
         let close = |a: f32, b: f32| (a - b).abs() < 4.0 * f32::EPSILON;
         assert!(close(direction[0][2], -0.6) && close(direction[2][2], 0.8));
         // f0 = 1/2, (1 - 0.8)^5 = 0.00032.
         assert!(close(reflectance[0][2], 0.5 + 0.5 * 0.00032));
-        assert_eq!(mirror(&material(0.5, 1.0, 0.2), &up, &wo).1, [[0.0; LANES]; 3]);
+        assert_eq!(
+            mirror::<false>(&material(0.5, 1.0, 0.2), &up, &wo).1,
+            [[0.0; LANES]; 3]
+        );
     }
 }

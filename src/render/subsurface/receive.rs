@@ -136,9 +136,9 @@ impl<'f, 's> Receiver<'f, 's> {
                 weight: &ALL,
                 without_seen_lobes: &without_seen_lobes,
             };
-            self.outcome.ask_lights(&traced, &lit, stage);
+            self.outcome.ask_lights::<false>(&traced, &lit, stage);
         }
-        self.outcome.answer_feelers(stage.order);
+        self.outcome.answer_feelers::<false>(stage.order);
         let sums = &self.outcome.film.sums()[..points.len()];
         let total = |sum: &[f64; 3]| {
             let channel = |c: usize| match sum[c] + self.ambient[c] {

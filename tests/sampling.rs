@@ -272,8 +272,8 @@ fn measured_scenes() -> Vec<(String, Scene, RenderSettings)> {
     all
 }
 
-/// What adaptive sampling takes of the samples that uniform sampling needs for the same error, on scenes where most is even,
-/// with a target of about one 8-bit code.
+/// What adaptive sampling takes of the samples that uniform sampling needs for the same error, on scenes where most is
+/// even, with a target of about one 8-bit code.
 const SAVING: f64 = 0.4;
 /// What it takes at most, on any, with any target.
 const COST: f64 = 1.05;

@@ -1,7 +1,8 @@
 //! What was traced and how long it took, by what it was for.
 //!
-//! Every ray that the backend is asked for is counted under one account. Seconds add up by construction, as each reading
-//! of the clock books all that went by since the one before (see `meter`); what threads spend without work is `idle`.
+//! Every ray that the backend is asked for is counted under one account. Seconds add up by construction, as each
+//! reading of the clock books all that went by since the one before (see `meter`); what threads spend without work is
+//! `idle`.
 
 use std::ops::AddAssign;
 
@@ -150,9 +151,9 @@ pub struct Ledger {
     pub lost_rays: u64,
     /// The sum of their weights: by so many times the largest radiance, at most, is the sum of all samples too dark.
     pub lost_weight: f64,
-    /// The most that any pixel lacks: the sum of its samples' lost weights over their number. By so many times the radiance
-    /// that a lost ray could have brought, at most, is a pixel wrong that is filtered by a box. With adaptive sampling it
-    /// is the most of any round, which is no less.
+    /// The most that any pixel lacks: the sum of its samples' lost weights over their number. By so many times the
+    /// radiance that a lost ray could have brought, at most, is a pixel wrong that is filtered by a box. With adaptive
+    /// sampling it is the most of any round, which is no less.
     pub max_lost_weight: f64,
     /// Of the lost rays, those beyond the depth limit.
     pub depth_limit: Loss,

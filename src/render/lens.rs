@@ -1,10 +1,10 @@
 //! Depth of field: camera rays that leave from points all over the lens. And motion: they leave at times all over that
 //! for which the shutter is open, from where the camera is then.
 //!
-//! A packet's rays are made as a pinhole's first; where the camera has a lens each is bent to go from another point of it
-//! to where the pinhole's ray is in focus ([`crate::scene::LensView::ray`]). The point is that of the sample's own pair of
-//! numbers for [`Purpose::LENS`], the time is by that for [`Purpose::TIME`]. Widths of rays stay those of the middle of the
-//! lens, and the bodies around the camera those around that point in the middle of the time.
+//! A packet's rays are made as a pinhole's first; where the camera has a lens each is bent to go from another point of
+//! it to where the pinhole's ray is in focus ([`crate::scene::LensView::ray`]). The point is that of the sample's own
+//! pair of numbers for [`Purpose::LENS`], the time is by that for [`Purpose::TIME`]. Widths of rays stay those of the
+//! middle of the lens, and the bodies around the camera those around that point in the middle of the time.
 
 use super::Frame;
 use super::sampler::{Purpose, SampleGroup};

@@ -103,15 +103,16 @@ pub struct RenderSettings {
     pub spp: u32,
     /// How they lie in the pixel.
     pub pattern: Pattern,
-    /// Which of the pictures it is that differ by their random numbers alone: errors of two are independent of each other,
-    /// but for the places in the pixel that patterns without random numbers give.
+    /// Which of the pictures it is that differ by their random numbers alone: errors of two are independent of each
+    /// other, but for the places in the pixel that patterns without random numbers give.
     pub seed: u32,
     /// How they become the pixel.
     pub filter: PixelFilter,
     /// When a pixel has samples enough; `None` gives every pixel `spp`.
     ///
-    /// Takes the filter for a box, as unequal numbers of samples would weigh a pixel's neighbours unequally. Does nothing
-    /// up to 16 samples a pixel, the least that every pixel gets; needs a pattern whose samples go on, not a regular one.
+    /// Takes the filter for a box, as unequal numbers of samples would weigh a pixel's neighbours unequally. Does
+    /// nothing up to 16 samples a pixel, the least that every pixel gets; needs a pattern whose samples go on, not a
+    /// regular one.
     pub adaptive: Option<Adaptive>,
     /// Whether [`Rendering::aovs`] are wanted. They change no bit of the picture.
     pub sample_aovs: bool,
@@ -125,8 +126,8 @@ pub struct RenderSettings {
     pub skip_empty: SkipEmpty,
     /// Effects that are wanted other than the scene calls for.
     pub effects: EffectOverrides,
-    /// Whether [`Rendering::ledger`] is to tell where the time went. Off, no clock is read but at both ends of the render,
-    /// and rays are counted all the same. It changes no bit of the picture.
+    /// Whether [`Rendering::ledger`] is to tell where the time went. Off, no clock is read but at both ends of the
+    /// render, and rays are counted all the same. It changes no bit of the picture.
     pub ledger: bool,
     /// Whether [`Rendering::costs`] are wanted, for which the ledger must be on. They change no bit of the picture, but
     /// make it slower.
@@ -506,8 +507,8 @@ impl<'s> Frame<'s> {
         self.media_around(view.ray(0.5, 0.5).origin, middle)
     }
 
-    /// The bodies around `p` at `time`, by the surfaces that a ray from there meets: a body that is left before it is entered is
-    /// one of them. With the number of rays asked.
+    /// The bodies around `p` at `time`, by the surfaces that a ray from there meets: a body that is left before it is
+    /// entered is one of them. With the number of rays asked.
     fn media_around(&self, p: DVec3, time: f32) -> (MediaStack, u64) {
         let (mut around, mut probe_count) = (MediaStack::EMPTY, 0);
         if !self.effects().has(Effect::Refraction) {

@@ -1,5 +1,7 @@
 //! What shaded rays give: light on the film, feelers to lights, and the rays of the next generation.
 
+use std::cell::OnceCell;
+
 use glam::Vec3;
 
 use super::film::{Tile, TileFilm};
@@ -201,6 +203,7 @@ impl<'f, 's> Outcome<'f, 's> {
             points,
             materials,
             weight: traced.weight,
+            without_seen_lobes: &OnceCell::new(),
         };
         if frame.effects().has(Effect::Subsurface) {
             self.add_scattered(traced, surfaces);

@@ -3,6 +3,8 @@
 //! Each function is compiled for several instruction sets and chosen at run time; none contracts a multiply and an add,
 //! so all give the same bits.
 
+use std::cell::OnceCell;
+
 use multiversion::multiversion;
 
 use super::soft::Arrivals;
@@ -13,11 +15,14 @@ use crate::scene::{Effect, Light, LightKind};
 use crate::shading::{MaterialPacket, direct, entering, illuminate, lecture_direct, mirror, through};
 
 /// Surfaces to light, and the rays that found them.
+#[derive(Clone, Copy)]
 pub(super) struct Lit<'a> {
     pub(super) points: &'a SurfacePacket,
     pub(super) materials: &'a MaterialPacket,
     /// Weights of the rays that found the surfaces.
     pub(super) weight: &'a Lanes3<f32>,
+    /// The materials as they answer light that they see as well, from when that is first asked for.
+    pub(super) without_seen_lobes: &'a OnceCell<MaterialPacket>,
 }
 
 /// The mirror rays of sixteen surfaces.

@@ -52,8 +52,8 @@ pub struct RichLanes {
     pub reflection: Lanes3<f32>,
     /// Rays that a lobe is looked into by where the eye sees it.
     pub rough_rays: Lanes<u32>,
-    /// Of the diffuse light, what leaves where and on the side that it arrived: less than 1 for thin sheets, 0 for bodies
-    /// that scatter within.
+    /// Of the diffuse light, what leaves where and on the side that it arrived: less than 1 for thin sheets, 0 for
+    /// bodies that scatter within.
     pub local: Lanes<f32>,
     /// Of a white sheet's diffuse light, what leaves on the other side, linear RGB.
     pub translucency: Lanes3<f32>,
@@ -126,7 +126,8 @@ impl MaterialPacket {
         through[0][l] + through[1][l] + through[2][l] > 0.0
     }
 
-    /// Whether the surface in lane `l` shows what is around by rays into its lobe, rather than by a mirror ray or not at all.
+    /// Whether the surface in lane `l` shows what is around by rays into its lobe, rather than by a mirror ray or not
+    /// at all.
     #[inline(always)]
     pub fn has_lobe(&self, l: usize) -> bool {
         if !self.effects.has_lobes() {

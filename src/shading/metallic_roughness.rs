@@ -50,13 +50,18 @@ impl MaterialPacket {
         }
     }
 
-    /// Schlick's reflectance of lane `l` where light meets the surface, or a microfacet of it, under the cosine `cosine`.
+    /// Schlick's reflectance; `grazing` is the fifth power of 1 less the cosine under which light meets the surface.
+    #[inline(always)]
+    fn schlick<const RICH: bool>(&self, grazing: f32, channel: usize, l: usize) -> f32 {
+        let f0 = self.f0::<RICH>(channel, l);
+        f0 + (self.f90::<RICH>(l) - f0) * grazing
+    }
+
+    /// Schlick's reflectance of lane `l` where light meets the surface, or a microfacet of it, under the cosine
+    /// `cosine`.
     pub fn fresnel(&self, cosine: f32, l: usize) -> [f32; 3] {
         let grazing = fifth_power(1.0 - cosine);
-        std::array::from_fn(|channel| {
-            let f0 = self.f0::<true>(channel, l);
-            f0 + (self.f90::<true>(l) - f0) * grazing
-        })
+        std::array::from_fn(|channel| self.schlick::<true>(grazing, channel, l))
     }
 
     /// Radiance that leaves without any light's help: emission, and the surroundings `ambient` seen diffusely, and
@@ -133,8 +138,8 @@ fn direct_of<const RICH: bool>(
         let h_squared = dot(h, h);
         // The half vector stays unnormalised: for unit v and i, v·h over |h| is |h| / 2.
         let v_dot_h = 0.5 * h_squared.sqrt();
-        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos², times |h|²: near the peak of a smooth lobe the textbook form
-        // loses all digits, this one none.
+        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos², times |h|²: near the peak of a smooth lobe the
+        // textbook form loses all digits, this one none.
         let c = [
             n[1] * h[2] - n[2] * h[1],
             n[2] * h[0] - n[0] * h[2],
@@ -155,8 +160,7 @@ fn direct_of<const RICH: bool>(
         };
         let grazing = fifth_power(1.0 - v_dot_h);
         for channel in 0..3 {
-            let f0 = material.f0::<RICH>(channel, l);
-            let fresnel = f0 + (material.f90::<RICH>(l) - f0) * grazing;
+            let fresnel = material.schlick::<RICH>(grazing, channel, l);
             let diffuse = (1.0 - fresnel) * material.c_diff::<RICH>(channel, l) * (1.0 / PI);
             reflected[channel][l] = (diffuse + fresnel * lobe) * n_dot_l;
         }
@@ -186,8 +190,7 @@ pub fn through(
         }
         let grazing = fifth_power(1.0 - 0.5 * dot(h, h).sqrt());
         for channel in 0..3 {
-            let f0 = material.f0::<true>(channel, l);
-            let fresnel = f0 + (material.f90::<true>(l) - f0) * grazing;
+            let fresnel = material.schlick::<true>(grazing, channel, l);
             passed[channel][l] = (1.0 - fresnel) * material.c_through(channel, l) * (1.0 / PI) * behind;
         }
     }
@@ -212,8 +215,7 @@ pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> 
         };
         let grazing = fifth_power(1.0 - cosine.abs());
         for channel in 0..3 {
-            let f0 = material.f0::<true>(channel, l);
-            let polished = smooth * (f0 + (material.f90::<true>(l) - f0) * grazing);
+            let polished = smooth * material.schlick::<true>(grazing, channel, l);
             reflectance[channel][l] = if material.rich.is_lecture[l] {
                 material.rich.reflection[channel][l]
             } else {

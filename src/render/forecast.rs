@@ -49,6 +49,11 @@ impl Forecast {
         self.scaled_squares += other.scaled_squares;
     }
 
+    /// How many samples a pixel, shared out evenly, come to the same error; `None` where there is none.
+    pub(super) fn even_count(&self) -> Option<f64> {
+        (self.squares > 0.0).then(|| (self.scaled_squares / self.squares).powf(2.0 / 3.0))
+    }
+
     /// Whether the round does more than its samples, and all earlier ones, shared out evenly.
     pub(super) fn is_worth_it(&self) -> bool {
         let evenly = self.scaled_squares / power(self.samples / self.pixel_count);

@@ -207,7 +207,7 @@ impl Frame<'_> {
         )?;
         Some(Lobe {
             of,
-            of_pixel: f64::from(of) * f64::from(arrival.split) * f64::from(self.settings.typical_spp()),
+            of_pixel: f64::from(of) * f64::from(arrival.split) * f64::from(self.even_count),
             ..lobe
         })
     }

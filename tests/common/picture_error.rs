@@ -81,7 +81,7 @@ impl<'s> Judge<'s> {
         let rendering = self.rendered(settings);
         let error = self.error(&rendering.image);
         [
-            rendering.samples.mean,
+            rendering.ledger.camera_rays() as f64 / rendering.image.pixels.len() as f64,
             error,
             self.uniform_spp(error, settings.spp),
         ]

@@ -6,8 +6,8 @@
 //! holds:
 //!
 //! 1. *Its mean is uncertain*: one standard error of its mean luminance, brighter, is a display value off by more than
-//!    the target. The standard error of n evenly spread samples is taken for σ / n^¾: an edge crosses about √n of n cells,
-//!    and all others are certain. (Of independent samples it were σ / √n.)
+//!    the target. That of n evenly spread samples is σ / n^¾ where edges are: an edge crosses about √n of n cells, and all
+//!    others are certain. It is σ / √n where the samples are noise. How much is which, [`Kinds`] tell.
 //! 2. *Its neighbourhood is uncertain*: so is the root mean square of those errors over the pixel and the eight around it.
 //!    Estimates from few samples are uncertain themselves; neighbours vouch for each other.
 //! 3. *Its neighbours know something that it has not seen*: where one of them saw a sample that is brighter or darker by a
@@ -31,10 +31,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::estimate::Estimate;
-use super::film::{TILE, Tile, tiles};
+use super::film::{Tile, tiles};
 use super::forecast::Forecast;
 use super::ledger::{Account, Ledger};
-use super::look::Look;
+use super::look::{Kinds, Look};
 use super::meter::Meter;
 use super::wave::{Visit, Wave};
 use super::{Frame, Monitor, RUN, pilot};
@@ -274,7 +274,7 @@ impl Picture {
                     look.count
                 };
                 if look.error.is_finite() {
-                    forecast.add(look.error * look.error, look.count, next);
+                    forecast.add(look.error * look.error, look.noise, look.count, next);
                 }
             }
             forecast
@@ -376,14 +376,32 @@ impl Picture {
         }
     }
 
+    /// How much of the variance is noise, for each pixel of a row by those around it too: of one pixel alone it is too
+    /// uncertain.
+    fn noises(&self, row: usize) -> Vec<f64> {
+        let rows = row.saturating_sub(1)..(row + 2).min(self.height);
+        let of_column = |column: usize| {
+            let mut kinds = Kinds::default();
+            rows.clone()
+                .for_each(|row| kinds.add(&self.estimates[row * self.width + column]));
+            kinds
+        };
+        let columns: Vec<Kinds> = (0..self.width).map(of_column).collect();
+        let around = |column: usize| {
+            let near = &columns[column.saturating_sub(1)..(column + 2).min(self.width)];
+            near.iter().fold(Kinds::default(), Kinds::merged).noise()
+        };
+        (0..self.width).map(around).collect()
+    }
+
     /// Sees all pixels anew.
     fn look(&mut self) {
-        let gain = self.target.gain;
-        self.estimates
-            .par_iter()
-            .with_min_len((TILE * TILE) as usize)
-            .map(|estimate| Look::of(estimate, gain))
-            .collect_into_vec(&mut self.looks);
+        let look_at = |row: usize| {
+            let estimates = &self.estimates[row * self.width..(row + 1) * self.width];
+            let looks = estimates.iter().zip(self.noises(row));
+            looks.map(|(estimate, noise)| Look::of(estimate, noise, self.target.gain))
+        };
+        self.looks = (0..self.height).into_par_iter().flat_map_iter(look_at).collect();
         let missed_in = |row: usize| {
             let mut missed = [Missed::default(); LEVELS];
             for column in 0..self.width {
@@ -452,6 +470,23 @@ mod tests {
         assert!(twice.wants_more(1, 1) && !twice.wants_more(0, 0));
         twice.target.error = 0.49 * error;
         assert!(twice.wants_more(0, 0));
+    }
+
+    #[test]
+    fn what_kind_a_pixels_variance_is_its_neighbours_tell_too() {
+        // Of its own, this one's samples are all noise; those around have as much variance and none of it is.
+        let noise = [[0.0; 4], [1.0; 4], [0.0; 4], [1.0; 4]].concat();
+        let alone = around(&noise, 0.5, 16, 0.01);
+        assert_eq!(alone.noises(1), [1.0; 3]);
+        let mut beside = around(&noise, 0.5, 16, 0.01);
+        let even = estimate(&[0.0, 1.0].repeat(8));
+        for pixel in (0..9).filter(|pixel| *pixel != 4) {
+            beside.estimates[pixel] = even;
+        }
+        let mut kinds = Kinds::default();
+        beside.estimates.iter().for_each(|one| kinds.add(one));
+        assert!(kinds.noise() < 1.0);
+        assert!((beside.noises(1)[1] - kinds.noise()).abs() < 1e-12);
     }
 
     #[test]

@@ -3,6 +3,9 @@
 /// Rec. 709 luminance of linear RGB.
 pub(super) const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
+/// Lengths of runs of samples whose means are compared.
+pub(super) const RUNS: [u32; 2] = [4, 16];
+
 /// What the samples of a pixel tell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Estimate {
@@ -10,6 +13,8 @@ pub(super) struct Estimate {
     pub(super) sum: [f64; 3],
     /// Sum of squared radiance, channels weighted by luminance.
     squares: f64,
+    /// Sums of squared sums of so many samples in a row as [`RUNS`] tell, channels weighted by luminance.
+    squares_of_runs: [f64; 2],
     /// Least and greatest luminance of a sample.
     pub(super) extremes: [f32; 2],
     /// Samples.
@@ -20,6 +25,7 @@ impl Estimate {
     pub(super) const NONE: Estimate = Estimate {
         sum: [0.0; 3],
         squares: 0.0,
+        squares_of_runs: [0.0; 2],
         extremes: [f32::INFINITY, f32::NEG_INFINITY],
         count: 0,
     };
@@ -39,12 +45,21 @@ impl Estimate {
         self.count += 1;
     }
 
+    /// Takes note of the sum of `RUNS[run]` samples in a row, which have been counted.
+    #[inline(always)]
+    pub(super) fn note_run(&mut self, run: usize, sum: [f64; 3]) {
+        for channel in 0..3 {
+            self.squares_of_runs[run] += LUMINANCE[channel] * sum[channel] * sum[channel];
+        }
+    }
+
     /// Counts the samples of `other` too.
     pub(super) fn merge(&mut self, other: &Estimate) {
         for channel in 0..3 {
             self.sum[channel] += other.sum[channel];
         }
         self.squares += other.squares;
+        (0..2).for_each(|run| self.squares_of_runs[run] += other.squares_of_runs[run]);
         self.extremes[0] = self.extremes[0].min(other.extremes[0]);
         self.extremes[1] = self.extremes[1].max(other.extremes[1]);
         self.count += other.count;
@@ -68,9 +83,31 @@ impl Estimate {
         if self.count < 2 {
             return 0.0;
         }
+        ((self.squares - self.mean_squares()) / f64::from(self.count - 1)).max(0.0)
+    }
+
+    /// How much of the variance is noise; the rest is that of edges. Uncertain, for a single pixel: it may be less than
+    /// nothing or more than all.
+    ///
+    /// The mean of r evenly spread samples has a variance of 1 / r that of noise, and 1 / r^1.5 that of edges. So the means
+    /// of runs of r samples, among themselves, tell which it is. The longest that there are two of are asked: what
+    /// looks like noise to four samples may be an edge to sixteen.
+    pub(super) fn noise_variance(&self) -> f64 {
+        let Some(run) = (0..2).rev().find(|&run| self.count >= 2 * RUNS[run]) else {
+            return 0.0;
+        };
+        let length = f64::from(RUNS[run]);
+        let of_means = (self.squares_of_runs[run] / length - self.mean_squares())
+            / f64::from(self.count / RUNS[run] - 1);
+        // 1 / √r of that of edges is left.
+        let of_edges = length.sqrt().recip();
+        (of_means.max(0.0) - of_edges * self.variance()) / (1.0 - of_edges)
+    }
+
+    /// The squared mean of all channels, weighted by luminance, times the number of samples.
+    fn mean_squares(&self) -> f64 {
         let mean = self.mean();
-        let mean_squares: f64 = (0..3).map(|c| LUMINANCE[c] * mean[c] * self.sum[c]).sum();
-        ((self.squares - mean_squares) / f64::from(self.count - 1)).max(0.0)
+        (0..3).map(|c| LUMINANCE[c] * mean[c] * self.sum[c]).sum()
     }
 }
 
@@ -87,6 +124,11 @@ pub(super) fn estimate(samples: &[f64]) -> Estimate {
     for &gray in samples {
         estimate.add([gray; 3]);
     }
+    for (run, length) in RUNS.iter().enumerate() {
+        for run_of in samples.chunks_exact(*length as usize) {
+            estimate.note_run(run, [run_of.iter().sum(); 3]);
+        }
+    }
     estimate
 }
 
@@ -101,9 +143,28 @@ mod tests {
         assert_eq!(four.mean(), [3.0; 3]);
         assert!((four.variance() - 14.0 / 3.0).abs() < 1e-14);
         assert_eq!(estimate(&[5.0]).variance(), 0.0);
-        let mut merged = estimate(&[1.0, 2.0]);
-        merged.merge(&estimate(&[3.0, 6.0]));
-        assert_eq!(merged, four);
+        let mut merged = four;
+        merged.merge(&estimate(&[5.0, 0.0, 2.0, 1.0]));
+        let eight = estimate(&[1.0, 2.0, 3.0, 6.0, 5.0, 0.0, 2.0, 1.0]);
+        assert_eq!((merged.sum, merged.count), (eight.sum, eight.count));
+        assert!((merged.variance() - eight.variance()).abs() < 1e-14);
+        assert!((merged.noise_variance() - eight.noise_variance()).abs() < 1e-13);
+    }
+
+    #[test]
+    fn means_of_runs_tell_noise_from_edges() {
+        // Runs of four that differ: of 8 / 7 for the samples, means have 2, which is 8 for four of them. Half of 8 / 7 would
+        // be left of edges: (8 - 4 / 7) / (1 - 1 / 2).
+        let apart = estimate(&[0.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0]);
+        assert!((apart.noise_variance() - 104.0 / 7.0).abs() < 1e-13);
+        // And runs that agree.
+        let alike = estimate(&[0.0, 2.0, 0.0, 2.0, 0.0, 2.0, 0.0, 2.0]);
+        assert!((alike.noise_variance() + 8.0 / 7.0).abs() < 1e-14);
+        // Runs of sixteen have the word as soon as there are two: of edges a quarter would be left.
+        let longer = estimate(&[[0.0; 16], [2.0; 16]].concat());
+        let variance = 32.0 / 31.0;
+        assert!((longer.noise_variance() - (32.0 - 0.25 * variance) / 0.75).abs() < 1e-12);
+        assert_eq!(estimate(&[0.0, 2.0, 1.0, 5.0]).noise_variance(), 0.0);
     }
 
     #[test]

@@ -3,14 +3,15 @@
 //! Textures are blurred over what a sample stands for, so rays must be as wide as for the number of samples before the first
 //! is taken. Narrower rays leave gaps between samples, wider ones blur beyond the pixel, and rounds that each have a width
 //! of their own do both. Adaptive sampling is to give what so many even samples give, for less; so its rays are as wide as
-//! theirs. One pixel of every block of 8 x 8 has its first round before all others. By its error, σ / n^¾, it tells in which
-//! round the target will be reached, and all of them together how many even samples have the same error. Rays as wide as
-//! for those may see more detail, so these pixels have their first round again until the number settles.
+//! theirs. One pixel of every block of 8 x 8 has its first round before all others. By its error it tells in which round the
+//! target will be reached, and all of them together how many even samples have the same error; how much of it is noise they
+//! tell together as well. Rays as wide as for those may see more detail, so these pixels have their first round again until
+//! the number settles.
 
 use super::adaptive::{Adaptive, ROUND};
 use super::estimate::Estimate;
 use super::forecast::Forecast;
-use super::look::Look;
+use super::look::{Kinds, Look};
 
 /// Pixels of a block each way.
 const BLOCK: usize = 8;
@@ -36,26 +37,29 @@ pub(super) fn has_settled(before: u32, now: u32) -> bool {
 /// How many even samples, up to `spp`, have the error that pixels with these first rounds will have at the target.
 pub(super) fn even_count(first_rounds: &[Estimate], target: Adaptive, spp: u32) -> u32 {
     let mut forecast = Forecast::default();
+    let mut kinds = Kinds::default();
+    first_rounds.iter().for_each(|estimate| kinds.add(estimate));
+    let noise = kinds.noise();
     for estimate in first_rounds {
-        let error = Look::of(estimate, target.gain).error;
-        if error.is_finite() {
-            forecast.add(
-                error * error,
-                estimate.count,
-                reached(estimate.count, error / target.error, spp),
-            );
+        let look = Look::of(estimate, noise, target.gain);
+        if look.error.is_finite() {
+            let square = look.error * look.error;
+            let next = reached(&look, square / (target.error * target.error), spp);
+            forecast.add(square, look.noise, estimate.count, next);
         }
     }
     forecast.even_count(spp).clamp(ROUND, spp)
 }
 
-/// The samples of a pixel, doubled from `count` on until an error that is so many times the target is reached.
-fn reached(count: u32, error: f64, spp: u32) -> u32 {
-    let (mut count, mut error) = (count, error);
-    while error > 1.0 && count < spp {
+/// The samples of a pixel, doubled until a squared error that is now so many times the target's is reached.
+fn reached(look: &Look, square: f64, spp: u32) -> u32 {
+    let mut count = look.count;
+    let (mut noise, mut edges) = (look.noise * square, (1.0 - look.noise) * square);
+    while noise + edges > 1.0 && count < spp {
         count = count.saturating_mul(2).min(spp);
-        // 2^-¾.
-        error *= 0.594_603_557_501_360_5;
+        noise *= 0.5;
+        // 2^-1.5.
+        edges *= 0.353_553_390_593_273_8;
     }
     count
 }
@@ -91,7 +95,7 @@ mod tests {
         let half: Vec<f64> = (0..16).map(|sample| f64::from(sample % 2)).collect();
         let estimate = estimate(&half);
         let target = Adaptive {
-            error: Look::of(&estimate, 1.0).error / error,
+            error: Look::of(&estimate, 0.0, 1.0).error / error,
             gain: 1.0,
         };
         (estimate, target)
@@ -101,11 +105,15 @@ mod tests {
     fn rounds_double_until_the_target_is_reached() {
         // Eight times less takes 16 times as many, by σ / n^¾.
         for (error, count) in [(0.5, 16), (1.5, 32), (7.9, 256), (8.1, 512)] {
-            assert_eq!(reached(16, error, 4096), count, "{error}");
+            assert_eq!(
+                reached(&Look::of(&half(1.0).0, 0.0, 1.0), error * error, 4096),
+                count,
+                "{error}"
+            );
             let (half, target) = half(error);
             assert_eq!(even_count(&[half; 5], target, 4096), count, "{error}");
         }
-        assert_eq!(reached(16, 1e9, 100), 100);
+        assert_eq!(reached(&Look::of(&half(1.0).0, 0.0, 1.0), 1e18, 100), 100);
     }
 
     #[test]
@@ -122,8 +130,8 @@ mod tests {
             .for_each(|(i, value)| *value = 0.5 + (i % 2) as f64 * 1e-9);
         assert_eq!(even_count(&[estimate(&calm)], TARGET, 4096), 16);
         let mut forecast = Forecast::default();
-        forecast.add(62.41, 16, 256);
-        forecast.add(1.0, 16, 16);
+        forecast.add(62.41, 0.0, 16, 256);
+        forecast.add(1.0, 0.0, 16, 16);
         assert_eq!(forecast.even_count(4096), 162);
         assert_eq!(forecast.even_count(100), 100);
     }

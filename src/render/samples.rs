@@ -5,7 +5,7 @@
 //! reconstruction filter. Samples are weighed in the order of their numbers.
 
 use super::RenderSettings;
-use super::estimate::Estimate;
+use super::estimate::{Estimate, RUNS};
 use super::film::TILE;
 use super::filter::{PixelFilter, Splat};
 use super::wave::WAVE;
@@ -149,12 +149,25 @@ impl SampleFilm {
 
     /// Weighs the wave's samples, to which nothing will be added any more.
     pub(super) fn weigh(&mut self) {
-        for (place, radiance) in self.places.iter().zip(&mut self.radiance) {
-            let radiance = std::mem::take(radiance);
-            if place.exists {
-                self.estimates[place.pixel as usize].add(radiance);
-                if let Some(splat) = &mut self.splat {
-                    splat.add(place.pixel, place.position, radiance);
+        for (packet, radiances) in self.places.chunks(LANES).zip(self.radiance.chunks_mut(LANES)) {
+            for (run, length) in RUNS.iter().enumerate() {
+                let length = *length as usize;
+                for (places, radiances) in packet.chunks(length).zip(radiances.chunks(length)) {
+                    // A packet holds sixteen samples in a row of a pixel, four of each of four, or one of each of sixteen.
+                    let pixel = places[0].pixel;
+                    if places.iter().all(|place| place.exists && place.pixel == pixel) {
+                        let sum = |channel: usize| radiances.iter().map(|radiance| radiance[channel]).sum();
+                        self.estimates[pixel as usize].note_run(run, [sum(0), sum(1), sum(2)]);
+                    }
+                }
+            }
+            for (place, radiance) in packet.iter().zip(radiances) {
+                let radiance = std::mem::take(radiance);
+                if place.exists {
+                    self.estimates[place.pixel as usize].add(radiance);
+                    if let Some(splat) = &mut self.splat {
+                        splat.add(place.pixel, place.position, radiance);
+                    }
                 }
             }
         }
@@ -174,6 +187,7 @@ impl SampleFilm {
 
 #[cfg(test)]
 mod tests {
+    use super::super::estimate::estimate;
     use super::*;
 
     #[test]
@@ -196,5 +210,36 @@ mod tests {
         assert_eq!(film.estimates()[8].count, 0);
         film.weigh();
         assert_eq!(film.estimates()[7].count, 15);
+    }
+
+    #[test]
+    fn runs_of_a_pixels_samples_are_noted_and_those_with_gaps_are_not() {
+        let mut film = SampleFilm::new(PixelFilter::default());
+        let values: Vec<f32> = (0..2 * LANES)
+            .map(|sample| (sample * sample % 13) as f32)
+            .collect();
+        for packet in 0..2 {
+            let mut labels = [7; LANES];
+            film.expect(&mut labels, &[[0.5; LANES]; 2], &[-1; LANES]);
+            let values = std::array::from_fn(|l| values[packet * LANES + l]);
+            film.add(&labels, &[values; 3]);
+        }
+        film.weigh();
+        let gray: Vec<f64> = values.iter().map(|&value| f64::from(value)).collect();
+        let expected = estimate(&gray);
+        assert!((film.estimates()[7].noise_variance() - expected.noise_variance()).abs() < 1e-12);
+        // Four pixels of four samples each, one of which does not exist: it has no run, the others one each.
+        film.clear();
+        let mut labels: Lanes<u32> = std::array::from_fn(|l| l as u32 / 4);
+        let mut active = [-1; LANES];
+        active[6] = 0;
+        film.expect(&mut labels, &[[0.5; LANES]; 2], &active);
+        film.add(&labels, &[[1.0; LANES]; 3]);
+        film.weigh();
+        let four = estimate(&[1.0; 4]);
+        let mut three = estimate(&[1.0; 3]);
+        three.sum = [3.0; 3];
+        assert_eq!(film.estimates()[0], four);
+        assert_eq!(film.estimates()[1], three);
     }
 }

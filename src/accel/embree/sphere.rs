@@ -11,8 +11,8 @@ use crate::shape::Sphere;
 
 /// One sphere in world space against the asked lanes of a packet; says which were hit.
 pub(super) struct SphereLanes<'a, const W: usize> {
-    pub(super) sphere: Sphere,
-    pub(super) index: u32,
+    pub(super) sphere: &'a Sphere,
+    pub(super) instance: &'a u32,
     pub(super) packet: Foreign,
     pub(super) asked: &'a [i32; W],
     pub(super) question: Question,
@@ -85,10 +85,11 @@ impl<const W: usize> SphereLanes<'_, W> {
     /// Writes the hits, but those of lanes whose equally near hit has a lower number.
     #[inline(always)]
     fn take(&self, t_far: &[f32; W], t: &[f32; W], hit: &mut [i32; W]) {
+        let instance = *self.instance;
         let held: [u32; W] = self.packet.load(row::INSTANCE);
         for lane in 0..W {
             // A lane without a hit holds the highest number.
-            let is_first = (t[lane] < t_far[lane]) | (self.index < held[lane]);
+            let is_first = (t[lane] < t_far[lane]) | (instance < held[lane]);
             hit[lane] = if is_first & (hit[lane] != 0) { ACTIVE } else { 0 };
         }
         let mut ends = [0; W];
@@ -99,7 +100,7 @@ impl<const W: usize> SphereLanes<'_, W> {
         self.set(row::U, 0, hit);
         self.set(row::V, 0, hit);
         self.set(row::PRIMITIVE, 0, hit);
-        self.set(row::INSTANCE, self.index, hit);
+        self.set(row::INSTANCE, instance, hit);
         self.set(row::LEVEL, NO_HIT, hit);
     }
 

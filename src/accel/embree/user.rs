@@ -16,24 +16,31 @@ use super::native;
 use super::scene::{EmbreeScene, SceneRef, placed_mesh};
 use super::sphere::SphereLanes;
 use super::trace::{hit_of, new_query, number_of_instance};
-use crate::accel::shapes::{shape_hit, world_sphere};
+use crate::accel::shapes::{shape_hit, sphere_at, sphere_hit, world_sphere};
 use crate::accel::{ACTIVE, Hit, Instancing, NO_HIT, RayOrder};
 use crate::mesh::lanes::{dispatch, lanes};
 use crate::numeric::{Bounds, Motion, object_ray};
 use crate::scene::{Geometry, Instance, Scene};
-use crate::shape::Shape;
+use crate::shape::{Shape, Sphere};
 
 /// Everything that Embree asks our callbacks about.
 pub(super) struct UserGeometry<'s> {
     scene: &'s Scene,
     /// The instance that each primitive is.
     instances: Vec<u32>,
+    /// The first primitives, as many as are spheres in the world. Most of a callback's time goes by waiting for memory,
+    /// and this is all it waits for.
+    spheres: Vec<WorldSphere>,
     /// By geometry; absent where it is no placed mesh.
     parts: Arc<[Option<Box<Part<'s>>>]>,
     /// Equal steps of time between the boxes that Embree is told; 0 where nothing moves.
     step_count: u32,
     panic_count: AtomicU64,
 }
+
+/// A sphere in the world, in one line of the cache.
+#[repr(align(32))]
+struct WorldSphere(Sphere);
 
 /// A placed mesh in its own space.
 struct Part<'s> {
@@ -59,7 +66,17 @@ impl<'s> UserGeometry<'s> {
         let instances = (0u32..)
             .zip(&scene.instances)
             .filter(|(_, instance)| is_user(scene, instance, instancing));
-        let (moving, still): (Vec<_>, Vec<_>) = instances.partition(|(_, instance)| instance.is_moving());
+        let (moving, others): (Vec<_>, Vec<_>) = instances.partition(|(_, instance)| instance.is_moving());
+        let sphere_of = |instance: &Instance| match &scene.geometries[instance.geometry as usize] {
+            Geometry::Shape(shape) => world_sphere(&instance.pose(0.0), shape),
+            Geometry::Mesh(_) => None,
+        };
+        let (mut still, others): (Vec<_>, Vec<_>) = others
+            .into_iter()
+            .partition(|(_, instance)| sphere_of(instance).is_some());
+        let spheres = still.iter().filter_map(|(_, instance)| sphere_of(instance));
+        let spheres = spheres.map(WorldSphere).collect();
+        still.extend(others);
         let motions = moving.iter().filter_map(|(_, instance)| instance.motion());
         let step_count = motions.map(Motion::step_count).max().unwrap_or(0);
         let parts = parts.into_iter().zip(&scene.geometries).map(|(part, geometry)| {
@@ -72,12 +89,15 @@ impl<'s> UserGeometry<'s> {
             part.map(with_bounds)
         });
         let parts: Arc<[_]> = parts.collect();
-        [(still, 0), (moving, step_count)].map(|(instances, step_count)| UserGeometry {
-            scene,
-            instances: instances.into_iter().map(|(index, _)| index).collect(),
-            parts: parts.clone(),
-            step_count,
-            panic_count: AtomicU64::new(0),
+        [(still, spheres, 0), (moving, Vec::new(), step_count)].map(|(instances, spheres, step_count)| {
+            UserGeometry {
+                scene,
+                instances: instances.into_iter().map(|(index, _)| index).collect(),
+                spheres,
+                parts: parts.clone(),
+                step_count,
+                panic_count: AtomicU64::new(0),
+            }
         })
     }
 
@@ -127,7 +147,7 @@ impl<'s> UserGeometry<'s> {
 
     /// Bytes that it takes itself.
     pub(super) fn own_byte_count(&self) -> u64 {
-        size_of_val(&*self.instances) as u64
+        (size_of_val(&*self.instances) + size_of_val(&*self.spheres)) as u64
     }
 
     /// Callbacks that have panicked.
@@ -297,7 +317,10 @@ impl Call {
         let packet = unsafe { Foreign::new(self.rays, self.count, first) };
         let mut hit = [0; W];
         let done = user.guarded(|| {
-            if let Some(primitive) = user.instance(self.primitive) {
+            if let Some(WorldSphere(sphere)) = user.spheres.get(self.primitive) {
+                let index = &user.instances[self.primitive];
+                hit = answer_sphere::<W>(index, sphere, packet, &asked, question);
+            } else if let Some(primitive) = user.instance(self.primitive) {
                 hit = match &user.scene.geometries[primitive.1.geometry as usize] {
                     Geometry::Shape(shape) => answer_shape::<W>(primitive, shape, packet, &asked, question),
                     Geometry::Mesh(_) => match user.part(primitive.1.geometry) {
@@ -316,6 +339,40 @@ impl Call {
     }
 }
 
+/// Tests one sphere as [`answer_shape`] does, but reads which `instance` it is only where it is met.
+#[inline(always)]
+fn answer_sphere<const W: usize>(
+    instance: &u32,
+    sphere: &Sphere,
+    packet: Foreign,
+    asked: &[i32; W],
+    question: Question,
+) -> [i32; W] {
+    if W > 1 {
+        return dispatch(SphereLanes {
+            sphere,
+            instance,
+            packet,
+            asked,
+            question,
+        });
+    }
+    let (origin, direction) = (
+        packet.vectors::<W>(row::ORIGIN),
+        packet.vectors::<W>(row::DIRECTION),
+    );
+    let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
+    let mut hit = [0; W];
+    for lane in (0..W).filter(|&lane| asked[lane] != 0) {
+        let ray = ray_of(&origin, &direction, (t_near[lane], t_far[lane], 0.0), lane);
+        if let Some(t) = sphere_hit(sphere, &ray) {
+            let found = sphere_at(*instance, t);
+            hit[lane] = answer(packet, lane, t_far[lane], &found, question);
+        }
+    }
+    hit
+}
+
 /// Tests one shape in f64, on the exact extension of the f32 rays.
 #[inline(always)]
 fn answer_shape<const W: usize>(
@@ -325,18 +382,6 @@ fn answer_shape<const W: usize>(
     asked: &[i32; W],
     question: Question,
 ) -> [i32; W] {
-    if W > 1
-        && !instance.is_moving()
-        && let Some(sphere) = world_sphere(&instance.pose(0.0), shape)
-    {
-        return dispatch(SphereLanes {
-            sphere,
-            index,
-            packet,
-            asked,
-            question,
-        });
-    }
     let (origin, direction) = (
         packet.vectors::<W>(row::ORIGIN),
         packet.vectors::<W>(row::DIRECTION),
@@ -471,7 +516,6 @@ mod tests {
     use super::*;
     use crate::accel::{Accel, AccelOptions, RayPacket};
     use crate::numeric::Ray;
-    use crate::shape::Sphere;
     use glam::Vec3;
 
     thread_local! {

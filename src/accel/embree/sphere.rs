@@ -1,18 +1,21 @@
-//! Spheres in callbacks: all lanes of a packet at once, for the instruction set at hand.
+//! Spheres in callbacks: all lanes of a packet at once against one sphere after the other, or one ray against all spheres of
+//! a cluster at once, for the instruction set at hand.
 //!
 //! Only for spheres that are spheres in the world; ellipsoids carry each ray into object space and go lane by lane, as
 //! all other shapes. To the bits of [`crate::accel::shapes::shape_hit`].
 
+use super::cluster::{MEMBERS, SphereCluster};
 use super::lanes::{Foreign, row};
 use super::user::Question;
 use crate::accel::{ACTIVE, NO_HIT};
 use crate::mesh::lanes::{Isa, Work};
+use crate::numeric::Ray;
 use crate::shape::Sphere;
 
-/// One sphere in world space against the asked lanes of a packet; says which were hit.
+/// Spheres in world space against the asked lanes of a packet; says which were hit.
 pub(super) struct SphereLanes<'a, const W: usize> {
-    pub(super) sphere: &'a Sphere,
-    pub(super) instance: &'a u32,
+    pub(super) cluster: &'a SphereCluster,
+    pub(super) instances: &'a [u32; MEMBERS],
     pub(super) packet: Foreign,
     pub(super) asked: &'a [i32; W],
     pub(super) question: Question,
@@ -44,10 +47,26 @@ impl<const W: usize> Work for SphereLanes<'_, W> {
         let packet = self.packet;
         let (origin, direction) = (load(packet, row::ORIGIN), load(packet, row::DIRECTION));
         let t_near = widened(&packet.floats(row::T_NEAR));
-        let t_far: [f32; W] = packet.floats(row::T_FAR);
-        let exact = self
-            .sphere
-            .nearest_lanes(&origin, &direction, &t_near, &[f64::INFINITY; W]);
+        let mut hit = [0i32; W];
+        for (member, &instance) in self.instances.iter().enumerate() {
+            let Some(sphere) = self.cluster.sphere(member) else {
+                break;
+            };
+            let exact = sphere.nearest_lanes(&origin, &direction, &t_near, &[f64::INFINITY; W]);
+            let met = self.meet(instance, &exact);
+            for lane in 0..W {
+                hit[lane] |= met[lane];
+            }
+        }
+        hit
+    }
+}
+
+impl<const W: usize> SphereLanes<'_, W> {
+    /// Writes what meets one sphere at the parameters `exact`; says which lanes do.
+    #[inline(always)]
+    fn meet(&self, instance: u32, exact: &[f64; W]) -> [i32; W] {
+        let t_far: [f32; W] = self.packet.floats(row::T_FAR);
         let (mut t, mut hit) = ([0.0f32; W], [0i32; W]);
         let mut any = 0;
         for lane in 0..W {
@@ -60,14 +79,12 @@ impl<const W: usize> Work for SphereLanes<'_, W> {
         if any != 0 {
             match self.question {
                 Question::Any => self.block(&t_far, &hit),
-                Question::Nearest => self.take(&t_far, &t, &mut hit),
+                Question::Nearest => self.take(instance, &t_far, &t, &mut hit),
             }
         }
         hit
     }
-}
 
-impl<const W: usize> SphereLanes<'_, W> {
     #[inline(always)]
     fn block(&self, t_far: &[f32; W], hit: &[i32; W]) {
         let mut ends = [0; W];
@@ -84,8 +101,7 @@ impl<const W: usize> SphereLanes<'_, W> {
 
     /// Writes the hits, but those of lanes whose equally near hit has a lower number.
     #[inline(always)]
-    fn take(&self, t_far: &[f32; W], t: &[f32; W], hit: &mut [i32; W]) {
-        let instance = *self.instance;
+    fn take(&self, instance: u32, t_far: &[f32; W], t: &[f32; W], hit: &mut [i32; W]) {
         let held: [u32; W] = self.packet.load(row::INSTANCE);
         for lane in 0..W {
             // A lane without a hit holds the highest number.
@@ -111,5 +127,45 @@ impl<const W: usize> SphereLanes<'_, W> {
             bits[lane] = if hit[lane] != 0 { value } else { bits[lane] };
         }
         self.packet.store(row, bits);
+    }
+}
+
+/// One ray against the spheres of a cluster: which it meets first within its interval, and where; of equals the one that is the
+/// instance with the lower number.
+pub(super) struct ClusterRay<'a> {
+    pub(super) cluster: &'a SphereCluster,
+    pub(super) instances: &'a [u32; MEMBERS],
+    pub(super) ray: &'a Ray,
+}
+
+impl Work for ClusterRay<'_> {
+    /// The instance and the parameter.
+    type Output = Option<(u32, f32)>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self, _isa: I) -> Option<(u32, f32)> {
+        let (origin, direction) = (self.ray.origin.as_dvec3(), self.ray.direction.as_dvec3());
+        let exact = Sphere::nearest_of(
+            &self.cluster.center,
+            &self.cluster.radius,
+            (origin, direction),
+            f64::from(self.ray.t_near),
+        );
+        let (mut t, mut any) = ([0.0f32; MEMBERS], false);
+        for member in 0..MEMBERS {
+            t[member] = exact[member] as f32;
+            any |= (t[member] <= self.ray.t_far) & (t[member] < f32::INFINITY);
+        }
+        if !any {
+            return None;
+        }
+        let mut first: Option<(u32, f32)> = None;
+        for (&t, &instance) in t.iter().zip(self.instances) {
+            let is_met = t <= self.ray.t_far && t < f32::INFINITY;
+            if is_met && first.is_none_or(|held| t < held.1 || (t == held.1 && instance < held.0)) {
+                first = Some((instance, t));
+            }
+        }
+        first
     }
 }

@@ -11,12 +11,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use embree_sys as sys;
 use glam::{DAffine3, DVec3};
 
+use super::cluster::{Clusters, MEMBERS, SphereCluster};
 use super::lanes::{Foreign, Lanes, ray_of, row};
 use super::native;
 use super::scene::{EmbreeScene, SceneRef, placed_mesh};
-use super::sphere::SphereLanes;
+use super::sphere::{ClusterRay, SphereLanes};
 use super::trace::{hit_of, new_query, number_of_instance};
-use crate::accel::shapes::{shape_hit, sphere_at, sphere_hit, world_sphere};
+use crate::accel::shapes::{shape_hit, sphere_at, world_sphere};
 use crate::accel::{ACTIVE, Hit, Instancing, NO_HIT, RayOrder};
 use crate::mesh::lanes::{dispatch, lanes};
 use crate::numeric::{Bounds, Motion, object_ray};
@@ -26,11 +27,10 @@ use crate::shape::{Shape, Sphere};
 /// Everything that Embree asks our callbacks about.
 pub(super) struct UserGeometry<'s> {
     scene: &'s Scene,
-    /// The instance that each primitive is.
+    /// The first primitives: spheres that are asked about together.
+    clusters: Clusters,
+    /// The instance that each primitive after them is.
     instances: Vec<u32>,
-    /// The first primitives, as many as are spheres in the world. Most of a callback's time goes by waiting for memory,
-    /// and this is all it waits for.
-    spheres: Vec<WorldSphere>,
     /// By geometry; absent where it is no placed mesh.
     parts: Arc<[Option<Box<Part<'s>>>]>,
     /// Equal steps of time between the boxes that Embree is told; 0 where nothing moves.
@@ -38,14 +38,26 @@ pub(super) struct UserGeometry<'s> {
     panic_count: AtomicU64,
 }
 
-/// A sphere in the world, in one line of the cache.
-#[repr(align(32))]
-struct WorldSphere(Sphere);
-
 /// A placed mesh in its own space.
 struct Part<'s> {
     scene: EmbreeScene<'s>,
     bounds: Bounds,
+}
+
+/// Spheres of the world, each with the number of its instance, and the numbers of all other `instances`.
+fn apart(scene: &Scene, instances: &[(u32, &Instance)]) -> (Vec<(u32, Sphere)>, Vec<u32>) {
+    let (mut spheres, mut others) = (Vec::new(), Vec::new());
+    for &(index, instance) in instances {
+        let sphere = match &scene.geometries[instance.geometry as usize] {
+            Geometry::Shape(shape) => world_sphere(&instance.pose(0.0), shape),
+            Geometry::Mesh(_) => None,
+        };
+        match sphere {
+            Some(sphere) => spheres.push((index, sphere)),
+            None => others.push(index),
+        }
+    }
+    (spheres, others)
 }
 
 /// Whether an instance is a primitive of the user geometry.
@@ -67,16 +79,9 @@ impl<'s> UserGeometry<'s> {
             .zip(&scene.instances)
             .filter(|(_, instance)| is_user(scene, instance, instancing));
         let (moving, others): (Vec<_>, Vec<_>) = instances.partition(|(_, instance)| instance.is_moving());
-        let sphere_of = |instance: &Instance| match &scene.geometries[instance.geometry as usize] {
-            Geometry::Shape(shape) => world_sphere(&instance.pose(0.0), shape),
-            Geometry::Mesh(_) => None,
-        };
-        let (mut still, others): (Vec<_>, Vec<_>) = others
-            .into_iter()
-            .partition(|(_, instance)| sphere_of(instance).is_some());
-        let spheres = still.iter().filter_map(|(_, instance)| sphere_of(instance));
-        let spheres = spheres.map(WorldSphere).collect();
-        still.extend(others);
+        let (spheres, mut still) = apart(scene, &others);
+        let (clusters, alone) = Clusters::of(&spheres);
+        still.extend(alone);
         let motions = moving.iter().filter_map(|(_, instance)| instance.motion());
         let step_count = motions.map(Motion::step_count).max().unwrap_or(0);
         let parts = parts.into_iter().zip(&scene.geometries).map(|(part, geometry)| {
@@ -89,16 +94,17 @@ impl<'s> UserGeometry<'s> {
             part.map(with_bounds)
         });
         let parts: Arc<[_]> = parts.collect();
-        [(still, spheres, 0), (moving, Vec::new(), step_count)].map(|(instances, spheres, step_count)| {
-            UserGeometry {
+        let moving = moving.iter().map(|(index, _)| *index).collect();
+        [(clusters, still, 0), (Clusters::default(), moving, step_count)].map(
+            |(clusters, instances, step_count)| UserGeometry {
                 scene,
-                instances: instances.into_iter().map(|(index, _)| index).collect(),
-                spheres,
+                clusters,
+                instances,
                 parts: parts.clone(),
                 step_count,
                 panic_count: AtomicU64::new(0),
-            }
-        })
+            },
+        )
     }
 
     /// Equal steps of time between the boxes of a primitive; 0 where nothing moves.
@@ -107,14 +113,19 @@ impl<'s> UserGeometry<'s> {
     }
 
     /// Shapes and placed meshes.
-    pub(super) fn primitive_count(&self) -> usize {
-        self.instances.len()
+    pub(super) fn object_count(&self) -> usize {
+        self.clusters.sphere_count() + self.instances.len()
     }
 
-    /// The instance that a primitive is, with its number.
+    /// What Embree keeps boxes of.
+    pub(super) fn primitive_count(&self) -> usize {
+        self.clusters.len() + self.instances.len()
+    }
+
+    /// The instance that a primitive is, with its number; none where it is a cluster.
     #[inline(always)]
     fn instance(&self, primitive: usize) -> Option<(u32, &'s Instance)> {
-        let index = *self.instances.get(primitive)?;
+        let index = *self.instances.get(primitive.checked_sub(self.clusters.len())?)?;
         Some((index, self.scene.instances.get(index as usize)?))
     }
 
@@ -123,6 +134,10 @@ impl<'s> UserGeometry<'s> {
     /// Embree interpolates boxes in f32, by a part of a step that is off by 2^-24 of all steps, over which a box moves by
     /// twice the largest coordinate at most.
     fn bounds(&self, primitive: usize, step: u32) -> Option<([f32; 3], [f32; 3])> {
+        if let Some((cluster, _)) = self.clusters.get(primitive) {
+            let world = cluster.bounds();
+            return Some(padded(&world, PLACEMENT_PADDING * world.magnitude()));
+        }
         let (_, instance) = self.instance(primitive)?;
         let geometry = &self.scene.geometries[instance.geometry as usize];
         let object = match (&self.parts[instance.geometry as usize], geometry) {
@@ -147,7 +162,7 @@ impl<'s> UserGeometry<'s> {
 
     /// Bytes that it takes itself.
     pub(super) fn own_byte_count(&self) -> u64 {
-        (size_of_val(&*self.instances) + size_of_val(&*self.spheres)) as u64
+        size_of_val(&*self.instances) as u64 + self.clusters.byte_count()
     }
 
     /// Callbacks that have panicked.
@@ -317,9 +332,8 @@ impl Call {
         let packet = unsafe { Foreign::new(self.rays, self.count, first) };
         let mut hit = [0; W];
         let done = user.guarded(|| {
-            if let Some(WorldSphere(sphere)) = user.spheres.get(self.primitive) {
-                let index = &user.instances[self.primitive];
-                hit = answer_sphere::<W>(index, sphere, packet, &asked, question);
+            if let Some(cluster) = user.clusters.get(self.primitive) {
+                hit = answer_spheres::<W>(cluster, packet, &asked, question);
             } else if let Some(primitive) = user.instance(self.primitive) {
                 hit = match &user.scene.geometries[primitive.1.geometry as usize] {
                     Geometry::Shape(shape) => answer_shape::<W>(primitive, shape, packet, &asked, question),
@@ -339,19 +353,18 @@ impl Call {
     }
 }
 
-/// Tests one sphere as [`answer_shape`] does, but reads which `instance` it is only where it is met.
+/// Tests the spheres of a cluster in f64, on the exact extension of the f32 rays.
 #[inline(always)]
-fn answer_sphere<const W: usize>(
-    instance: &u32,
-    sphere: &Sphere,
+fn answer_spheres<const W: usize>(
+    (cluster, instances): (&SphereCluster, &[u32; MEMBERS]),
     packet: Foreign,
     asked: &[i32; W],
     question: Question,
 ) -> [i32; W] {
     if W > 1 {
         return dispatch(SphereLanes {
-            sphere,
-            instance,
+            cluster,
+            instances,
             packet,
             asked,
             question,
@@ -364,10 +377,14 @@ fn answer_sphere<const W: usize>(
     let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
     let mut hit = [0; W];
     for lane in (0..W).filter(|&lane| asked[lane] != 0) {
-        let ray = ray_of(&origin, &direction, (t_near[lane], t_far[lane], 0.0), lane);
-        if let Some(t) = sphere_hit(sphere, &ray) {
-            let found = sphere_at(*instance, t);
-            hit[lane] = answer(packet, lane, t_far[lane], &found, question);
+        let ray = &ray_of(&origin, &direction, (t_near[lane], t_far[lane], 0.0), lane);
+        let work = ClusterRay {
+            cluster,
+            instances,
+            ray,
+        };
+        if let Some((instance, t)) = dispatch(work) {
+            hit[lane] = answer(packet, lane, t_far[lane], &sphere_at(instance, t), question);
         }
     }
     hit
@@ -382,6 +399,17 @@ fn answer_shape<const W: usize>(
     asked: &[i32; W],
     question: Question,
 ) -> [i32; W] {
+    if W > 1
+        && !instance.is_moving()
+        && let Some(sphere) = world_sphere(&instance.pose(0.0), shape)
+    {
+        return answer_spheres(
+            (&SphereCluster::of(&[sphere]), &[index; MEMBERS]),
+            packet,
+            asked,
+            question,
+        );
+    }
     let (origin, direction) = (
         packet.vectors::<W>(row::ORIGIN),
         packet.vectors::<W>(row::DIRECTION),

@@ -11,8 +11,8 @@
 //! 3. [`render::render`] sends waves of packets through it, tile by tile, and sums what comes back.
 //! 4. [`image`] writes the picture.
 //!
-//! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`] [`image`] · [`scene`] · [`shading`] ·
-//! [`gltf`] [`accel`] · [`scene_file`] · [`render`] · [`report`] · [`cli`].
+//! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`] [`image`] · [`scene`] ·
+//! [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`render`] · [`report`] · [`cli`].
 //!
 //! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one
 //! function of `gltf/map.rs` that maps a file into memory.

@@ -9,11 +9,11 @@ use std::time::Instant;
 
 use glam::{DAffine3, DQuat, DVec3};
 use rayon::prelude::*;
-use scenes::Random;
+use scenes::{Random, packets};
 use whit::accel::agreement::{Agreement, compare_carried, compare_occlusion_carried};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
-use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Scene};
 use whit::shape::{Implicit, Shape};
@@ -21,17 +21,6 @@ use whit::shape::{Implicit, Shape};
 /// Rays a scene: a square of pixels, their shadows, random rays, rays along the axes.
 const FILM: usize = 240;
 const RANDOM_COUNT: usize = 40_000;
-
-fn packets(rays: &[Ray]) -> Vec<RayPacket> {
-    let packet = |rays: &[Ray]| {
-        let mut packet = RayPacket::EMPTY;
-        rays.iter()
-            .enumerate()
-            .for_each(|(lane, ray)| packet.set(lane, ray));
-        packet
-    };
-    rays.chunks(LANES).map(packet).collect()
-}
 
 /// Packets whose lanes point every way, with some lanes off.
 fn shuffled(rays: &[Ray], seed: u64) -> Vec<Ray> {
@@ -236,8 +225,8 @@ fn all_backends_agree_on_a_million_rays_over_seven_scenes() {
     assert!(ray_count >= 1_000_000, "only {ray_count} rays");
 }
 
-/// Meshes mirrored, turned, stretched and sheared at random, some far more in one direction than in another, near and far
-/// from the origin.
+/// Meshes mirrored, turned, stretched and sheared at random, some far more in one direction than in another, near and
+/// far from the origin.
 fn placed_at_random(seed: u64) -> Scene {
     let mut random = Random(seed);
     let meshes = [

@@ -4,28 +4,17 @@
 mod scenes;
 
 use glam::{DAffine3, DVec3, Vec3};
-use scenes::Random;
+use scenes::{Random, packets};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
 use whit::accel::extents::{
     Ball, ExtentKind, FilmBox, ListAccel, ListLimits, ProjectedAccel, ProjectionExtents, SphereExtent,
     Spheres,
 };
-use whit::accel::{Accel, AccelOptions, Hit, LANES, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Hit, LANES, RayOrder};
 use whit::numeric::Ray;
 use whit::scene::{Camera, CameraView, Geometry, Projection, Scene};
 use whit::shape::{Shape, Sphere};
-
-fn packets(rays: &[Ray]) -> Vec<RayPacket> {
-    let packet = |rays: &[Ray]| {
-        let mut packet = RayPacket::EMPTY;
-        rays.iter()
-            .enumerate()
-            .for_each(|(lane, ray)| packet.set(lane, ray));
-        packet
-    };
-    rays.chunks(LANES).map(packet).collect()
-}
 
 fn nearest(accel: &dyn Accel, rays: &[Ray]) -> Vec<Option<Hit>> {
     let mut packets = packets(rays);

@@ -1,7 +1,7 @@
 //! The forecast of `whit info`: a probe of a few strips sees what the whole picture takes.
 //!
-//! `cargo test --release --test forecast -- --ignored --nocapture` holds the shares of time against a render's ledger, which
-//! needs a quiet machine.
+//! `cargo test --release --test forecast -- --ignored --nocapture` holds the shares of time against a render's ledger,
+//! which needs a quiet machine.
 
 #[path = "common"]
 mod common {

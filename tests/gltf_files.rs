@@ -282,8 +282,8 @@ fn the_texture_transform_test_turns_its_arrow_to_the_green_markers() {
     assert_eq!(transform("Offset U").apply([0.25, 0.25]), [0.75, 0.25]);
     assert_eq!(transform("Offset V").apply([0.25, 0.25]), [0.25, 0.75]);
     assert_eq!(transform("Offset UV").apply([0.25, 0.25]), [0.75, 0.75]);
-    // Markers by their nodes' translations: the unturned arrow's tip is at the yellow one. A square reaches from -0.5 to
-    // 0.5, and v runs downwards.
+    // Markers by their nodes' translations: the unturned arrow's tip is at the yellow one. A square reaches from -0.5
+    // to 0.5, and v runs downwards.
     let coordinates = |[x, y]: [f32; 2]| [x + 0.5, 0.5 - y];
     let tip = coordinates([0.277_817_46, -0.277_817_46]);
     let markers = [

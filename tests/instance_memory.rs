@@ -13,8 +13,8 @@ use whit::shape::{Shape, Sphere};
 
 /// What the renderer holds for an instance, which a test beside it holds it to.
 const RENDERER_BYTES: f64 = 24.0;
-/// What Embree's own instance of a placed mesh takes, and all that is held beside it: Embree 4 keeps about 220 bytes more
-/// of a geometry than Embree 3.
+/// What Embree's own instance of a placed mesh takes, and all that is held beside it: Embree 4 keeps about 220 bytes
+/// more of a geometry than Embree 3.
 const NATIVE_BYTES: f64 = if embree_sys::RTC_VERSION_MAJOR >= 4 {
     900.0
 } else {

@@ -7,14 +7,16 @@ mod common {
     #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
     pub mod lamp_scenes;
+    pub mod pictures;
 }
 
 use std::f64::consts::PI;
 
 use common::lamp_scenes::{
-    ERRORS, SHINE, add, assert_is_near, ball, estimate, lambert, look_at, matte, picture, picture_by,
-    settings, shining, skew, square, under_lamp, under_light, up,
+    ERRORS, SHINE, assert_is_near, ball, lambert, look_at, matte, shining, skew, square, under_lamp,
+    under_light, up,
 };
+use common::pictures::{add, estimate, picture, rendered_by, settings};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3Swizzles};
 use whit::accel::{AccelOptions, Backend, Precision};
 use whit::mesh::Mesh;
@@ -291,7 +293,7 @@ fn a_lamp_never_hides_its_own_points() {
                                 effects,
                                 ..settings(32, 2)
                             };
-                            picture_by(&scene, &view, (backend, &options), &settings)
+                            rendered_by(&scene, &view, (backend, &options), &settings).image
                         });
                         assert!(bright.pixels.iter().any(|p| p[1] > 0.0));
                         assert!(

@@ -1,6 +1,7 @@
 //! The ledger: every ray that a backend is asked for stands under exactly one account, and keeping it changes no bit.
 //!
-//! `cargo test --release --test ledger -- --ignored --nocapture` checks the seconds as well, which needs a quiet machine.
+//! `cargo test --release --test ledger -- --ignored --nocapture` checks the seconds as well, which needs a quiet
+//! machine.
 
 #[path = "common"]
 mod common {

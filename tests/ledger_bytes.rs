@@ -172,7 +172,8 @@ fn the_parts_of_every_structure_add_up_to_its_bytes() {
     }
 }
 
-/// The ledger's bytes at once over those that the allocator counted, from before the scene was loaded to the render's peak.
+/// The ledger's bytes at once over those that the allocator counted, from before the scene was loaded to the render's
+/// peak.
 fn share_of_counted(name: &str, threads: usize, change: fn(RenderSettings) -> RenderSettings) -> f64 {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)

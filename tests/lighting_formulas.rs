@@ -1,8 +1,8 @@
 //! The two lighting models against their formulas, written out in f64 as they stand in their sources: glTF 2.0,
 //! Appendix B, with KHR_materials_specular and KHR_materials_ior; and the lecture's equation.
 //!
-//! The renderer's f32 is held to 1e-6 of each value. Only where a formula magnifies the rounding of its arguments is the
-//! bound wider, by that magnification: light or viewer within a few degrees of the horizon, the peak of a sharp
+//! The renderer's f32 is held to 1e-6 of each value. Only where a formula magnifies the rounding of its arguments is
+//! the bound wider, by that magnification: light or viewer within a few degrees of the horizon, the peak of a sharp
 //! highlight, light from nearly behind the viewer for reflectances that vanish there.
 
 #[path = "common/scenes.rs"]

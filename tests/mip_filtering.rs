@@ -1,9 +1,9 @@
 //! Textures averaged over the width of the ray: one sample a pixel shows what 256 show.
 //!
-//! The board is a checkerboard of black and white squares up to the horizon, seen without light, from one metre above, so
-//! that its squares become smaller than a pixel half-way up to it. The horizon lies between two rows, and the sky is the
-//! board's mean, as this is about textures and not about silhouettes. The board comes in three kinds: a procedure, an
-//! image with mipmaps, and, not filtered, an image of four texels of which the nearest counts.
+//! The board is a checkerboard of black and white squares up to the horizon, seen without light, from one metre above,
+//! so that its squares become smaller than a pixel half-way up to it. The horizon lies between two rows, and the sky is
+//! the board's mean, as this is about textures and not about silhouettes. The board comes in three kinds: a procedure,
+//! an image with mipmaps, and, not filtered, an image of four texels of which the nearest counts.
 //!
 //! What it costs: `cargo test --release --test mip_filtering -- --ignored --nocapture`.
 

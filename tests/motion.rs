@@ -5,12 +5,12 @@ mod scenes;
 
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
-use scenes::Random;
+use scenes::{Random, packets};
 use whit::accel::agreement::{Agreement, compare_carried, compare_occlusion_carried};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
 use whit::accel::extents::{ExtentKind, ListAccel};
-use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder};
 use whit::numeric::{Bounds, Ray};
 use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Shape, Sphere};
@@ -110,17 +110,6 @@ fn rays(scene: &Scene, seed: u64) -> Vec<Ray> {
             }
         })
         .collect()
-}
-
-fn packets(rays: &[Ray]) -> Vec<RayPacket> {
-    let packet = |rays: &[Ray]| {
-        let mut packet = RayPacket::EMPTY;
-        rays.iter()
-            .enumerate()
-            .for_each(|(lane, ray)| packet.set(lane, ray));
-        packet
-    };
-    rays.chunks(LANES).map(packet).collect()
 }
 
 fn answers(accel: &dyn Accel, rays: &[Ray], order: RayOrder) -> Vec<(Option<Hit>, bool)> {

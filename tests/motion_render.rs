@@ -1,12 +1,18 @@
 //! Motion blur in whole renders, against what is known in closed form.
 
-use std::sync::atomic::AtomicBool;
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
+    pub mod pictures;
+}
+
+use common::pictures::{picture, settings};
 use glam::{DAffine3, DVec3};
-use whit::accel::{self, AccelOptions, Backend};
+use whit::accel::Backend;
 use whit::image::LinearImage;
 use whit::optics::{Absorption, Dispersion};
-use whit::render::{Monitor, Plan, RenderSettings, render};
+use whit::render::{Plan, RenderSettings};
 use whit::scene::{
     Camera, Effect, EffectOverrides, Geometry, Instance, Interior, Lecture, Light, LightKind, Material,
     MetallicRoughness, Model, Projection, Scene, Shutter,
@@ -69,25 +75,6 @@ fn camera() -> Camera {
     }
 }
 
-fn settings(size: u32, spp: u32) -> RenderSettings {
-    RenderSettings {
-        width: size,
-        height: size,
-        spp,
-        ..RenderSettings::default()
-    }
-}
-
-fn picture(scene: &Scene, camera: &Camera, backend: Backend, settings: &RenderSettings) -> LinearImage {
-    scene.validate().unwrap();
-    let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-    };
-    render(scene, camera, &*accel, settings, &monitor).unwrap().image
-}
-
 fn plan(scene: &Scene, camera: &Camera) -> Plan {
     Plan::new(scene, camera, &EffectOverrides::default())
 }
@@ -99,8 +86,8 @@ fn columns(image: &LinearImage, rows: std::ops::Range<u32>) -> Vec<f64> {
     (0..image.width).map(mean).collect()
 }
 
-/// The part of the time in which something covers a column of the film from -2 to 2, that is 2 `half` wide and whose middle
-/// goes from `from` to `to`: the mean over the column, by the trapezoid rule.
+/// The part of the time in which something covers a column of the film from -2 to 2, that is 2 `half` wide and whose
+/// middle goes from `from` to `to`: the mean over the column, by the trapezoid rule.
 fn covered(column: u32, of: u32, half: f64, [from, to]: [f64; 2]) -> f64 {
     const POINTS: u32 = 4000;
     let share = |x: f64| {

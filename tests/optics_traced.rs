@@ -114,7 +114,8 @@ fn traced_deviation(n: f64, i: f64, backend: Backend) -> f64 {
         backend,
         depth: 2,
     };
-    // The middle of the left face, whose outward normal is at 150 degrees: light comes from the opposite, turned up by i.
+    // The middle of the left face, whose outward normal is at 150 degrees: light comes from the opposite, turned up by
+    // i.
     let target = place.transform_point3(DVec3::new(-(0.5 * FRAC_PI_3).tan(), 0.0, 0.0));
     let incoming = turn - 0.5 * FRAC_PI_3 + i;
     let exit = bench.exit(Beam::ray(target, at(incoming), 3.0));

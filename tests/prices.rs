@@ -9,8 +9,8 @@ use serde_json::Value;
 use whit::accel::brute::BruteAccel;
 use whit::render::{self, FilterKind, Monitor, PixelFilter, RenderSettings};
 
-/// A glass ball that swallows light over a checkered floor, in the sun: refraction, shadows, textures and what goes with them.
-/// A sphere behind the camera has an emission that no ray meets.
+/// A glass ball that swallows light over a checkered floor, in the sun: refraction, shadows, textures and what goes
+/// with them. A sphere behind the camera has an emission that no ray meets.
 const SCENE: &str = r##"
 background = "#9fc4f0"
 camera = { from = [0, 2, 6], at = [0, 1, 0], fov = 40 }

@@ -3,17 +3,22 @@
 //! Estimates are compared in standard errors, which the pixels' own spread tells: their samples are unrelated. The
 //! quadrature has formulas of its own and goes over microfacets evenly.
 
-use std::f64::consts::{FRAC_PI_2, TAU};
-use std::sync::atomic::AtomicBool;
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
+    pub mod pictures;
+}
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use common::pictures::{self, add, estimate, rendered};
 use glam::{DAffine3, DMat3, DVec3};
-use whit::accel::{self, AccelOptions, Backend};
-use whit::image::LinearImage;
 use whit::optics::{Absorption, Cauchy, Dispersion};
-use whit::render::{Account, Monitor, Plan, RenderSettings, Rendering, render};
+use whit::render::{Account, Plan, RenderSettings};
 use whit::scene::{
-    AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Image, Instance, Interior, Light,
-    LightKind, Material, MetallicRoughness, Model, Projection, Scene, Texels,
+    AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Image, Interior, Light, LightKind,
+    Material, MetallicRoughness, Model, Projection, Scene, Texels,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -60,13 +65,8 @@ fn scene(objects: Vec<(Shape, Material, DAffine3)>) -> Scene {
         background: Background::Uniform([1.0; 3]),
         ..Scene::default()
     };
-    for (index, (shape, material, place)) in objects.into_iter().enumerate() {
-        scene.geometries.push(Geometry::Shape(shape));
-        scene.materials.push(material);
-        let index = index as u32;
-        scene
-            .instances
-            .push(Instance::new("object", index, index, place).unwrap());
+    for (shape, material, place) in objects {
+        add(&mut scene, "object", Geometry::Shape(shape), material, place);
     }
     scene
 }
@@ -97,32 +97,10 @@ fn close_look(wo: DVec3) -> Camera {
 
 fn settings(size: u32, spp: u32) -> RenderSettings {
     RenderSettings {
-        width: size,
-        height: size,
-        spp,
         // So that nothing is lost on purpose.
         weight_cutoff: 0.0,
-        ..RenderSettings::default()
+        ..pictures::settings(size, spp)
     }
-}
-
-fn rendered(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Rendering {
-    scene.validate().unwrap();
-    let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-    };
-    render(scene, camera, &*accel, settings, &monitor).unwrap()
-}
-
-/// Mean of the pixels' green, and its standard error by their spread.
-fn estimate(image: &LinearImage) -> (f64, f64) {
-    let count = image.pixels.len() as f64;
-    let greens = || image.pixels.iter().map(|pixel| f64::from(pixel[1]));
-    let mean = greens().sum::<f64>() / count;
-    let variance = greens().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    (mean, (variance / count).sqrt())
 }
 
 fn assert_is_near(what: &str, scene: &Scene, wo: DVec3, exact: f64) {
@@ -147,7 +125,8 @@ fn visible(alpha: f64, w: DVec3) -> f64 {
 
 /// The mean of `value` over the microfacets that are seen from `wo`, with the density D(m) G1(o) (o·m) / (n·o).
 ///
-/// With tan² = alpha² x / (1 - x) an even grid of x has the same D cos dm everywhere; 1 - x = (1 - y)² thins out the tail.
+/// With tan² = alpha² x / (1 - x) an even grid of x has the same D cos dm everywhere; 1 - x = (1 - y)² thins out the
+/// tail.
 fn over_microfacets(alpha: f64, wo: DVec3, value: impl Fn(DVec3) -> f64) -> f64 {
     let cells = 1000;
     let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);

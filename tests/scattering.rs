@@ -5,6 +5,7 @@ mod common {
     #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
     pub mod meshes;
+    pub mod pictures;
     pub mod scenes;
 }
 
@@ -12,6 +13,7 @@ use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
 use common::meshes::{Shading, ball};
+use common::pictures::{add, rendered, settings};
 use glam::{DAffine3, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::mesh::{Mesh, Slab};
@@ -24,6 +26,8 @@ use whit::scene::{
 };
 use whit::shape::{Shape, Sphere};
 
+/// Samples a pixel.
+const SPP: u32 = 16;
 /// Points half a mean free path apart, in square lattices, sum to this of what they stand for.
 const SAMPLING: f64 = 0.01;
 /// Points spread over large triangles are less even: so much at one place, where most is absorbed.
@@ -61,13 +65,8 @@ fn scene(objects: Vec<(Geometry, Material, DAffine3)>, lights: Vec<Light>) -> Sc
         lights,
         ..Scene::default()
     };
-    for (index, (geometry, material, place)) in objects.into_iter().enumerate() {
-        scene.geometries.push(geometry);
-        scene.materials.push(material);
-        let index = index as u32;
-        scene
-            .instances
-            .push(Instance::new("object", index, index, place).unwrap());
+    for (geometry, material, place) in objects {
+        add(&mut scene, "object", geometry, material, place);
     }
     scene.validate().unwrap();
     scene
@@ -95,23 +94,6 @@ fn from_above(height: f64, edge: f64) -> Camera {
         },
         ..Camera::default()
     }
-}
-
-fn settings(size: u32) -> RenderSettings {
-    RenderSettings {
-        width: size,
-        height: size,
-        ..RenderSettings::default()
-    }
-}
-
-fn rendered(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Rendering {
-    let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-    };
-    render(scene, camera, &*accel, settings, &monitor).unwrap()
 }
 
 fn mean(rendering: &Rendering) -> [f64; 3] {
@@ -157,7 +139,7 @@ fn a_wide_slab_in_the_sun_sends_back_the_closed_form_of_its_diffuse_reflectance(
                 vec![(geometry, body(scattering), place)],
                 vec![sun(DVec3::new(0.6, 0.0, cosine))],
             );
-            let found = rendered(&lit, &from_above(1.0, 2.0), &settings(12));
+            let found = rendered(&lit, &from_above(1.0, 2.0), &settings(12, SPP));
             let arriving = dielectric(cosine, 1.0, scattering.eta).transmittance.mean() * cosine;
             let leaving = dielectric(1.0, 1.0, scattering.eta).transmittance.mean();
             let scale = arriving * leaving / (PI * diffuse_transmittance(scattering.eta));
@@ -205,7 +187,7 @@ fn a_ball_in_even_light_sends_back_what_leaves_within_its_diameter() {
     ball.ambient = [0.5, 0.4, 0.3];
     let mut camera = from_above(1.0, 0.5);
     camera.world_from_camera.translation += DVec3::new(1.0, -2.0, 0.0);
-    let found = rendered(&ball, &camera, &settings(8));
+    let found = rendered(&ball, &camera, &settings(8, SPP));
     assert_eq!(found.ledger.of(Account::Subsurface).rays, 0);
     let leaving = dielectric(1.0, 1.0, scattering.eta).transmittance.mean();
     for pixel in &found.image.pixels {
@@ -283,7 +265,7 @@ fn the_picture_has_the_same_bits_for_one_thread_and_for_seven() {
             .num_threads(threads)
             .build()
             .unwrap();
-        let found = pool.install(|| rendered(&scene, &camera, &settings(40)));
+        let found = pool.install(|| rendered(&scene, &camera, &settings(40, SPP)));
         assert!(found.ledger.of(Account::Subsurface).rays > 1000);
         assert_eq!(found.subsurface.unwrap().bodies, 2);
         let values = found.image.pixels.as_flattened().iter();
@@ -296,7 +278,7 @@ fn the_picture_has_the_same_bits_for_one_thread_and_for_seven() {
 #[test]
 fn every_ray_to_the_points_of_bodies_is_booked_and_none_is_traced_when_they_are_off() {
     let (scene, camera) = studio();
-    let found = rendered(&scene, &camera, &settings(16));
+    let found = rendered(&scene, &camera, &settings(16, SPP));
     let stats = found.subsurface.unwrap();
     // Four lights, two of them asked twice, and the points of the ball that face none of them.
     let rays = found.ledger.of(Account::Subsurface).rays;
@@ -307,7 +289,7 @@ fn every_ray_to_the_points_of_bodies_is_booked_and_none_is_traced_when_they_are_
     assert!(stats.bytes > 24 * stats.samples as u64 && stats.coarseness == 1.0);
     let off = RenderSettings {
         effects: "-subsurface".parse().unwrap(),
-        ..settings(16)
+        ..settings(16, SPP)
     };
     let paint = rendered(&scene, &camera, &off);
     assert_eq!(
@@ -329,7 +311,7 @@ fn what_stands_before_a_light_keeps_it_out_of_a_body() {
             objects.push((Geometry::Shape(Shape::Quad), dull(), lid));
         }
         let lit = scene(objects, vec![sun(DVec3::Z)]);
-        mean(&rendered(&lit, &from_above(1.0, 1.0), &settings(4)))
+        mean(&rendered(&lit, &from_above(1.0, 1.0), &settings(4, SPP)))
     };
     assert!(of(false).iter().all(|value| *value > 0.1));
     assert_eq!(of(true), [0.0; 3]);
@@ -346,7 +328,7 @@ fn a_mirrored_mesh_takes_light_in_on_its_outside() {
             )],
             vec![sun(DVec3::Z)],
         );
-        mean(&rendered(&lit, &from_above(8.0, 2.0), &settings(4)))
+        mean(&rendered(&lit, &from_above(8.0, 2.0), &settings(4, SPP)))
     };
     let (plain, mirrored) = (of(DVec3::splat(4.0)), of(DVec3::new(4.0, -4.0, 4.0)));
     for c in 0..3 {
@@ -363,7 +345,7 @@ fn bodies_that_ask_for_too_many_points_are_coarser_and_say_so() {
     let (geometry, place) = squares(1.0)[0].clone();
     let mut lit = scene(vec![(geometry, fine, place)], Vec::new());
     lit.ambient = [1.0; 3];
-    let found = rendered(&lit, &from_above(1.0, 0.1), &settings(2));
+    let found = rendered(&lit, &from_above(1.0, 0.1), &settings(2, SPP));
     let stats = found.subsurface.unwrap();
     assert!(stats.samples <= 1 << 21 && stats.coarseness > 10.0, "{stats:?}");
     // White as it is, it sends back all but what it reflects.
@@ -384,7 +366,7 @@ fn nobody_waits_for_a_picture_that_was_cancelled() {
         progress: &|_| panic!("nothing is finished"),
         cancel: &AtomicBool::new(true),
     };
-    assert!(render(&scene, &camera, &*accel, &settings(16), &monitor).is_none());
+    assert!(render(&scene, &camera, &*accel, &settings(16, SPP), &monitor).is_none());
 }
 
 const SHEET: Translucency = Translucency {
@@ -414,9 +396,9 @@ fn middle(scene: &Scene) -> [f64; 3] {
     let camera = from_above(1.0, 1e-6);
     let all = RenderSettings {
         effects: EffectOverrides::ALL,
-        ..settings(1)
+        ..settings(1, SPP)
     };
-    let planned = rendered(scene, &camera, &settings(1));
+    let planned = rendered(scene, &camera, &settings(1, SPP));
     assert!(planned.image == rendered(scene, &camera, &all).image);
     mean(&planned)
 }
@@ -474,7 +456,7 @@ fn what_stands_behind_a_leaf_shades_it_and_a_ball_of_leaf_shades_itself() {
     assert_eq!(middle(&ball), [0.0; 3]);
     let bare = RenderSettings {
         effects: "-shadow".parse::<EffectOverrides>().unwrap(),
-        ..settings(1)
+        ..settings(1, SPP)
     };
     assert!(mean(&rendered(&ball, &from_above(1.0, 1e-6), &bare))[0] > 0.0);
 }
@@ -485,7 +467,7 @@ fn leaves_and_bodies_are_in_the_plan_with_the_name_of_their_material() {
     scene.materials[3].translucency = Some(SHEET);
     scene.materials[3].name = "leaf".into();
     scene.materials[0].name = "milk".into();
-    let plan = rendered(&scene, &camera, &settings(1)).plan;
+    let plan = rendered(&scene, &camera, &settings(1, SPP)).plan;
     let reason = |effect: Effect| {
         let decision = plan.decisions.iter().find(|decision| decision.effect == effect);
         decision.unwrap().reason.clone()

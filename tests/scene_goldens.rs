@@ -4,7 +4,8 @@
 //! through: the same everywhere but for what the system's mathematical functions round. Values are halves, zipped.
 //!
 //! A change that is meant to change pictures makes them anew: run
-//! `WHIT_WRITE_GOLDENS=1 cargo test --release --test scene_goldens`, and look at the new files before they are committed.
+//! `WHIT_WRITE_GOLDENS=1 cargo test --release --test scene_goldens`, and look at the new files before they are
+//! committed.
 
 #[path = "common"]
 mod common {
@@ -63,7 +64,8 @@ fn write(image: &LinearImage, path: &Path) {
     Image::from_layer(layer).write().to_file(path).unwrap();
 }
 
-/// How far two pixels are apart: the worst channel's difference, of 1 more than its value; infinite if one is not finite.
+/// How far two pixels are apart: the worst channel's difference, of 1 more than its value; infinite if one is not
+/// finite.
 fn distance(found: [f32; 3], expected: [f32; 3]) -> f32 {
     let channel = |c: usize| (found[c] - expected[c]).abs() / (1.0 + expected[c].abs());
     let channels = [0, 1, 2].map(channel);

@@ -4,9 +4,9 @@
 //! differ in nothing but the triangles' t, u and v, which each backend rounds to f32 in its own way, and in ties: rays
 //! along an edge or a silhouette, or a shadow ray's end on one.
 //!
-//! The rounding moves u and v by some 8 * 2^-24 = 5e-7 of a triangle. An edge of a checkerboard, as wide as the ray, or a
-//! sharp highlight on a smooth mesh goes from dark to bright within a thousandth of a triangle and makes 5e-4 of it. So
-//! pixels count as different from 1e-3 on, a quarter of a step of an 8-bit picture.
+//! The rounding moves u and v by some 8 * 2^-24 = 5e-7 of a triangle. An edge of a checkerboard, as wide as the ray, or
+//! a sharp highlight on a smooth mesh goes from dark to bright within a thousandth of a triangle and makes 5e-4 of it.
+//! So pixels count as different from 1e-3 on, a quarter of a step of an 8-bit picture.
 //!
 //! The large version: `cargo test --release --test scenes_agree -- --ignored --nocapture`.
 #![cfg(feature = "embree")]

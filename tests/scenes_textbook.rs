@@ -1,7 +1,8 @@
-//! The scenes of the folder `scenes` are as the textbook has them, by every backend, in small pictures of one sample a pixel.
+//! The scenes of the folder `scenes` are as the textbook has them, by every backend, in small pictures of one sample a
+//! pixel.
 //!
-//! All of them are compared but a few ([`BEYOND`]). Of what a scene shows, the textbook says nothing of mipmaps, which are off here, and of
-//! adaptive sampling and the filters of pixels, which one sample has no use for.
+//! All of them are compared but a few ([`BEYOND`]). Of what a scene shows, the textbook says nothing of mipmaps, which
+//! are off here, and of adaptive sampling and the filters of pixels, which one sample has no use for.
 //!
 //! The large scenes: `cargo test --release --test scenes_textbook -- --ignored --nocapture`.
 
@@ -76,8 +77,8 @@ const ENTRIES: [Entry; 20] = [
     large("forest"),
     // Eight wavelengths through ten boundaries.
     large("gems"),
-    // Behind glass, water, ice and air within each other, nothing is promised of a third of the picture, and most of it is
-    // equal all the same.
+    // Behind glass, water, ice and air within each other, nothing is promised of a third of the picture, and most of it
+    // is equal all the same.
     Entry {
         share: 0.05,
         ..small("glass_of_water")
@@ -98,8 +99,8 @@ const ENTRIES: [Entry; 20] = [
         share: 0.01,
         ..large("sphereflake")
     },
-    // A pattern's point lies a few roundings under the surface. The table is flat, so that in its space they are many, and
-    // its grain is fine.
+    // A pattern's point lies a few roundings under the surface. The table is flat, so that in its space they are many,
+    // and its grain is fine.
     Entry {
         share: 0.06,
         ..small("table_of_shapes")

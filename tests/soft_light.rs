@@ -44,8 +44,8 @@ const EDGE: f64 = 1.0;
 const LAMP: DVec3 = DVec3::new(0.0, 0.0, 4.0);
 const LAMP_RADIUS: f64 = 0.5;
 
-/// Which part of the lamp's solid angle is seen from (x, 0, 0): a cap of angular radius ρ cut by the great circle of the
-/// plane through the point and the edge, at the angle δ from the cap's middle.
+/// Which part of the lamp's solid angle is seen from (x, 0, 0): a cap of angular radius ρ cut by the great circle of
+/// the plane through the point and the edge, at the angle δ from the cap's middle.
 ///
 /// The cut-off piece is a sector less two right-angled triangles: π - 2β - 2φ cos ρ with cos φ = tan δ / tan ρ and
 /// sin β = sin δ / sin ρ (spherical excess). For a small ρ it is the segment of a disk.
@@ -146,8 +146,8 @@ fn at(degrees: f64) -> DVec3 {
     DVec3::new(sin, 0.0, cos)
 }
 
-/// Mean and variance over the visible microfacets of `lobe` of what their rays bring, by quadrature: ∫ D(m) G1(o) (o·m) /
-/// (n·o) value(m) dm, with tan² = alpha² x / (1 - x) and 1 - x = (1 - y)².
+/// Mean and variance over the visible microfacets of `lobe` of what their rays bring, by quadrature: ∫ D(m) G1(o) (o·m)
+/// / (n·o) value(m) dm, with tan² = alpha² x / (1 - x) and 1 - x = (1 - y)².
 fn furnace(lobe: &Ggx, alpha: f64, wo: DVec3, value: impl Fn(DVec3) -> f64) -> (f64, f64) {
     const CELLS: u32 = 1000;
     let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(CELLS);
@@ -174,9 +174,9 @@ fn furnace(lobe: &Ggx, alpha: f64, wo: DVec3, value: impl Fn(DVec3) -> f64) -> (
 /// Samples in a furnace: so many pixels of so many samples each.
 const FURNACE: [u32; 2] = [256, 256];
 
-/// The mean of `value` over the samples of a furnace, and how many standard errors of as many unrelated samples it is from
-/// `exact`, as (mean, variance). That error is from the exact variance: few or no samples show the rare microfacets whose
-/// light is lost, so their own spread would be no measure.
+/// The mean of `value` over the samples of a furnace, and how many standard errors of as many unrelated samples it is
+/// from `exact`, as (mean, variance). That error is from the exact variance: few or no samples show the rare
+/// microfacets whose light is lost, so their own spread would be no measure.
 fn off_by(exact: (f64, f64), value: impl Fn([f64; 2]) -> f64) -> (f64, f64) {
     let [pixels, spp] = FURNACE;
     let (found, _) = estimate(pixels, spp, Purpose::LOBE, value);
@@ -261,7 +261,8 @@ fn rough_glass_in_a_furnace_refracts_what_it_should_and_gains_nothing() {
     println!("refraction: {worst:.2} standard errors at worst");
 }
 
-/// A clear sky, brighter towards the horizon, over dark ground, with a sun of half a degree that is 50,000 times as bright.
+/// A clear sky, brighter towards the horizon, over dark ground, with a sun of half a degree that is 50,000 times as
+/// bright.
 fn sun_and_sky(width: u32, height: u32) -> LinearImage {
     let sun = DVec3::new(0.5, 0.6, -0.4).normalize();
     let texel = |i: u32| {

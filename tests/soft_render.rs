@@ -1,17 +1,25 @@
-//! Soft light in whole renders: lights with an extent, environment maps and lenses against what is known in closed form.
+//! Soft light in whole renders: lights with an extent, environment maps and lenses against what is known in closed
+//! form.
 //!
 //! Estimates are compared in standard errors, which the pixels' own spread tells: their samples are unrelated.
 
-use std::f64::consts::PI;
-use std::sync::atomic::AtomicBool;
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
+    pub mod pictures;
+}
+
+use std::f64::consts::PI;
+
+use common::pictures::{add, estimate, picture, settings};
 use glam::{DAffine3, DMat3, DVec3};
-use whit::accel::{self, AccelOptions, Backend};
+use whit::accel::Backend;
 use whit::image::LinearImage;
-use whit::render::{Monitor, RenderSettings, render};
+use whit::render::RenderSettings;
 use whit::scene::{
-    Aperture, AreaShape, Background, Camera, Effect, Geometry, Image, Instance, Lecture, Lens, Light,
-    LightKind, Material, Model, Projection, Scene, Texels,
+    Aperture, AreaShape, Background, Camera, Effect, Geometry, Image, Lecture, Lens, Light, LightKind,
+    Material, Model, Projection, Scene, Texels,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -33,13 +41,8 @@ fn scene(objects: Vec<(Shape, Material, DAffine3)>, lights: Vec<Light>) -> Scene
         lights,
         ..Scene::default()
     };
-    for (index, (shape, material, place)) in objects.into_iter().enumerate() {
-        scene.geometries.push(Geometry::Shape(shape));
-        scene.materials.push(material);
-        let index = index as u32;
-        scene
-            .instances
-            .push(Instance::new("object", index, index, place).unwrap());
+    for (shape, material, place) in objects {
+        add(&mut scene, "object", Geometry::Shape(shape), material, place);
     }
     scene
 }
@@ -76,34 +79,6 @@ fn camera(place: DVec3, projection: Projection) -> Camera {
     }
 }
 
-fn settings(size: u32, spp: u32) -> RenderSettings {
-    RenderSettings {
-        width: size,
-        height: size,
-        spp,
-        ..RenderSettings::default()
-    }
-}
-
-fn picture(scene: &Scene, camera: &Camera, backend: Backend, settings: &RenderSettings) -> LinearImage {
-    scene.validate().unwrap();
-    let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-    };
-    render(scene, camera, &*accel, settings, &monitor).unwrap().image
-}
-
-/// Mean of the pixels' green, and its standard error by their spread.
-fn estimate(image: &LinearImage) -> (f64, f64) {
-    let count = image.pixels.len() as f64;
-    let greens = || image.pixels.iter().map(|pixel| f64::from(pixel[1]));
-    let mean = greens().sum::<f64>() / count;
-    let variance = greens().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    (mean, (variance / count).sqrt())
-}
-
 fn assert_is_near(what: &str, image: &LinearImage, exact: f64) {
     let (found, error) = estimate(image);
     println!("{what}: {found:.6} ± {error:.6}, exactly {exact:.6}");
@@ -117,8 +92,8 @@ fn assert_is_near(what: &str, image: &LinearImage, exact: f64) {
 fn the_irradiance_under_lights_of_every_shape_is_that_of_the_closed_forms_and_converges() {
     let high = DVec3::new(0.0, 0.0, 3.0);
     let (down_u, down_v) = (DVec3::Y, DVec3::X);
-    // At a floor point under the middle, radiance 2. Sphere and disk: π L r² / d², d to the middle or to the rim. The square of half
-    // sides 1: four times Lambert's corner rectangle, (a/√(a²+h²)) atan(b/√(a²+h²)) each way.
+    // At a floor point under the middle, radiance 2. Sphere and disk: π L r² / d², d to the middle or to the rim. The
+    // square of half sides 1: four times Lambert's corner rectangle, (a/√(a²+h²)) atan(b/√(a²+h²)) each way.
     let corner = 10f64.sqrt().recip() * (10f64.sqrt().recip()).atan();
     for (shape, exact) in [
         (
@@ -181,8 +156,9 @@ fn the_penumbra_is_that_of_a_cut_spherical_cap() {
             radius,
         };
         let scene = scene(vec![floor(), (Shape::Quad, matte(), wall)], vec![lamp(shape, 1)]);
-        // Nusselt: the irradiance is the radiance times the area of what is seen, put down from the unit sphere onto the floor. The
-        // cap is a disk of radius s there; the plane's great circle is half an ellipse x = k / √(1 + k²) √(1 - y²).
+        // Nusselt: the irradiance is the radiance times the area of what is seen, put down from the unit sphere onto
+        // the floor. The cap is a disk of radius s there; the plane's great circle is half an ellipse x = k / √(1 + k²)
+        // √(1 - y²).
         let (k, s): (f64, f64) = (edge / above, radius / height);
         let flat = k / (1.0 + k * k).sqrt();
         let steps = 100_000;
@@ -305,7 +281,8 @@ fn a_point_is_sharp_in_the_plane_of_focus_and_a_disk_of_the_lenses_formula_off_i
                 farthest = farthest.max(x.hypot(y));
             }
         }
-        // A disk's mean squared distance is half its squared radius; of the sum of independent ones the sum; a pixel's is pixel²/6.
+        // A disk's mean squared distance is half its squared radius; of the sum of independent ones the sum; a pixel's
+        // is pixel²/6.
         let expected = 0.5 * (blur * blur + seen * seen) + pixel * pixel / 6.0;
         let found = second / sum;
         println!(

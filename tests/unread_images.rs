@@ -1,5 +1,5 @@
-//! Images that nothing looks at are not decoded: what is wrong with their pixels does not matter. What is wrong with an image
-//! that something looks at is told, and so is a name or a kind that is wrong.
+//! Images that nothing looks at are not decoded: what is wrong with their pixels does not matter. What is wrong with an
+//! image that something looks at is told, and so is a name or a kind that is wrong.
 
 mod cli_program;
 

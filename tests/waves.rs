@@ -15,8 +15,8 @@ use common::texture_scenes::{self, Role};
 use common::verdict::{EXPLAINED_SHARE, assert_agree, backends, relative_bound};
 use common::wave_scenes::{self, WaveScene};
 
-/// The bounds themselves must be worth something: in units of the picture's mean radiance, those of half, of 95 % and of
-/// 99.5 % of the pixels are at most these. They are wide only in sharp highlights and behind several curved mirrors.
+/// The bounds themselves must be worth something: in units of the picture's mean radiance, those of half, of 95 % and
+/// of 99.5 % of the pixels are at most these. They are wide only in sharp highlights and behind several curved mirrors.
 const USEFUL_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.95, 2e-3), (1.0 - EXPLAINED_SHARE, 0.1)];
 
 /// The same of textures, small hits in a mirror among them, whose slopes part rays.

@@ -1,8 +1,9 @@
 //! Raw bindings to the installed Embree, 3.13 or 4, made from its headers when this crate is built.
 //!
-//! Three kinds of items: Embree's own functions and types where both versions agree, under their own names; the functions
-//! of `shim.h` (`embree_*`), which read the same for both versions; and the version of the headers (`RTC_VERSION_*`). C
-//! enumerations are plain integers, because a newer library may answer with values that these headers do not name.
+//! Three kinds of items: Embree's own functions and types where both versions agree, under their own names; the
+//! functions of `shim.h` (`embree_*`), which read the same for both versions; and the version of the headers
+//! (`RTC_VERSION_*`). C enumerations are plain integers, because a newer library may answer with values that these
+//! headers do not name.
 //!
 //! | variable | meaning |
 //! | --- | --- |

@@ -4,15 +4,15 @@
 //! primitive it names. Two bounds of the f32 error, u = 2^-24, decide; lengths are relative to the ray's origin, in the
 //! sheared frame of the watertight test (z along the largest direction component, in units of t):
 //!
-//! * of the parameter: that of pbrt-v4 for the watertight form (Pharr, Jakob, Humphreys, Physically Based Rendering, 4th
-//!   edition, section 6.8.8), plus that of the form with a normal, `t = n·(v0 - o) / n·d`, which Embree uses:
+//! * of the parameter: that of pbrt-v4 for the watertight form (Pharr, Jakob, Humphreys, Physically Based Rendering,
+//!   4th edition, section 6.8.8), plus that of the form with a normal, `t = n·(v0 - o) / n·d`, which Embree uses:
 //!   `16 u |e1| |e2| |v0 - o| / |n·d|`. Both grow without bound as the triangle turns edge-on.
 //! * of an edge function: pbrt's for the watertight form, plus that of a triple product, `16 √3 u |e| |v - o|` with the
 //!   longest edge and the farthest corner; √3 bounds `|d| / |d_z|`. Where an exact edge function is closer to zero than
 //!   that, hit or miss is anybody's guess.
 //!
-//! Where Embree places meshes itself ([`Instancing::Native`]), rays reach object space by an inverse in f32 and are off by
-//! more, which [`compare_carried`] and [`compare_occlusion_carried`] allow for by the bound of [`Carried`].
+//! Where Embree places meshes itself ([`Instancing::Native`]), rays reach object space by an inverse in f32 and are off
+//! by more, which [`compare_carried`] and [`compare_occlusion_carried`] allow for by the bound of [`Carried`].
 //!
 //! Analytic shapes are computed in f64 by one function, so a backend that answers otherwise about one is wrong.
 //!
@@ -131,9 +131,9 @@ fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instanc
 
 /// How far a ray may be from the exact one when it reaches object space, in lengths there, by the maximum norm.
 ///
-/// Carried in f64 and rounded it is exact by definition. Embree's own instances round the map M to f32, invert it there by
-/// cofactors over the determinant, and apply the inverse, all in f32. With κ = ‖M‖ ‖M⁻¹‖ by largest row sums, the rounding
-/// of M moves M⁻¹ by κ u ‖M⁻¹‖, that of the cofactors, two products and a difference each, by 6 κ u ‖M⁻¹‖, as
+/// Carried in f64 and rounded it is exact by definition. Embree's own instances round the map M to f32, invert it there
+/// by cofactors over the determinant, and apply the inverse, all in f32. With κ = ‖M‖ ‖M⁻¹‖ by largest row sums, the
+/// rounding of M moves M⁻¹ by κ u ‖M⁻¹‖, that of the cofactors, two products and a difference each, by 6 κ u ‖M⁻¹‖, as
 /// ‖M‖² / |det M| is κ ‖M⁻¹‖ at most. The map of the ray adds 4 u ‖M⁻¹‖ (Higham, Accuracy and Stability of Numerical
 /// Algorithms, 2nd edition, chapters 3 and 14). An error of the determinant, 8 u times the product of the columns'
 /// lengths over it, scales object space.
@@ -284,8 +284,8 @@ impl Exact {
         let watertight_t = 3.0 * (gamma(3.0) * max_e * max_z + delta_e * max_z + delta_z * max_e) / det.abs();
         let longest = e1.length().max(e2.length()).max((e2 - e1).length());
         let normal_form_t = TRIPLE_PRODUCT * e1.length() * e2.length() * reach / n.dot(direction).abs();
-        // The same shift of all corners: along the ray by its part across the plane, and each edge function by twice the
-        // shift in the sheared frame times the edge's two sheared extents.
+        // The same shift of all corners: along the ray by its part across the plane, and each edge function by twice
+        // the shift in the sheared frame times the edge's two sheared extents.
         let shift = carried.at(t, largest_corner);
         let carried_t = 3f64.sqrt() * shift * n.length() / n.dot(direction).abs();
         let t_error = watertight_t + normal_form_t + carried_t + gamma(2.0) * t.abs();

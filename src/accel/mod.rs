@@ -6,9 +6,10 @@
 //!
 //! [`extents`] are what a ray is tested against before an object.
 //!
-//! Ties go to the smallest `t`, then the lowest instance, then the lowest primitive, also between triangles that coincide.
-//! Only between two different triangles of its own that a ray meets at the same `t`, at a shared edge or where they overlap
-//! in part in one plane, Embree decides, and [`agreement`] counts such answers as ties, not as wrong.
+//! Ties go to the smallest `t`, then the lowest instance, then the lowest primitive, also between triangles that
+//! coincide. Only between two different triangles of its own that a ray meets at the same `t`, at a shared edge or
+//! where they overlap in part in one plane, Embree decides, and [`agreement`] counts such answers as ties, not as
+//! wrong.
 
 pub mod agreement;
 pub mod brute;
@@ -119,8 +120,8 @@ pub enum Instancing {
     Auto,
     /// As user geometry, whose callbacks carry the rays into object space in f64.
     Callback,
-    /// As Embree's own instances, which carry rays by an f32 inverse: a mesh is met as if it stood some roundings of its
-    /// coordinates aside, and between instances at the same `t` Embree decides.
+    /// As Embree's own instances, which carry rays by an f32 inverse: a mesh is met as if it stood some roundings of
+    /// its coordinates aside, and between instances at the same `t` Embree decides.
     Native,
 }
 
@@ -198,8 +199,8 @@ pub struct AccelReport {
 /// A part of an acceleration structure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AccelPart {
-    /// `triangles` or `user-geometry` (shapes and placed meshes) if it serves one of them alone, `tree` if both; `extents`
-    /// for what is asked before objects.
+    /// `triangles` or `user-geometry` (shapes and placed meshes) if it serves one of them alone, `tree` if both;
+    /// `extents` for what is asked before objects.
     pub holder: &'static str,
     /// What it is.
     pub what: &'static str,

@@ -138,7 +138,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
     pub(super) effects: Option<EffectOverrides>,
 
-    /// Write rays, seconds and memory as JSON; with several scenes a list. `-` prints a table of rays and seconds by effect
+    /// Write rays, seconds and memory as JSON; with several scenes a list. `-` prints a table of rays and seconds by
+    /// effect
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub(super) stats: Option<PathBuf>,
 
@@ -175,8 +176,9 @@ pub(super) struct SamplingArgs {
     #[arg(long, value_name = "ERR", value_parser = adaptive_error)]
     pub(super) adaptive: Option<f64>,
 
-    /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and `variance`;
-    /// rays, time: rays and nanoseconds of each pixel, in all and by effect, as `rays`, `rays.shadow`, `time`, `time.shadow`
+    /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and
+    /// `variance`; rays, time: rays and nanoseconds of each pixel, in all and by effect, as `rays`, `rays.shadow`,
+    /// `time`, `time.shadow`
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
     pub(super) aov: Vec<Aov>,
 }
@@ -270,8 +272,8 @@ pub(super) enum WhenToForecast {
 /// What is rendered for a list of prices.
 #[derive(Clone, Copy, Debug, ArgGroup)]
 pub(super) struct PriceArgs {
-    /// Measure what each effect and each step of depth costs in time, and what the picture lacks without it: renders some
-    /// tiles of it many times
+    /// Measure what each effect and each step of depth costs in time, and what the picture lacks without it: renders
+    /// some tiles of it many times
     #[arg(long)]
     pub(super) prices: bool,
 
@@ -443,7 +445,8 @@ fn filter_radius(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("give a radius from {min} to {max} pixels"))
 }
 
-/// Under this a standard error is less than f32 pixels can hold.
+/// The most samples, 2^16, have an error of σ / n^¾, which is 2^-20 where σ is 2^-8, an 8-bit code. Less is out of
+/// reach for all pixels but those that are even already; the others would only take the most samples.
 const MIN_ERROR: f64 = 1e-6;
 
 fn adaptive_error(text: &str) -> Result<f64, String> {

@@ -85,10 +85,20 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     measure_scenes(args, bench_scene, |rows| BenchTable(rows).to_string())
 }
 
-/// Measures each scene by `measure` and prints its rows as `table` puts them; writes all rows as JSON if that is asked for.
+/// A scene that is to be measured.
+pub(super) struct BenchScene<'s> {
+    pub(super) path: &'s Path,
+    pub(super) name: &'s str,
+    pub(super) scene: &'s Scene,
+    pub(super) camera: &'s Camera,
+    pub(super) settings: RenderSettings,
+}
+
+/// Measures each scene by `measure` and prints its rows as `table` puts them; writes all rows as JSON if that is asked
+/// for.
 pub(super) fn measure_scenes<Row: Serialize>(
     args: &BenchArgs,
-    measure: impl Fn(&BenchJob, &Path, &ThreadPool, &Progress) -> Result<Vec<Row>, Failure>,
+    measure: impl Fn(&BenchJob, BenchScene, &ThreadPool, &Progress) -> Result<Vec<Row>, Failure>,
     table: impl Fn(&[Row]) -> String,
 ) -> Result<(), Failure> {
     let job = BenchJob::new(args);
@@ -96,7 +106,20 @@ pub(super) fn measure_scenes<Row: Serialize>(
     let progress = Progress::new(Verbosity::Normal);
     let mut rows = Vec::new();
     for path in &args.scenes {
-        let of_scene = measure(&job, path, &pool, &progress)?;
+        let name = path.display().to_string();
+        progress.phase(&name, "load");
+        let SceneFile { scene, output, .. } = pool.install(|| scene::load(path, EffectSet::NONE))?;
+        let bench_scene = BenchScene {
+            path,
+            name: &name,
+            settings: job.settings(&output)?,
+            camera: choose_camera(&scene, path, None)?,
+            scene: &scene,
+        };
+        for warning in &scene.warnings {
+            progress.warn(&format!("{name}: {warning}"));
+        }
+        let of_scene = measure(&job, bench_scene, &pool, &progress)?;
         progress.suspend(|| output::print(&table(&of_scene)))?;
         rows.extend(of_scene);
         // After each scene, so that later trouble loses nothing.
@@ -111,32 +134,31 @@ pub(super) fn measure_scenes<Row: Serialize>(
 /// The rows of one scene.
 fn bench_scene(
     job: &BenchJob,
-    path: &Path,
+    bench_scene: BenchScene,
     pool: &ThreadPool,
     progress: &Progress,
 ) -> Result<Vec<BenchRow>, Failure> {
-    let name = path.display().to_string();
-    progress.phase(&name, "load");
-    let SceneFile { scene, output, .. } = pool.install(|| scene::load(path, EffectSet::NONE))?;
-    let settings = job.settings(&output)?;
-    let camera = choose_camera(&scene, path, None)?;
-    for warning in &scene.warnings {
-        progress.warn(&format!("{name}: {warning}"));
-    }
-    progress.phase(&name, "build");
-    let structures = pool.install(|| Structures::build(&scene, job))?;
+    let BenchScene {
+        path,
+        name,
+        scene,
+        camera,
+        settings,
+    } = bench_scene;
+    progress.phase(name, "build");
+    let structures = pool.install(|| Structures::build(scene, job))?;
     let contestants = structures.contestants();
-    progress.phase(&name, "record");
+    progress.phase(name, "record");
     let frame = Frame {
-        scene: &scene,
+        scene,
         camera,
         settings,
         accel: structures.first(),
     };
     let sets = frame.ray_sets();
-    progress.phase(&name, "replay");
+    progress.phase(name, "replay");
     let times = Times::measure(&contestants, &sets, &frame, job.repeat, progress)?;
-    progress.phase(&name, "compare");
+    progress.phase(name, "compare");
     rows(job, path, &contestants, &sets, &times, &frame)
 }
 
@@ -276,8 +298,8 @@ struct Contestant<'a> {
 }
 
 impl<'a> Contestant<'a> {
-    /// Whose answers this one's are held against: the first one's. Raw calls, of which only distances are compared, bit by
-    /// bit, are held against the packets that they are the bare form of.
+    /// Whose answers this one's are held against: the first one's. Raw calls, of which only distances are compared, bit
+    /// by bit, are held against the packets that they are the bare form of.
     fn referee<'c>(&self, contestants: &'c [Contestant<'a>]) -> &'c Contestant<'a> {
         let is_referee = |other: &&Contestant| {
             self.mode != Mode::Raw || (other.backend, other.instancing) == (self.backend, self.instancing)

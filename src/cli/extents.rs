@@ -13,17 +13,14 @@ use crate::image::check_writable;
 use crate::render::{self, RenderSettings};
 use crate::report::bench::{Mode, RayKind, Spread};
 use crate::report::extents::{ExtentRow, ExtentTable};
-use crate::scene::{Camera, EffectSet, Scene};
-use crate::scene_file::SceneFile;
+use crate::scene::{Camera, Scene};
 
 use super::args::BenchArgs;
-use super::bench::{BenchJob, measure_scenes};
+use super::bench::{BenchJob, BenchScene, measure_scenes};
 use super::failure::Failure;
 use super::interrupt;
-use super::job::choose_camera;
 use super::progress::Progress;
 use super::replay::{Engine, RaySet, replay_seconds};
-use super::scene;
 
 /// Seconds that one replay through a bare list may take; rays are left out until it does.
 const LIST_SECONDS: f64 = 0.06;
@@ -41,39 +38,38 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
 /// The rows of one scene.
 fn bench_scene(
     job: &BenchJob,
-    path: &Path,
+    bench_scene: BenchScene,
     pool: &ThreadPool,
     progress: &Progress,
 ) -> Result<Vec<ExtentRow>, Failure> {
-    let name = path.display().to_string();
-    progress.phase(&name, "load");
-    let SceneFile { scene, output, .. } = pool.install(|| scene::load(path, EffectSet::NONE))?;
-    let settings = job.settings(&output)?;
-    let camera = choose_camera(&scene, path, None)?;
-    for warning in &scene.warnings {
-        progress.warn(&format!("{name}: {warning}"));
-    }
-    progress.phase(&name, "build");
+    let BenchScene {
+        path,
+        name,
+        scene,
+        camera,
+        settings,
+    } = bench_scene;
+    progress.phase(name, "build");
     let options = AccelOptions {
         threads: job.tracing.threads,
         ..AccelOptions::default()
     };
     let trees = pool.install(|| {
-        let build = |spheres| BspAccel::build_with_spheres(&scene, &options, spheres);
+        let build = |spheres| BspAccel::build_with_spheres(scene, &options, spheres);
         Ok::<_, AccelError>([build(Spheres::Never)?, build(Spheres::Always)?])
     })?;
     let [bare, with_spheres] = &trees;
-    let lists = pool.install(|| ExtentKind::ALL.map(|kind| ListAccel::new(&scene, kind)));
+    let lists = pool.install(|| ExtentKind::ALL.map(|kind| ListAccel::new(scene, kind)));
     let view = camera.view(settings.width, settings.height);
-    let project = |inner, kind, limits| ProjectedAccel::new(&scene, &view, inner, kind, limits);
+    let project = |inner, kind, limits| ProjectedAccel::new(scene, &view, inner, kind, limits);
     let projected = [
         project(&lists[0], ExtentKind::None, ListLimits::NONE),
         project(&lists[0], ExtentKind::Chosen, ListLimits::NONE),
     ];
     let over_tree = project(with_spheres, ExtentKind::TightSphere, ListLimits::BESIDE_A_TREE);
-    progress.phase(&name, "record");
-    let sets = ray_sets(&settings, &scene, camera, bare);
-    progress.phase(&name, "replay");
+    progress.phase(name, "record");
+    let sets = ray_sets(&settings, scene, camera, bare);
+    progress.phase(name, "replay");
     let mut rows = Vec::new();
     for set in &sets {
         let is_camera = set.kind == RayKind::Camera;

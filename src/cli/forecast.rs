@@ -1,7 +1,7 @@
 //! What `whit info` says of a picture's cost without being asked: a probe of a fraction of a second.
 //!
-//! The probe needs the structure that finds hits. Where building that would take longer than a person waits for a list, it
-//! is left out, and the list says so.
+//! The probe needs the structure that finds hits. Where building that would take longer than a person waits for a list,
+//! it is left out, and the list says so.
 
 use crate::accel::{self, AccelOptions};
 use crate::render::{self, Monitor};
@@ -15,7 +15,8 @@ use super::interrupt;
 use super::job::Tracing;
 use super::prices::settings_of;
 
-/// Triangles and objects of a structure that is built without being asked for: about a quarter of a second of two threads.
+/// Triangles and objects of a structure that is built without being asked for: about a quarter of a second of two
+/// threads.
 const MOST_PRIMITIVES: usize = 1_000_000;
 /// Texels of images that are made ready without being asked for: as long again.
 const MOST_TEXELS: usize = 16_000_000;

@@ -1,8 +1,8 @@
 //! `whit info --prices`: a few tiles of the picture rendered as planned, without each effect and with less depth.
 //!
-//! Every picture is rendered in turn within each run, forwards and backwards by turns, and held against the planned picture
-//! of the same run, so that whatever else the machine does hits all alike. Times are those of the processor where the system
-//! tells them. The planned picture takes part twice: by how much
+//! Every picture is rendered in turn within each run, forwards and backwards by turns, and held against the planned
+//! picture of the same run, so that whatever else the machine does hits all alike. Times are those of the processor
+//! where the system tells them. The planned picture takes part twice: by how much
 //! its times differ from each other is the noise.
 
 use std::time::Instant;
@@ -129,7 +129,8 @@ impl<'a> PriceJob<'a> {
         Ok((affordable as usize).min(most).max(LEAST_TILES))
     }
 
-    /// All pictures that take part, the planned one first; and after how many steps no ray of it is left, if that is known.
+    /// All pictures that take part, the planned one first; and after how many steps no ray of it is left, if that is
+    /// known.
     fn variants(&self, studio: &Studio, progress: &Progress) -> Result<(Vec<Variant>, Option<u32>), Failure> {
         let planned = Variant::new(self.settings, Change::None, studio)?;
         let effects: Vec<Effect> = planned.sample.plan.effects().iter().collect();
@@ -330,8 +331,8 @@ impl Times {
         Ok(Times { seconds })
     }
 
-    /// How a variant's time differs in each run from that of the planned picture, which is the mean of its two; the control
-    /// is held against the other one.
+    /// How a variant's time differs in each run from that of the planned picture, which is the mean of its two; the
+    /// control is held against the other one.
     fn changes(&self, variant: usize) -> Vec<f64> {
         let control = self.seconds.len() - 1;
         let runs = self.seconds[0].iter().zip(&self.seconds[control]).enumerate();

@@ -308,8 +308,8 @@ fn check_finite(stats: &RenderStats) -> Result<(), Failure> {
     }
 }
 
-/// Tells the statistics of the finished images: in a file one object for one scene, a list for several; on standard output
-/// a table of the last.
+/// Tells the statistics of the finished images: in a file one object for one scene, a list for several; on standard
+/// output a table of the last.
 fn write_stats(job: &RenderJob, finished: &[RenderStats], progress: &Progress) -> Result<(), Failure> {
     let path = match &job.stats {
         None => return Ok(()),

@@ -13,8 +13,8 @@ pub(super) fn is_scene_file(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }
 
-/// Loads a scene file if the name ends in `.toml`, else a glTF file, which says nothing of the picture. Images that only the
-/// effects `without` look at are not decoded.
+/// Loads a scene file if the name ends in `.toml`, else a glTF file, which says nothing of the picture. Images that
+/// only the effects `without` look at are not decoded.
 pub(super) fn load(path: &Path, without: EffectSet) -> Result<SceneFile, Failure> {
     let options = LoadOptions {
         without,

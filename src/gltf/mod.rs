@@ -11,8 +11,8 @@
 //! ray tracer that culled back faces would lose the far sides of mirrors and the exits of glass.
 //!
 //! A file without a camera gets one that frames its bounds: 45 degrees high, seen from the front, slightly right and
-//! above. A file without lights gets white sunlight of ¾ π lux from behind the camera's left shoulder and surroundings of
-//! radiance 0.25; a file with lights has black surroundings.
+//! above. A file without lights gets white sunlight of ¾ π lux from behind the camera's left shoulder and surroundings
+//! of radiance 0.25; a file with lights has black surroundings.
 
 mod accessor;
 mod buffer;

@@ -1,7 +1,7 @@
 //! The textures of a material: which parameter each changes, by which coordinates and how strongly.
 //!
-//! An unlit surface has no use for a normal map, nor a factor of zero for a texture that multiplies it: what a material does
-//! not heed ([`Material::heeds`](crate::scene::Material::heeds)) is not decoded.
+//! An unlit surface has no use for a normal map, nor a factor of zero for a texture that multiplies it: what a material
+//! does not heed ([`Material::heeds`](crate::scene::Material::heeds)) is not decoded.
 
 use gltf::json;
 use serde_json::{Map, Value};

@@ -1,7 +1,8 @@
 //! Images: linear radiance in memory, PNG and EXR on disk; and reading those that become textures.
 //!
 //! Everything up to here is linear RGB radiance; exposure and the sRGB curve happen only on the way into a PNG
-//! ([`ToneMap`]); [`metrics`] tell how far two pictures lie apart. Files appear whole or not at all: they are written beside their place and renamed into it.
+//! ([`ToneMap`]); [`metrics`] tell how far two pictures lie apart. Files appear whole or not at all: they are written
+//! beside their place and renamed into it.
 
 mod atomic;
 mod exr;

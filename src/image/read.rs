@@ -1,8 +1,8 @@
 //! Reading images for textures: PNG, JPEG, Radiance HDR and OpenEXR, told apart by their first bytes.
 //!
-//! Eight bits a channel stay the codes they are. Sixteen become floats, linear by the curve that the caller names, as no
-//! file says what its codes are for. HDR and EXR are linear floats already; EXR multiplies colours by their alpha, which
-//! is divided out, so that all images are alike.
+//! Eight bits a channel stay the codes they are. Sixteen become floats, linear by the curve that the caller names, as
+//! no file says what its codes are for. HDR and EXR are linear floats already; EXR multiplies colours by their alpha,
+//! which is divided out, so that all images are alike.
 //!
 //! Sizes are checked against a budget before anything is decoded.
 

@@ -1,4 +1,5 @@
-//! Numbers side by side: comparisons that give one bit a lane, for the instruction set at hand, and walks over such bits.
+//! Numbers side by side: comparisons that give one bit a lane, for the instruction set at hand, and walks over such
+//! bits.
 //!
 //! Kernels are written as loops over arrays, which the compiler turns into vector instructions; what it does not see is
 //! how to gather the outcomes of comparisons into a mask. An [`Isa`] does that one thing. All give the same answers.

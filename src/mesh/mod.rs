@@ -22,8 +22,8 @@ pub struct Mesh {
     pub triangles: Slab<[u32; 3]>,
     /// Unit shading normals per vertex; without them the mesh is flat-shaded.
     pub normals: Option<Slab<[f32; 3]>>,
-    /// Unit tangents per vertex, along which the first coordinate of the normal map's texture grows; the fourth number is
-    /// the handedness, 1 or -1.
+    /// Unit tangents per vertex, along which the first coordinate of the normal map's texture grows; the fourth number
+    /// is the handedness, 1 or -1.
     pub tangents: Option<Slab<[f32; 4]>>,
     /// Texture coordinates per vertex, one array a set (`TEXCOORD_0`, ...).
     pub tex_coords: Vec<Slab<[f32; 2]>>,

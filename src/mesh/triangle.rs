@@ -1,4 +1,5 @@
-//! The watertight ray-triangle test of Woop, Benthin and Wald ("Watertight Ray/Triangle Intersection", JCGT 2(1), 2013).
+//! The watertight ray-triangle test of Woop, Benthin and Wald ("Watertight Ray/Triangle Intersection", JCGT 2(1),
+//! 2013).
 //!
 //! The ray's largest direction component becomes the z axis and a shear turns the ray into that axis, so that the test
 //! is whether the origin lies in the projected triangle: the signs of three 2-D edge functions. Nothing slips through,

@@ -1,10 +1,11 @@
 //! Affine maps that change while the shutter is open.
 //!
 //! A map is taken apart into a translation, a rotation and a symmetric stretch, M = Q S, by the polar decomposition
-//! (K. Shoemake, T. Duff, "Matrix Animation and Polar Decomposition", Graphics Interface 1992). It does not depend on the
-//! coordinate system, and Q is the rotation nearest to M. The parts move on their own: translation and stretch along a
-//! line, the rotation at constant speed the short way round. A mirroring map has S negative definite. As definite matrices
-//! of one sign have only such between them, the map can be inverted at every time between two that can.
+//! (K. Shoemake, T. Duff, "Matrix Animation and Polar Decomposition", Graphics Interface 1992). It does not depend on
+//! the coordinate system, and Q is the rotation nearest to M. The parts move on their own: translation and stretch
+//! along a line, the rotation at constant speed the short way round. A mirroring map has S negative definite. As
+//! definite matrices of one sign have only such between them, the map can be inverted at every time between two that
+//! can.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
@@ -83,8 +84,8 @@ impl Motion {
         self.bounds_of(bounds, |map| bounds.transformed(map))
     }
 
-    /// A box in the target space that holds at all times what `bounds` hold, by boxes around it: `boxed` gives one for each
-    /// map.
+    /// A box in the target space that holds at all times what `bounds` hold, by boxes around it: `boxed` gives one for
+    /// each map.
     pub fn bounds_of(&self, bounds: &Bounds, boxed: impl Fn(&DAffine3) -> Bounds) -> Bounds {
         let steps = self.step_count();
         (0..=steps)
@@ -97,13 +98,13 @@ impl Motion {
         if self.turning.is_some() { TURNING_STEPS } else { 1 }
     }
 
-    /// A box after `step` of `steps` equal steps such that, between it and the next step's, the one that is interpolated
-    /// linearly holds at its time what `bounds` hold; `boxed` as in [`Motion::bounds_of`].
+    /// A box after `step` of `steps` equal steps such that, between it and the next step's, the one that is
+    /// interpolated linearly holds at its time what `bounds` hold; `boxed` as in [`Motion::bounds_of`].
     ///
-    /// A point p runs along x(s) = Q(s) y(s) + T(s) with y(s) = S(s) p, where T and y are linear. As Q turns at the rate
-    /// ω, |x''| <= ω² |y| + 2 ω |y'|, and over a step δ no curve leaves its chord by more than δ²/8 of that. The chord lies
-    /// within the interpolated boxes, as its ends lie within the boxes at both ends of the step, and so the curve lies
-    /// within them if they are padded by so much.
+    /// A point p runs along x(s) = Q(s) y(s) + T(s) with y(s) = S(s) p, where T and y are linear. As Q turns at the
+    /// rate ω, |x''| <= ω² |y| + 2 ω |y'|, and over a step δ no curve leaves its chord by more than δ²/8 of that. The
+    /// chord lies within the interpolated boxes, as its ends lie within the boxes at both ends of the step, and so the
+    /// curve lies within them if they are padded by so much.
     pub fn step_bounds(
         &self,
         bounds: &Bounds,

@@ -21,8 +21,8 @@ const PERMUTATION: [u8; 256] = [
     195, 78, 66, 215, 61, 156, 180,
 ];
 
-/// From this width on, in cells, nothing is left of an octave. With the smooth step from 0 to here an octave fades as its
-/// mean over a square of that width does: measured 0.95, 0.86, 0.58, 0.32, 0.16 at widths 1/4, 1/2, 1, 3/2, 2.
+/// From this width on, in cells, nothing is left of an octave. With the smooth step from 0 to here an octave fades as
+/// its mean over a square of that width does: measured 0.95, 0.86, 0.58, 0.32, 0.16 at widths 1/4, 1/2, 1, 3/2, 2.
 const LOST_WIDTH: f64 = 2.25;
 /// The mean of |noise| over all space, from four million points of a low-discrepancy sequence.
 const MEAN_MAGNITUDE: f64 = 0.2204;

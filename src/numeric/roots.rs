@@ -1,7 +1,7 @@
 //! Real roots of polynomials: quadratics in closed form without cancellation, quartics by bracketing.
 //!
-//! Between two neighbouring roots of its derivative a polynomial is monotone, so the sign at these points tells, without
-//! any radicals, where its roots are; each is then found by Newton steps kept within a shrinking bracket.
+//! Between two neighbouring roots of its derivative a polynomial is monotone, so the sign at these points tells,
+//! without any radicals, where its roots are; each is then found by Newton steps kept within a shrinking bracket.
 
 /// Both roots of `a t² - 2 b t + c`, in ascending order, given `discriminant = b² - a c` in whatever form cancels
 /// least; NaN where there are none. A vanishing `a` gives the one root and an infinite one.

@@ -50,8 +50,8 @@ pub fn direction(below: f64, turn: f64) -> DVec3 {
 
 /// The place in [0, 1] below which the share `u` of the density (1 - t) `start` + t `end` lies.
 ///
-/// `start` and `end` are not negative; where both are zero the density is constant. The root of the quadratic is taken in
-/// the form without cancellation.
+/// `start` and `end` are not negative; where both are zero the density is constant. The root of the quadratic is taken
+/// in the form without cancellation.
 #[inline(always)]
 pub fn linear(start: f64, end: f64, u: f64) -> f64 {
     let below = start + ((1.0 - u) * start * start + u * end * end).sqrt();

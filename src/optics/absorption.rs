@@ -68,7 +68,8 @@ mod tests {
             sigma_a: [0.01, 0.7, 40.0],
         };
         for (channel, distance) in medium.half_value_distance().into_iter().enumerate() {
-            // ln 2, the quotient and the product are rounded once each, which exp(-ln 2) scales by ln 2; then exp itself.
+            // ln 2, the quotient and the product are rounded once each, which exp(-ln 2) scales by ln 2; then exp
+            // itself.
             assert!((medium.transmittance(distance)[channel] - 0.5).abs() <= 2.0 * f64::EPSILON);
         }
     }

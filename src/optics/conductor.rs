@@ -48,8 +48,8 @@ impl Conductor {
 
 /// The share of light that a smooth conductor reflects; what is missing to 1 is absorbed.
 ///
-/// `cos_i` as for [`dielectric`](super::dielectric); `eta` > 0 and `k` >= 0 are relative to the medium light comes from.
-/// Without extinction it is a dielectric.
+/// `cos_i` as for [`dielectric`](super::dielectric); `eta` > 0 and `k` >= 0 are relative to the medium light comes
+/// from. Without extinction it is a dielectric.
 #[inline(always)]
 pub fn conductor(cos_i: f64, eta: f64, k: f64) -> Polarised {
     let cos_i = if cos_i > 1.0 { 1.0 } else { cos_i };

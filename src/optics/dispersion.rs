@@ -63,7 +63,8 @@ impl Cauchy {
         }
     }
 
-    /// The equation that KHR_materials_dispersion means: `ior` at the d line, `dispersion` = 20 / Abbe number, 0 for none.
+    /// The equation that KHR_materials_dispersion means: `ior` at the d line, `dispersion` = 20 / Abbe number, 0 for
+    /// none.
     pub fn from_gltf(ior: f64, dispersion: f64) -> Cauchy {
         Cauchy::from_abbe(ior, 20.0 / dispersion)
     }

@@ -191,8 +191,8 @@ mod tests {
                     transmittance: t,
                     ..
                 } = dielectric(cos_i, eta_i, eta_t);
-                // The identity holds for whatever p and q were rounded to. What follows has 7 roundings of the larger share
-                // at most and one of the sum: 4 EPSILON; in p two more for the products, 5 EPSILON.
+                // The identity holds for whatever p and q were rounded to. What follows has 7 roundings of the larger
+                // share at most and one of the sum: 4 EPSILON; in p two more for the products, 5 EPSILON.
                 assert!(
                     (r.s + t.s - 1.0).abs() <= 4.0 * f64::EPSILON,
                     "{eta_i} {eta_t} {cos_i}"

@@ -1,5 +1,5 @@
-//! A thin translucent sheet, such as a leaf, paper or a lampshade: it scatters light so much that what it lets through leaves
-//! as diffusely as what it sends back, and it is so thin that both leave where light arrived.
+//! A thin translucent sheet, such as a leaf, paper or a lampshade: it scatters light so much that what it lets through
+//! leaves as diffusely as what it sends back, and it is so thin that both leave where light arrived.
 //!
 //! Both lobes are Lambert's: f_r = reflectance / pi towards the side that light comes from and f_t = translucency / pi
 //! towards the other. No more leaves than arrives if both together are at most 1.
@@ -16,7 +16,8 @@ pub struct Leaf {
 impl Leaf {
     /// The sheet that sends back `reflectance` and lets through `translucency` of what arrives, from either side.
     ///
-    /// Negative numbers and NaN count as 0. Channels of which more than 1 would leave have both parts divided by their sum.
+    /// Negative numbers and NaN count as 0. Channels of which more than 1 would leave have both parts divided by their
+    /// sum.
     pub fn new(reflectance: [f64; 3], translucency: [f64; 3]) -> Leaf {
         // Also of a NaN, and so that the sum of two is finite.
         let part = |x: f64| if x > 0.0 { x.min(f64::MAX / 2.0) } else { 0.0 };
@@ -51,8 +52,8 @@ impl Leaf {
         self.translucency
     }
 
-    /// Radiance towards the viewer over the irradiance from a lamp, per steradian: which of the two lobes it is depends on
-    /// whether the normal sees the viewer (`cos_o`) and the lamp (`cos_i`) on the same side.
+    /// Radiance towards the viewer over the irradiance from a lamp, per steradian: which of the two lobes it is depends
+    /// on whether the normal sees the viewer (`cos_o`) and the lamp (`cos_i`) on the same side.
     pub fn scattering(&self, cos_o: f64, cos_i: f64) -> [f64; 3] {
         let lobe = if (cos_o < 0.0) == (cos_i < 0.0) {
             &self.reflectance
@@ -107,8 +108,8 @@ mod tests {
     #[test]
     fn the_lobes_sum_to_their_parts_over_the_hemispheres() {
         let leaf = Leaf::new([0.3; 3], [0.6; 3]);
-        // The integral of f |cos| over a hemisphere: 2 pi times that of f cos over cos in (0, 1); a linear integrand, for
-        // which the midpoint rule is exact.
+        // The integral of f |cos| over a hemisphere: 2 pi times that of f cos over cos in (0, 1); a linear integrand,
+        // for which the midpoint rule is exact.
         let over = |side: f64| {
             let middle = |k: i32| (f64::from(k) + 0.5) / 100.0;
             let sum: f64 = (0..100)

@@ -16,9 +16,11 @@ pub const LINEAR_SRGB_FROM_XYZ: [[f64; 3]; 3] = [
     [0.0557, -0.2040, 1.0570],
 ];
 
-/// Cells of the spectrum over which sensitivities are taken to be constant: one a nanometre, 1/12 of the narrowest lobe.
+/// Cells of the spectrum over which sensitivities are taken to be constant: one a nanometre, 1/12 of the narrowest
+/// lobe.
 const CELLS: usize = 400;
-/// Weights are whole multiples of 2^-22: f32 then adds them without rounding, in any order, as long as sums stay below 4.
+/// Weights are whole multiples of 2^-22: f32 then adds them without rounding, in any order, as long as sums stay
+/// below 4.
 const WEIGHT_STEPS: f64 = (1 << 22) as f64;
 
 /// The CIE 1931 colour matching functions x, y, z at `wavelength`, nanometres; y peaks at about 1.
@@ -42,9 +44,10 @@ pub fn linear_srgb(xyz: [f64; 3]) -> [f64; 3] {
 
 /// A path that splits by colour follows this many wavelengths, one from each stratum of the spectrum.
 ///
-/// Strata are of equal importance, the sum of the absolute sensitivities of the three channels; so they are narrow where
-/// the eye sees much. A stratum's weight is the integral of the sensitivities over it: where nothing depends on the
-/// wavelength, the weights' sum is exactly white, and the split path returns exactly the RGB radiance of the whole one.
+/// Strata are of equal importance, the sum of the absolute sensitivities of the three channels; so they are narrow
+/// where the eye sees much. A stratum's weight is the integral of the sensitivities over it: where nothing depends on
+/// the wavelength, the weights' sum is exactly white, and the split path returns exactly the RGB radiance of the whole
+/// one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpectralSampler {
     /// The share of all importance below each bound of a cell, ascending from 0 to 1.
@@ -70,8 +73,8 @@ impl SpectralSampler {
 
     /// The wavelength in stratum `index` below which the share `offset` of its importance lies, nanometres.
     ///
-    /// `offset` is within [0, 1]: 0.5 for the one that stands for all, a random number for jitter. An `index` beyond the
-    /// last stratum means the last.
+    /// `offset` is within [0, 1]: 0.5 for the one that stands for all, a random number for jitter. An `index` beyond
+    /// the last stratum means the last.
     pub fn wavelength(&self, index: usize, offset: f64) -> f64 {
         let count = self.weights.len();
         quantile(

@@ -37,8 +37,9 @@ use super::ledger::{Account, Ledger};
 use super::look::Look;
 use super::meter::Meter;
 use super::wave::{Visit, Wave};
-use super::{Frame, Monitor, RUN};
+use super::{Frame, Monitor, RUN, pilot};
 use crate::numeric::LANES;
+use crate::scene::Effect;
 
 /// Samples that a pixel gets at least: a full packet.
 pub(super) const ROUND: u32 = LANES as u32;
@@ -53,23 +54,6 @@ pub struct Adaptive {
     pub gain: f64,
 }
 
-impl Adaptive {
-    /// How many samples a pixel with detail gets, about: those after which evenly spread ones with a standard deviation of
-    /// [`DETAIL`] have the target for their error, by σ / n^¾.
-    ///
-    /// Rays are as wide as for so many equal samples, in all rounds and pixels: textures are blurred over what a sample
-    /// stands for. Narrower rays leave gaps between samples, wider ones blur beyond the pixel, and rounds that each have a
-    /// width of their own do both: for the same error they take 1.07 to 1.15 of the samples that rays of one width do on
-    /// the table cloth of `scenes/glass_of_water.toml`.
-    pub(super) fn typical_count(&self) -> u32 {
-        (DETAIL / self.error).powf(4.0 / 3.0).round() as u32
-    }
-}
-
-/// Standard deviation of the display values in a pixel with detail: of the scenes with textures, about what their pixels
-/// have.
-const DETAIL: f64 = 0.2;
-
 /// What a pixel that is visited takes: the visit and what it tells.
 const VISIT_BYTES: usize = size_of::<Visit>() + size_of::<Estimate>();
 
@@ -77,12 +61,19 @@ const VISIT_BYTES: usize = size_of::<Visit>() + size_of::<Estimate>();
 pub(super) const LOOK_BYTES: usize = size_of::<Look>() + size_of::<bool>();
 
 /// What every pixel's samples tell, row by row, and what they took. `None` if the render was cancelled.
-pub(super) fn render(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Option<(Vec<Estimate>, Ledger)> {
-    let (width, height) = (frame.settings.width, frame.settings.height);
-    let tiles = tiles(width, height);
+pub(super) fn render(
+    frame: &mut Frame,
+    target: Adaptive,
+    monitor: &Monitor,
+) -> Option<(Vec<Estimate>, Ledger)> {
+    let tiles = tiles(frame.settings.width, frame.settings.height);
     let mut picture = Picture::new(frame, target);
     let mut ledger = Ledger::default();
     let mut meter = Meter::new(&frame.settings);
+    if frame.effects().has(Effect::TextureFilter) {
+        ledger += pilot(frame, &mut picture, &tiles, monitor)?;
+        meter.skip();
+    }
     let mut first_count = None;
     loop {
         picture.decide();
@@ -113,8 +104,40 @@ pub(super) fn render(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Opti
             picture.merge(tile, &visits, &estimates);
         }
         meter.lap(Account::Sampling);
+        if picture.looks.is_empty() {
+            // With those that were asked before.
+            picture.wanted.fill(true);
+        }
         picture.look();
     }
+}
+
+/// Makes rays as wide as [`pilot`] finds; what that took. The pixels that were asked last have had their first round, unless
+/// its rays were of another width. `None` if the render was cancelled.
+fn pilot(frame: &mut Frame, picture: &mut Picture, tiles: &[Tile], monitor: &Monitor) -> Option<Ledger> {
+    let size = [picture.width, picture.height];
+    let asked = |index: usize| pilot::is_asked([index % size[0], index / size[0]], size);
+    picture.wanted = (0..picture.wanted.len()).map(asked).collect();
+    let mut ledger = Ledger::default();
+    for _ in 0..pilot::MOST_ROUNDS {
+        let visited = render_round(frame, picture.visits(tiles), monitor, &|_| ())?;
+        let first_rounds: Vec<Estimate> = visited.iter().flat_map(|visited| visited.2.clone()).collect();
+        let before = frame.even_count;
+        frame.set_even_count(pilot::even_count(&first_rounds, picture.target, picture.spp));
+        let has_settled = pilot::has_settled(before, frame.even_count);
+        for (tile, visits, estimates, tile_ledger) in visited {
+            ledger += tile_ledger;
+            if has_settled {
+                picture.merge(tile, &visits, &estimates);
+            }
+        }
+        if has_settled {
+            break;
+        }
+    }
+    let estimates = &picture.estimates;
+    picture.wanted = estimates.iter().map(|estimate| estimate.count == 0).collect();
+    Some(ledger)
 }
 
 /// A tile, the pixels of it that were visited, what their new samples tell, and what they took.
@@ -383,13 +406,6 @@ mod tests {
     use super::super::estimate::estimate;
     use super::super::look::display_value;
     use super::*;
-
-    #[test]
-    fn a_pixel_with_detail_gets_samples_until_their_error_is_the_target() {
-        for (error, count) in [(0.2, 1), (0.2 / 8.0, 16), (0.2 / 64.0, 256), (0.01, 54)] {
-            assert_eq!(Adaptive { error, gain: 1.0 }.typical_count(), count);
-        }
-    }
 
     /// A picture of three by three pixels of `count` gray samples each, but for its middle.
     fn around(middle: &[f64], gray: f64, count: usize, target: f64) -> Picture {

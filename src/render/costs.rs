@@ -1,8 +1,8 @@
 //! What each pixel cost: rays and nanoseconds by account.
 //!
-//! Only where somebody asks. The rays of a pixel are counted when they are traced; times are those of packets, shared evenly
-//! by the pixels of their active lanes. Packets are then traced one by one and all watched closely, which changes no bit
-//! of the picture and makes it slower.
+//! Only where somebody asks. The rays of a pixel are counted when they are traced; times are those of packets, shared
+//! evenly by the pixels of their active lanes. Packets are then traced one by one and all watched closely, which
+//! changes no bit of the picture and makes it slower.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -3,9 +3,10 @@
 //! A pixel is the weighted mean of the samples near its middle, `Σ w(s - p) L(s) / Σ w(s - p)`, so a constant picture
 //! stays constant whatever the weights. Each tile adds its samples to a film of its own that reaches over its edges by
 //! the filter's radius; afterwards these films are added to the picture in the order of the tiles. No sample is traced
-//! twice: a border of samples for every tile would cost (36/32)² = 1.27 times the rays at radius 2. The order of all sums
-//! is fixed by the picture alone, as tiles lie where they lie whoever renders them. Filtering by choosing sample places
-//! instead (filter importance sampling) has no answer to negative lobes, and takes neighbours' samples for noise.
+//! twice: a border of samples for every tile would cost (36/32)² = 1.27 times the rays at radius 2. The order of all
+//! sums is fixed by the picture alone, as tiles lie where they lie whoever renders them. Filtering by choosing sample
+//! places instead (filter importance sampling) has no answer to negative lobes, and takes neighbours' samples for
+//! noise.
 
 use rayon::prelude::*;
 
@@ -149,7 +150,8 @@ impl Splat {
         }
     }
 
-    /// What a sample at `position` along an axis counts for the pixels from `reach` before its own to `reach` behind it.
+    /// What a sample at `position` along an axis counts for the pixels from `reach` before its own to `reach` behind
+    /// it.
     fn weights(&self, position: f64) -> [f64; MAX_SPAN] {
         let mut weights = [0.0; MAX_SPAN];
         for (k, weight) in weights.iter_mut().enumerate().take(2 * self.reach + 1) {

@@ -1,9 +1,9 @@
-//! Whether the next round of adaptive sampling is worth it: the picture's error after it, against that of as many samples
-//! shared out evenly.
+//! Whether the next round of adaptive sampling is worth it: the picture's error after it, against that of as many
+//! samples shared out evenly.
 //!
-//! Let v be the estimated squared error of a pixel's mean, n its samples now and m after the round. The pixels' errors will
-//! come to Σ v (n/m)^1.5, as evenly spread samples have it. Were all samples Σ m shared out evenly, M to each pixel, they
-//! would come to Σ v (n/M)^1.5. To either comes the error of what no sample has met yet.
+//! Let v be the estimated squared error of a pixel's mean, n its samples now and m after the round. The pixels' errors
+//! will come to Σ v (n/m)^1.5, as evenly spread samples have it. Were all samples Σ m shared out evenly, M to each
+//! pixel, they would come to Σ v (n/M)^1.5. To either comes the error of what no sample has met yet.
 
 /// The sums of a forecast.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -19,8 +19,8 @@ pub(super) struct Forecast {
     scaled_squares: f64,
 }
 
-/// How many times more of the squared error a round must take away than its samples shared out evenly: errors are estimates
-/// themselves.
+/// How many times more of the squared error a round must take away than its samples shared out evenly: errors are
+/// estimates themselves.
 const LEAST_ADVANTAGE: f64 = 1.1;
 
 impl Forecast {
@@ -47,6 +47,11 @@ impl Forecast {
         self.squares_now += other.squares_now;
         self.squares += other.squares;
         self.scaled_squares += other.scaled_squares;
+    }
+
+    /// How many samples a pixel, shared out evenly, come to the same error; `None` where there is none.
+    pub(super) fn even_count(&self) -> Option<f64> {
+        (self.squares > 0.0).then(|| (self.scaled_squares / self.squares).powf(2.0 / 3.0))
     }
 
     /// Whether the round does more than its samples, and all earlier ones, shared out evenly.

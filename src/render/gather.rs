@@ -129,7 +129,8 @@ impl MeshView<'_> {
         }
     }
 
-    /// Derivatives of the point by texture coordinates, in object space; zero where a triangle's coordinates span nothing.
+    /// Derivatives of the point by texture coordinates, in object space; zero where a triangle's coordinates span
+    /// nothing.
     pub(super) fn derivatives(&self, set: &[[f32; 2]], primitive: u32) -> [DVec3; 2] {
         let vertices = self.triangles[primitive as usize].map(|vertex| vertex as usize);
         let [a, b, c] = vertices.map(|vertex| Vec3::from(self.positions[vertex]).as_dvec3());

@@ -1,10 +1,10 @@
 //! Lights with an extent as a frame asks them; among them lamps, which are objects.
 //!
 //! Other lights are not seen, and have nothing that a feeler could meet. A lamp's surface is there, and the feeler to a
-//! point of it must neither meet that surface at its end nor miss what lies close before it. So it ends off the surface,
-//! on the side that it comes from, by a bound on the rounding of both: that of a ray which leaves the surface there
-//! ([`SpawnError`]) and that of a traversal over the feeler's length. A convex lamp thus never hides its points, and a
-//! dented one where it does.
+//! point of it must neither meet that surface at its end nor miss what lies close before it. So it ends off the
+//! surface, on the side that it comes from, by a bound on the rounding of both: that of a ray which leaves the surface
+//! there ([`SpawnError`]) and that of a traversal over the feeler's length. A convex lamp thus never hides its points,
+//! and a dented one where it does.
 
 use glam::{DMat3, DVec3};
 
@@ -14,10 +14,10 @@ use crate::scene::{AreaShape, Effect, EffectSet, Geometry, Instance, Layer, Ligh
 use crate::shading::{AreaLight, DiskLight, LightSample, QuadLight, SphereLight, TexturePoint, TextureSet};
 use crate::shape::Implicit;
 
-/// What the roundings of a traversal in f32 move a feeler's end by, and the surface that it ends at, relative to its length
-/// along each axis of object space: 2^-24 for the direction, for the corners less the origin, for each of three products
-/// and two sums of the distance from a plane and of the approach to it, and for their quotient; and three each for what a
-/// placement makes of origin and direction.
+/// What the roundings of a traversal in f32 move a feeler's end by, and the surface that it ends at, relative to its
+/// length along each axis of object space: 2^-24 for the direction, for the corners less the origin, for each of three
+/// products and two sums of the distance from a plane and of the approach to it, and for their quotient; and three each
+/// for what a placement makes of origin and direction.
 const FEELER_ERROR: f64 = 19.0 / (1 << 24) as f64;
 
 /// A light with an extent.
@@ -167,7 +167,8 @@ impl<'s> Lamp<'s> {
     }
 }
 
-/// Texture coordinates of set `set` at `p` in a triangle; its shares of the corners are those of the areas against them.
+/// Texture coordinates of set `set` at `p` in a triangle; its shares of the corners are those of the areas against
+/// them.
 fn tex_coords(mesh: &Mesh, set: u32, triangle: u32, p: DVec3) -> [f32; 2] {
     let Some(set) = mesh.tex_coords.get(set as usize) else {
         return [0.0; 2];

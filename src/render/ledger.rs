@@ -1,7 +1,8 @@
 //! What was traced and how long it took, by what it was for.
 //!
-//! Every ray that the backend is asked for is counted under one account. Seconds add up by construction, as each reading
-//! of the clock books all that went by since the one before (see `meter`); what threads spend without work is `idle`.
+//! Every ray that the backend is asked for is counted under one account. Seconds add up by construction, as each
+//! reading of the clock books all that went by since the one before (see `meter`); what threads spend without work is
+//! `idle`.
 
 use std::ops::AddAssign;
 
@@ -150,14 +151,16 @@ pub struct Ledger {
     pub lost_rays: u64,
     /// The sum of their weights: by so many times the largest radiance, at most, is the sum of all samples too dark.
     pub lost_weight: f64,
-    /// The most that any pixel lacks: the sum of its samples' lost weights over their number. By so many times the radiance
-    /// that a lost ray could have brought, at most, is a pixel wrong that is filtered by a box. With adaptive sampling it
-    /// is the most of any round, which is no less.
+    /// The most that any pixel lacks: the sum of its samples' lost weights over their number. By so many times the
+    /// radiance that a lost ray could have brought, at most, is a pixel wrong that is filtered by a box. With adaptive
+    /// sampling it is the most of any round, which is no less.
     pub max_lost_weight: f64,
     /// Of the lost rays, those beyond the depth limit.
     pub depth_limit: Loss,
     /// Of the lost rays, those that weighed too little.
     pub weight_cutoff: Loss,
+    /// Samples that marches interpolated in volumes, along rays and feelers; those that were leapt over do not count.
+    pub volume_samples: u64,
 }
 
 /// Rays that one limit cut off.
@@ -230,6 +233,7 @@ impl Ledger {
         let mut gathered = Ledger {
             clock_reads: self.clock_reads,
             clock_read_seconds: self.clock_read_seconds,
+            volume_samples: self.volume_samples,
             ..Ledger::default()
         };
         let tally = Tally {
@@ -341,6 +345,7 @@ impl AddAssign for Ledger {
         self.max_lost_weight = self.max_lost_weight.max(other.max_lost_weight);
         self.depth_limit += other.depth_limit;
         self.weight_cutoff += other.weight_cutoff;
+        self.volume_samples += other.volume_samples;
     }
 }
 

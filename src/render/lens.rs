@@ -1,10 +1,10 @@
 //! Depth of field: camera rays that leave from points all over the lens. And motion: they leave at times all over that
 //! for which the shutter is open, from where the camera is then.
 //!
-//! A packet's rays are made as a pinhole's first; where the camera has a lens each is bent to go from another point of it
-//! to where the pinhole's ray is in focus ([`crate::scene::LensView::ray`]). The point is that of the sample's own pair of
-//! numbers for [`Purpose::LENS`], the time is by that for [`Purpose::TIME`]. Widths of rays stay those of the middle of the
-//! lens, and the bodies around the camera those around that point in the middle of the time.
+//! A packet's rays are made as a pinhole's first; where the camera has a lens each is bent to go from another point of
+//! it to where the pinhole's ray is in focus ([`crate::scene::LensView::ray`]). The point is that of the sample's own
+//! pair of numbers for [`Purpose::LENS`], the time is by that for [`Purpose::TIME`]. Widths of rays stay those of the
+//! middle of the lens, and the bodies around the camera those around that point in the middle of the time.
 
 use super::Frame;
 use super::sampler::{Purpose, SampleGroup};
@@ -14,6 +14,17 @@ use crate::numeric::{LANES, Lanes, Motion};
 use crate::scene::{Camera, CameraRay, CameraView, Effect, EffectSet, LensView};
 
 impl Frame<'_> {
+    /// Whether camera rays are other than those of a pinhole that stands still.
+    pub(super) fn is_bent(&self) -> bool {
+        self.lens.is_some() || self.motion.is_some()
+    }
+
+    /// Whether camera rays are bent, have times, or begin paths that keep more than their weights.
+    pub(super) fn has_camera_travels(&self) -> bool {
+        // Times are kept by paths.
+        self.is_bent() || self.travels()
+    }
+
     /// The rays of a packet's samples, which lie at `position` in their pixels.
     pub(super) fn camera_rays(
         &self,

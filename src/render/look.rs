@@ -11,8 +11,8 @@ pub(super) struct Look {
     pub(super) error: f64,
     /// Display values of the darkest and the brightest sample.
     pub(super) extremes: [f64; 2],
-    /// If the darkest, or the brightest, differs from all other samples: the step in display value if one sample in n + 1
-    /// does so. Else 0.
+    /// If the darkest, or the brightest, differs from all other samples: the step in display value if one sample in n +
+    /// 1 does so. Else 0.
     pub(super) single_steps: [f64; 2],
     /// Of samples.
     pub(super) count: u32,
@@ -54,7 +54,8 @@ fn single_step(estimate: &Estimate, end: usize, gain: f64) -> f64 {
     (display_value(gain * moved) - display_value(gain * others)).abs()
 }
 
-/// Nearly the sRGB value of a luminance, from 0 for black to 1 for white and on: within 0.07 of it, and as steep at black.
+/// Nearly the sRGB value of a luminance, from 0 for black to 1 for white and on: within 0.07 of it, and as steep at
+/// black.
 pub(super) fn display_value(luminance: f64) -> f64 {
     /// Makes the slope at zero 12.92, as in IEC 61966-2-1: (√(1 + r²) + r) / (2 r) = 12.92.
     const ROOT: f64 = 0.0403;

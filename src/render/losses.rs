@@ -1,9 +1,9 @@
 //! What a pixel lacks at worst: the weights of the rays that were not followed, summed over its samples.
 //!
-//! A pixel is the mean of its samples, and a ray adds its weight times what it brings back. So a pixel is wrong by at most
-//! the mean of its samples' lost weights for every unit of radiance that the lost rays could have brought. How much that
-//! is has no bound of its own, as a light may be as near to a surface as it likes; so the error is told per unit of
-//! radiance. Where a ray was cut is known one by one, so nothing is kept or counted where none is.
+//! A pixel is the mean of its samples, and a ray adds its weight times what it brings back. So a pixel is wrong by at
+//! most the mean of its samples' lost weights for every unit of radiance that the lost rays could have brought. How
+//! much that is has no bound of its own, as a light may be as near to a surface as it likes; so the error is told per
+//! unit of radiance. Where a ray was cut is known one by one, so nothing is kept or counted where none is.
 
 use super::film::TILE;
 use super::ledger::Ledger;

@@ -1,8 +1,8 @@
 //! What a render holds in memory, and for what: every byte under the name of one effect, account or structure.
 //!
-//! Sizes are those of what is there: capacities of queues and columns, arrays of meshes, decoded images and what is made
-//! of them. What all threads hold together is noted after each tile, as their queues grow with what they meet and never
-//! shrink; the rest is as large as the picture and the scene. Nothing is counted with the ledger off.
+//! Sizes are those of what is there: capacities of queues and columns, arrays of meshes, decoded images and what is
+//! made of them. What all threads hold together is noted after each tile, as their queues grow with what they meet and
+//! never shrink; the rest is as large as the picture and the scene. Nothing is counted with the ledger off.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -18,8 +18,8 @@ use crate::scene::{Background, Effect, EffectSet, Geometry, Instance, Scene, Tex
 /// Something that is held.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Holding {
-    /// For what: the name of an effect or of an account; `geometry`, `instances`, `triangles`, `user-geometry`, `tree` or
-    /// `extents` where it serves to find hits; `unused` where the scene brought it along and nothing looks at it.
+    /// For what: the name of an effect or of an account; `geometry`, `instances`, `triangles`, `user-geometry`, `tree`
+    /// or `extents` where it serves to find hits; `unused` where the scene brought it along and nothing looks at it.
     pub holder: &'static str,
     /// What it is.
     pub what: &'static str,
@@ -189,22 +189,19 @@ impl Frame<'_> {
         memory
     }
 
-    /// Bytes that are not all there at the same time, and the most of them that are: while samples are taken, or when the
-    /// picture is put together.
+    /// Bytes that are not all there at the same time, and the most of them that are: while samples are taken, or when
+    /// the picture is put together.
     fn phases(&self, threads: &ThreadMemory, most_in_tiles: u64) -> (u64, u64) {
         let picture = self.picture_bytes() as u64;
         if self.settings.target().is_some() {
             let rounds = threads.most_in_round();
-            let pixels = self.picture_bytes() / size_of::<[f32; 3]>();
-            let estimates = (pixels * size_of::<Estimate>()) as u64;
+            let estimates = (self.pixel_count() * size_of::<Estimate>()) as u64;
             return (
                 rounds + picture,
                 (rounds + most_in_tiles).max(estimates + picture),
             );
         }
-        let tiles = film::tiles(self.settings.width, self.settings.height).into_iter();
-        let tiles: usize = tiles.map(|tile| self.tile_bytes(tile)).sum();
-        let put_together = tiles as u64 + picture;
+        let put_together = self.all_tile_bytes() as u64 + picture;
         (put_together, most_in_tiles.max(put_together))
     }
 
@@ -220,26 +217,32 @@ impl Frame<'_> {
         (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TilePicture), Ledger)>()
     }
 
+    /// What is kept of all tiles when the last is finished.
+    fn all_tile_bytes(&self) -> usize {
+        let tiles = film::tiles(self.settings.width, self.settings.height).into_iter();
+        tiles.map(|tile| self.tile_bytes(tile)).sum()
+    }
+
+    fn pixel_count(&self) -> usize {
+        self.settings.width as usize * self.settings.height as usize
+    }
+
     fn picture_bytes(&self) -> usize {
-        let settings = &self.settings;
-        settings.width as usize * settings.height as usize * size_of::<[f32; 3]>()
+        self.pixel_count() * size_of::<[f32; 3]>()
     }
 
     /// What is as large as the picture.
     fn add_film(&self, memory: &mut Memory) {
         let settings = &self.settings;
-        let pixels = settings.width as usize * settings.height as usize;
-        let estimate = size_of::<Estimate>();
+        let pixels = self.pixel_count();
         memory.add("film", "the picture", self.picture_bytes());
         if settings.target().is_some() {
             let rounds = self.thread_memory.as_ref().map_or(0, ThreadMemory::most_in_round);
             memory.add("sampling", "estimates", rounds as usize);
         } else {
-            let tiles = film::tiles(settings.width, settings.height).into_iter();
-            let tiles: usize = tiles.map(|tile| self.tile_bytes(tile)).sum();
-            memory.add("film", "pictures of tiles", tiles);
+            memory.add("film", "pictures of tiles", self.all_tile_bytes());
             if settings.sample_aovs {
-                memory.add("sampling", "estimates", pixels * estimate);
+                memory.add("sampling", "estimates", pixels * size_of::<Estimate>());
             }
         }
         if settings.sample_aovs {

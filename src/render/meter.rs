@@ -1,9 +1,10 @@
 //! Where the time of a tile goes: a clock that is read where one kind of work ends and the next begins.
 //!
-//! Every reading books all that went by since the one before, so nothing is left out and nothing counts twice. A reading
-//! takes about 25 ns, as long as a ray, so there are few: one where a batch of packets is made, traced, shaded or summed
-//! up. The shading of a batch is one lap; how it divides is found out by watching one packet in 32 closely. Which ones is
-//! a matter of the golden ratio, as its multiples are in step with no picture; it is the same in every run.
+//! Every reading books all that went by since the one before, so nothing is left out and nothing counts twice. A
+//! reading takes about 25 ns, as long as a ray, so there are few: one where a batch of packets is made, traced, shaded
+//! or summed up. The shading of a batch is one lap; how it divides is found out by watching one packet in 32 closely.
+//! Which ones is a matter of the golden ratio, as its multiples are in step with no picture; it is the same in every
+//! run.
 
 use std::sync::OnceLock;
 use std::time::Instant;
@@ -129,8 +130,8 @@ impl Meter {
         }
     }
 
-    /// Runs a trace, and returns its active rays and its time, which are to be booked. `whose` tells the labels of a packet
-    /// and the accounts of its lanes.
+    /// Runs a trace, and returns its active rays and its time, which are to be booked. `whose` tells the labels of a
+    /// packet and the accounts of its lanes.
     #[inline(always)]
     pub(super) fn trace<'a>(
         &mut self,

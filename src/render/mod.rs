@@ -18,6 +18,7 @@ mod losses;
 mod memory;
 mod meter;
 mod outcome;
+mod pilot;
 pub mod plan;
 mod probe;
 mod queue;
@@ -102,15 +103,16 @@ pub struct RenderSettings {
     pub spp: u32,
     /// How they lie in the pixel.
     pub pattern: Pattern,
-    /// Which of the pictures it is that differ by their random numbers alone: errors of two are independent of each other,
-    /// but for the places in the pixel that patterns without random numbers give.
+    /// Which of the pictures it is that differ by their random numbers alone: errors of two are independent of each
+    /// other, but for the places in the pixel that patterns without random numbers give.
     pub seed: u32,
     /// How they become the pixel.
     pub filter: PixelFilter,
     /// When a pixel has samples enough; `None` gives every pixel `spp`.
     ///
-    /// Takes the filter for a box, as unequal numbers of samples would weigh a pixel's neighbours unequally. Does nothing
-    /// up to 16 samples a pixel, the least that every pixel gets; needs a pattern whose samples go on, not a regular one.
+    /// Takes the filter for a box, as unequal numbers of samples would weigh a pixel's neighbours unequally. Does
+    /// nothing up to 16 samples a pixel, the least that every pixel gets; needs a pattern whose samples go on, not a
+    /// regular one.
     pub adaptive: Option<Adaptive>,
     /// Whether [`Rendering::aovs`] are wanted. They change no bit of the picture.
     pub sample_aovs: bool,
@@ -124,8 +126,8 @@ pub struct RenderSettings {
     pub skip_empty: SkipEmpty,
     /// Effects that are wanted other than the scene calls for.
     pub effects: EffectOverrides,
-    /// Whether [`Rendering::ledger`] is to tell where the time went. Off, no clock is read but at both ends of the render,
-    /// and rays are counted all the same. It changes no bit of the picture.
+    /// Whether [`Rendering::ledger`] is to tell where the time went. Off, no clock is read but at both ends of the
+    /// render, and rays are counted all the same. It changes no bit of the picture.
     pub ledger: bool,
     /// Whether [`Rendering::costs`] are wanted, for which the ledger must be on. They change no bit of the picture, but
     /// make it slower.
@@ -216,6 +218,8 @@ struct Frame<'s> {
     thread_memory: Option<ThreadMemory>,
     /// How wide a camera ray is.
     camera_cone: Cone,
+    /// Even samples a pixel that rays are as wide as for.
+    even_count: u32,
     /// Where camera rays leave it, if it is no pinhole.
     lens: Option<LensView>,
     /// Where it is when, if it moves.
@@ -246,7 +250,7 @@ pub fn render(
     let made_ready = settings.ledger.then(|| start.elapsed().as_secs_f64());
     let scattered = frame.scatter(monitor)?;
     let mut rendering = match settings.target() {
-        Some(target) => render_adaptively(&frame, target, monitor)?,
+        Some(target) => render_adaptively(&mut frame, target, monitor)?,
         None => render_uniformly(&frame, monitor)?,
     };
     rendering.subsurface = frame.bodies.as_ref().map(|bodies| bodies.stats);
@@ -326,9 +330,9 @@ fn render_tiles(frame: &Frame, monitor: &Monitor) -> Option<(Vec<(Tile, TilePict
 }
 
 /// As many samples as each pixel needs, round by round.
-fn render_adaptively(frame: &Frame, target: Adaptive, monitor: &Monitor) -> Option<Rendering> {
-    let settings = &frame.settings;
+fn render_adaptively(frame: &mut Frame, target: Adaptive, monitor: &Monitor) -> Option<Rendering> {
     let (estimates, ledger) = adaptive::render(frame, target, monitor)?;
+    let settings = &frame.settings;
     let to_pixel = |estimate: &Estimate| estimate.mean().map(|channel| channel as f32);
     Some(Rendering {
         image: LinearImage {
@@ -370,23 +374,15 @@ impl RenderSettings {
         (estimates + aovs + costs) as u64 + self.filter.bytes_per_pixel()
     }
 
-    /// Samples that rays are as wide as for: a pixel's; with adaptive sampling those of one with detail.
-    fn typical_spp(&self) -> u32 {
-        match self.target() {
-            Some(target) => target.typical_count().clamp(ROUND, self.spp),
-            None => self.spp,
-        }
-    }
-
     /// The pair of numbers that sample `sample` of `pixel` (column and row) has for `purpose`.
     fn numbers(&self, pixel: [u32; 2], sample: u32, purpose: Purpose) -> [f64; 2] {
         sample_2d(self.pattern, pixel, sample, self.spp, purpose.seeded(self.seed))
     }
 
-    /// The cone of a sample: a pixel's, by the root of the number of samples narrower each way.
-    fn camera_cone(&self, view: &CameraView) -> Cone {
+    /// The cone of one of `count` even samples: a pixel's, by the root of their number narrower each way.
+    fn camera_cone(&self, view: &CameraView, count: u32) -> Cone {
         let pixel = Cone::of_pixel(view, [0.5, 0.5], [self.width, self.height]);
-        let part = f64::from(self.typical_spp()).sqrt().recip();
+        let part = f64::from(count).sqrt().recip();
         Cone {
             width: pixel.width * part,
             spread: pixel.spread * part,
@@ -406,10 +402,8 @@ impl<'s> Frame<'s> {
         let view = camera.view(settings.width, settings.height);
         let shape = PacketShape::for_samples(settings.spp);
         // Adaptive sampling fills the pixel evenly with every round.
-        let layout = match settings.target() {
-            Some(_) => Layout::new(settings.pattern, ROUND),
-            None => Layout::new(settings.pattern, settings.spp),
-        };
+        let even_count = settings.target().map_or(settings.spp, |_| ROUND);
+        let layout = Layout::new(settings.pattern, even_count);
         let mut frame = Frame {
             scene,
             accel,
@@ -438,7 +432,8 @@ impl<'s> Frame<'s> {
             costs: (settings.ledger && settings.cost_aovs)
                 .then(|| CostSheet::new(settings.width, settings.height)),
             thread_memory: settings.ledger.then(ThreadMemory::default),
-            camera_cone: settings.camera_cone(&view),
+            even_count,
+            camera_cone: settings.camera_cone(&view, even_count),
             lens: camera.lens_view().filter(|_| effects.has(Effect::DepthOfField)),
             motion: MovingCamera::of(camera, [settings.width, settings.height], effects),
             shutter: camera.shutter,
@@ -460,6 +455,12 @@ impl<'s> Frame<'s> {
     #[inline(always)]
     fn effects(&self) -> EffectSet {
         self.plan.effects()
+    }
+
+    /// Makes rays as wide as for so many even samples a pixel.
+    fn set_even_count(&mut self, count: u32) {
+        self.even_count = count;
+        self.camera_cone = self.settings.camera_cone(&self.view, count);
     }
 
     /// Whether paths keep more than their weights.
@@ -506,8 +507,8 @@ impl<'s> Frame<'s> {
         self.media_around(view.ray(0.5, 0.5).origin, middle)
     }
 
-    /// The bodies around `p` at `time`, by the surfaces that a ray from there meets: a body that is left before it is entered is
-    /// one of them. With the number of rays asked.
+    /// The bodies around `p` at `time`, by the surfaces that a ray from there meets: a body that is left before it is
+    /// entered is one of them. With the number of rays asked.
     fn media_around(&self, p: DVec3, time: f32) -> (MediaStack, u64) {
         let (mut around, mut probe_count) = (MediaStack::EMPTY, 0);
         if !self.effects().has(Effect::Refraction) {

@@ -1,5 +1,7 @@
 //! What shaded rays give: light on the film, feelers to lights, and the rays of the next generation.
 
+use std::cell::OnceCell;
+
 use glam::Vec3;
 
 use super::film::{Tile, TileFilm};
@@ -14,7 +16,7 @@ use super::volumes::Marches;
 use super::{Frame, shade};
 use crate::accel::{NO_HIT, RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
-use crate::scene::Effect;
+use crate::scene::{Effect, EffectSet};
 
 /// The working memory of one thread for what follows from hits.
 pub(super) struct Outcome<'f, 's> {
@@ -82,6 +84,16 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
+    /// The effects that are on.
+    ///
+    /// Functions with `PLAIN` serve scenes in which none but [`EffectSet::PLAIN`] are. All others are off there at compile
+    /// time, so that a step that is not taken does not even cost the question.
+    #[inline(always)]
+    pub(super) fn effects<const PLAIN: bool>(&self) -> EffectSet {
+        let all = self.frame.effects();
+        if PLAIN { all.within(EffectSet::PLAIN) } else { all }
+    }
+
     /// Adds what traced rays have met to the film, and sends out what follows from it.
     pub(super) fn shade_batch(
         &mut self,
@@ -90,19 +102,36 @@ impl<'f, 's> Outcome<'f, 's> {
         paths: Paths,
         stage: Stage,
     ) {
+        if self.frame.effects().are_within(EffectSet::PLAIN) {
+            self.shade_packets::<true>(surfaces, packets, paths, stage);
+        } else {
+            self.shade_packets::<false>(surfaces, packets, paths, stage);
+        }
+    }
+
+    // Out of line, so that neither is the worse for the other's need of registers.
+    #[inline(never)]
+    fn shade_packets<const PLAIN: bool>(
+        &mut self,
+        surfaces: &mut Surfaces,
+        packets: &[RayPacket],
+        paths: Paths,
+        stage: Stage,
+    ) {
+        let effects = self.effects::<PLAIN>();
         for (index, packet) in packets.iter().enumerate() {
             let (path, travels) = paths.at(index);
+            let travels = travels.filter(|_| !PLAIN);
             let is_watched = self.meter.watch(&path.pixel, &packet.active);
             let dimmed = travels
-                .filter(|_| self.frame.effects().has(Effect::Absorption))
+                .filter(|_| effects.has(Effect::Absorption))
                 .map(|travels| self.dimmed(packet, path, travels));
             if dimmed.is_some() {
                 self.meter.part(Account::Absorption);
             }
             let weight = dimmed.as_ref().unwrap_or(&path.weight);
-            let marched = self
-                .frame
-                .marches()
+            let marched = effects
+                .has(Effect::Volume)
                 .then(|| self.march(packet, (path, travels), weight, stage));
             let traced = Traced {
                 packet,
@@ -117,15 +146,16 @@ impl<'f, 's> Outcome<'f, 's> {
                 } else {
                     Moment::Unknown
                 };
-                self.frame.surfaces.meet(packet, self.widths(travels), surfaces);
+                let widths = self.widths::<PLAIN>(travels);
+                self.frame.surfaces.meet(packet, widths, surfaces);
                 self.book_meeting(surfaces);
-                self.shade(&traced, surfaces, stage);
-            } else if self.frame.effects().glows() {
-                self.add_surroundings(&traced);
+                self.shade::<PLAIN>(effects, &traced, surfaces, stage);
+            } else if effects.glows() {
+                self.add_surroundings(traced);
             }
             self.meter.leave();
         }
-        self.answer_feelers(stage.order);
+        self.answer_feelers::<PLAIN>(stage.order);
     }
 
     /// Books the time of points and materials, and of textures if there were any.
@@ -142,8 +172,8 @@ impl<'f, 's> Outcome<'f, 's> {
     }
 
     /// How wide the rays of a packet are.
-    fn widths<'t>(&self, travels: Option<TravelPacket<'t>>) -> Widths<'t> {
-        if !self.frame.effects().has(Effect::TextureFilter) {
+    fn widths<'t, const PLAIN: bool>(&self, travels: Option<TravelPacket<'t>>) -> Widths<'t> {
+        if !self.effects::<PLAIN>().has(Effect::TextureFilter) {
             return Widths::None;
         }
         match travels {
@@ -152,17 +182,27 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
-    fn add_surroundings(&mut self, traced: &Traced) {
-        let background = self.frame.background_seen(traced);
+    // Out of line, as other steps that not all scenes take: the loop over packets keeps its registers. By value, so that
+    // `Traced` is written to memory only where such a step is taken.
+    #[inline(never)]
+    fn add_surroundings(&mut self, traced: Traced) {
+        let background = self.frame.background_seen(&traced);
         let radiance = shade::surroundings(traced.packet, traced.weight, &background);
         self.meter.part(Account::Surroundings);
         self.film.add(traced.pixel, &radiance);
         self.meter.part(Account::Film);
     }
 
-    fn shade(&mut self, traced: &Traced, surfaces: &mut Surfaces, stage: Stage) {
-        match traced.travels.filter(|_| self.frame.effects().has_sheets()) {
-            None => self.shade_surfaces(traced, surfaces, stage),
+    #[inline(always)]
+    fn shade<const PLAIN: bool>(
+        &mut self,
+        effects: EffectSet,
+        traced: &Traced,
+        surfaces: &mut Surfaces,
+        stage: Stage,
+    ) {
+        match traced.travels.filter(|_| !PLAIN && effects.has_sheets()) {
+            None => self.shade_surfaces::<PLAIN>(effects, traced, surfaces, stage),
             Some(travels) => {
                 let present = self.pass_through(traced, travels, surfaces);
                 self.meter.part(Account::Refraction);
@@ -170,12 +210,12 @@ impl<'f, 's> Outcome<'f, 's> {
                     weight: &present,
                     ..*traced
                 };
-                self.shade_surfaces(&traced, surfaces, stage);
-                if self.frame.effects().has(Effect::Refraction) {
+                self.shade_surfaces::<PLAIN>(effects, &traced, surfaces, stage);
+                if effects.has(Effect::Refraction) {
                     self.cross_surfaces(&traced, travels, surfaces);
                     self.meter.part(Account::Refraction);
                 }
-                if self.frame.effects().has(Effect::RoughRefraction) {
+                if effects.has(Effect::RoughRefraction) {
                     self.cross_rough_surfaces(&traced, travels, surfaces, stage);
                     self.meter.part(Account::RoughRefraction);
                 }
@@ -183,66 +223,74 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
-    fn shade_surfaces(&mut self, traced: &Traced, surfaces: &Surfaces, stage: Stage) {
-        let frame = self.frame;
-        let (points, materials) = (&surfaces.points, &surfaces.materials);
-        if frame.effects().glows() {
-            let background = frame.background_seen(traced);
-            let light = shade::Uncaused {
-                ambient: frame.ambient,
-                background: &background,
-            };
-            let radiance = shade::glow(traced.packet, surfaces, traced.weight, &light);
-            self.meter.part(Account::Surroundings);
-            self.film.add(traced.pixel, &radiance);
-            self.meter.part(Account::Film);
+    #[inline(always)]
+    fn shade_surfaces<const PLAIN: bool>(
+        &mut self,
+        effects: EffectSet,
+        traced: &Traced,
+        surfaces: &Surfaces,
+        stage: Stage,
+    ) {
+        if effects.glows() {
+            self.add_glow(*traced, surfaces);
         }
-        let lit = shade::Lit {
-            points,
-            materials,
-            weight: traced.weight,
-        };
-        if frame.effects().has(Effect::Subsurface) {
+        let without_seen_lobes = OnceCell::new();
+        let lit = shade::Lit::of(traced, surfaces, &without_seen_lobes);
+        if effects.has(Effect::Subsurface) {
             self.add_scattered(traced, surfaces);
         }
-        self.ask_lights(traced, &lit, stage);
+        self.ask_lights::<PLAIN>(traced, &lit, stage);
         self.meter.part(Account::Lighting);
-        if frame.effects().has(Effect::Reflection) {
-            let mirrored = shade::reflection(&lit);
-            self.reflect(surfaces, &mirrored, traced, stage);
-            self.meter.part(Account::Reflection);
+        if effects.has(Effect::Reflection) {
+            self.reflect::<PLAIN>(*traced, surfaces, stage);
         }
-        if frame.effects().has(Effect::RoughReflection) {
+        if effects.has(Effect::RoughReflection) {
             self.reflect_roughly(traced, surfaces, stage);
             self.meter.part(Account::RoughReflection);
         }
     }
 
+    #[inline(never)]
+    fn add_glow(&mut self, traced: Traced, surfaces: &Surfaces) {
+        let background = self.frame.background_seen(&traced);
+        let light = shade::Uncaused {
+            ambient: self.frame.ambient,
+            background: &background,
+        };
+        let radiance = shade::glow(traced.packet, surfaces, traced.weight, &light);
+        self.meter.part(Account::Surroundings);
+        self.film.add(traced.pixel, &radiance);
+        self.meter.part(Account::Film);
+    }
+
     /// Sends feelers to all lights.
-    pub(super) fn ask_lights(&mut self, traced: &Traced, lit: &shade::Lit, stage: Stage) {
+    pub(super) fn ask_lights<const PLAIN: bool>(&mut self, traced: &Traced, lit: &shade::Lit, stage: Stage) {
         let frame = self.frame;
+        let effects = self.effects::<PLAIN>();
         let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
         for (number, (light, &casts)) in lights.enumerate() {
-            if frame.effects().has(Effect::AreaLight) && self.ask_area_light(number, traced, lit, stage) {
+            if effects.has(Effect::AreaLight) && self.ask_area_light(number, traced, lit, stage) {
                 continue;
             }
             if self.feelers.is_full() {
                 self.meter.part(Account::Lighting);
-                self.answer_feelers(stage.order);
+                self.answer_feelers::<PLAIN>(stage.order);
                 self.meter.resume(traced.pixel, &traced.packet.active);
             }
             let (packet, feeler) = self.feelers.next();
             if shade::feel(light, lit, packet, &mut feeler.radiance) {
-                self.keep_feelers(traced, casts);
+                self.keep_feelers::<PLAIN>(traced, casts);
             }
         }
-        if frame.effects().has(Effect::Environment) {
+        if effects.has(Effect::Environment) {
             self.ask_surroundings(traced, lit, stage);
         }
     }
 
     /// Queues the mirror rays that still matter. Surfaces that let light through send theirs elsewhere.
-    fn reflect(&mut self, surfaces: &Surfaces, mirrored: &shade::Mirrored, traced: &Traced, stage: Stage) {
+    #[inline(never)]
+    fn reflect<const PLAIN: bool>(&mut self, traced: Traced, surfaces: &Surfaces, stage: Stage) {
+        let mirrored = shade::reflection(&shade::Lit::of(&traced, surfaces, &OnceCell::new()));
         let points = &surfaces.points;
         for l in 0..LANES {
             let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
@@ -256,27 +304,28 @@ impl<'f, 's> Outcome<'f, 's> {
                 pixel: traced.pixel[l],
                 weight,
                 sender: Account::Reflection,
-                travel: traced.travels.map(|travels| {
+                travel: traced.travels.filter(|_| !PLAIN).map(|travels| {
                     let arrival = travels.lane(l);
                     Travel {
                         depth: arrival.depth + 1,
                         direction: direction.as_dvec3().normalize(),
                         cone: self
                             .frame
-                            .cone_at(traced, travels, l)
+                            .cone_at(&traced, travels, l)
                             .reflected(self.frame.curvature(traced.packet, surfaces, l)),
                         ..arrival
                     }
                 }),
             };
-            self.send(&sent, stage.depth + 1);
+            self.send::<PLAIN>(&sent, stage.depth + 1);
         }
+        self.meter.part(Account::Reflection);
     }
 
     /// Queues a ray if it still matters; otherwise its weight is booked as lost.
     ///
     /// `steps` are those behind it, where the path itself does not count them.
-    pub(super) fn send(&mut self, sent: &Sent, steps: u32) {
+    pub(super) fn send<const PLAIN: bool>(&mut self, sent: &Sent, steps: u32) {
         let settings = &self.frame.settings;
         // Light of one wavelength may have negative weights.
         let largest = sent.weight.into_iter().map(f32::abs).fold(0.0, f32::max);
@@ -284,11 +333,11 @@ impl<'f, 's> Outcome<'f, 's> {
             return;
         }
         let depth = match sent.travel {
-            Some(travel) if self.frame.effects().has_sheets() => travel.depth,
+            Some(travel) if self.effects::<PLAIN>().has_sheets() => travel.depth,
             _ => steps,
         };
         // Rays into one lobe weigh little each, and together what counts.
-        let together = sent.travel.map_or(1, |travel| travel.split) as f32;
+        let together = sent.travel.filter(|_| !PLAIN).map_or(1, |travel| travel.split) as f32;
         if depth > settings.depth || together * largest < settings.weight_cutoff {
             let limit = if depth > settings.depth {
                 Limit::Depth
@@ -303,9 +352,9 @@ impl<'f, 's> Outcome<'f, 's> {
     }
 
     /// Asks which of the waiting feelers reach their lights, and lets those lights in.
-    pub(super) fn answer_feelers(&mut self, order: RayOrder) {
+    pub(super) fn answer_feelers<const PLAIN: bool>(&mut self, order: RayOrder) {
         self.meter.lap_shading();
-        if self.frame.effects().has(Effect::TransparentShadow) {
+        if self.effects::<PLAIN>().has(Effect::TransparentShadow) {
             return self.answer_through_sheets(order);
         }
         let (packets, feelers) = self.feelers.take();
@@ -325,8 +374,9 @@ impl<'f, 's> Outcome<'f, 's> {
             if casts {
                 shade::block(packet, &mut feeler.radiance);
             }
-            if let Some(marches) = &mut self.marches {
-                marches.dim(packet, &packet.t_far, &mut feeler.radiance);
+            if let Some(marches) = self.marches.as_mut().filter(|_| !PLAIN) {
+                let samples = marches.dim(packet, &packet.t_far, &mut feeler.radiance);
+                self.meter.ledger.volume_samples += samples;
             }
             self.film.add(&feeler.pixel, &feeler.radiance);
         }

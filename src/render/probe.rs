@@ -1,8 +1,8 @@
 //! A quick look at what a picture will cost: short strips of its pixels, rendered as they will be, with the ledger on.
 //!
-//! A strip is as long as it takes to fill a batch of packets, and strips lie where the tiles of [`super::sample`] lie, one in
-//! each, so few of them see the picture evenly. How many there are goes by the rays that they took, not by the clock: the
-//! same scene is always probed by the same rays.
+//! A strip is as long as it takes to fill a batch of packets, and strips lie where the tiles of [`super::sample`] lie,
+//! one in each, so few of them see the picture evenly. How many there are goes by the rays that they took, not by the
+//! clock: the same scene is always probed by the same rays.
 
 use std::time::Instant;
 
@@ -17,8 +17,8 @@ use crate::scene::{Camera, Scene};
 
 /// Strips at most: some two thousand packets, of which one in 32 tells how shading divides.
 const MOST_STRIPS: usize = 128;
-/// Strips at least, however many rays they take: where a few see what takes most rays, fewer would miss it or see little
-/// else.
+/// Strips at least, however many rays they take: where a few see what takes most rays, fewer would miss it or see
+/// little else.
 const LEAST_STRIPS: usize = 48;
 /// Rays after which no other strip is begun: about 0.2 s of one thread.
 const ENOUGH_RAYS: u64 = 300_000;
@@ -42,8 +42,8 @@ pub struct Probe {
 
 /// Renders strips of the picture that `settings` ask for, on this thread.
 ///
-/// Every pixel is taken to have the same number of samples. `scene` must have passed [`Scene::validate`], and `accel` must
-/// have been built from it. `None` if it was cancelled.
+/// Every pixel is taken to have the same number of samples. `scene` must have passed [`Scene::validate`], and `accel`
+/// must have been built from it. `None` if it was cancelled.
 pub fn probe(
     (scene, camera): (&Scene, &Camera),
     accel: &dyn Accel,
@@ -95,8 +95,8 @@ pub fn probe(
     Some(probe)
 }
 
-/// The account of a strip. If the system gave the processor to others meanwhile, whose time would be booked as this thread's,
-/// the strip is rendered again.
+/// The account of a strip. If the system gave the processor to others meanwhile, whose time would be booked as this
+/// thread's, the strip is rendered again.
 fn undisturbed(wave: &mut Wave, strip: Tile) -> Ledger {
     /// Renders of a strip at most.
     const MOST_TRIES: usize = 4;

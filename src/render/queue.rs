@@ -192,6 +192,11 @@ impl Generation {
         self.travels.set(self.count - 1, l, travel);
     }
 
+    /// The packet pushed last.
+    pub(super) fn last_packet(&mut self) -> &mut RayPacket {
+        &mut self.packets[self.count - 1]
+    }
+
     /// A fresh packet with its paths.
     #[inline(always)]
     pub(super) fn push_packet(&mut self) -> (&mut RayPacket, &mut PathPacket) {

@@ -3,16 +3,17 @@
 //! A surface that the eye sees draws as many microfacets as its material says, and one that another ray meets draws one
 //! ([`Ggx`]; R. Cook, T. Porter and L. Carpenter, "Distributed ray tracing", SIGGRAPH 1984). Each mirrors a ray, and
 //! where light goes through the surface refracts another, as a smooth surface would that lies as the microfacet does;
-//! Fresnel's share is that under its angle, and what leaves on the wrong side counts as nothing. The numbers are those of the sample for
-//! [`Purpose::LOBE`] and the step of the path: the microfacets of all samples of a pixel make one even set. Rays into a
-//! lobe count as samples of their own from there on, so what they ask of lights lies evenly too.
+//! Fresnel's share is that under its angle, and what leaves on the wrong side counts as nothing. The numbers are those
+//! of the sample for [`Purpose::LOBE`] and the step of the path: the microfacets of all samples of a pixel make one
+//! even set. Rays into a lobe count as samples of their own from there on, so what they ask of lights lies evenly too.
 //!
-//! No light counts twice. Lights are asked by feelers, which the whole lobe answers, and no ray sees them; what rays see, the
-//! environment map, what shines and what is lit, the lobe gets by these rays alone. The ambient term keeps its diffuse part.
+//! No light counts twice. Lights are asked by feelers, which the whole lobe answers, and no ray sees them; what rays
+//! see, the environment map, what shines and what is lit, the lobe gets by these rays alone. The ambient term keeps its
+//! diffuse part.
 //!
-//! Rays of one lobe start at one point and go much the same way, so they follow each other into the same packet. A hit may
-//! send many rays; so that queues stay as small as without, fewer camera packets make a wave. The weight cut-off looks at all
-//! rays of a lobe together.
+//! Rays of one lobe start at one point and go much the same way, so they follow each other into the same packet. A hit
+//! may send many rays; so that queues stay as small as without, fewer camera packets make a wave. The weight cut-off
+//! looks at all rays of a lobe together.
 
 use std::f64::consts::TAU;
 
@@ -33,8 +34,8 @@ use crate::optics::{reflect, refract};
 use crate::scene::{Effect, EffectSet, Material, Scene};
 use crate::shading::Ggx;
 
-/// Camera packets of a wave: so few that their lobes' rays are no more than the mirror rays of a wave without lobes, if a
-/// packet can be that small.
+/// Camera packets of a wave: so few that their lobes' rays are no more than the mirror rays of a wave without lobes, if
+/// a packet can be that small.
 pub(super) fn camera_packets(scene: &Scene, effects: EffectSet) -> usize {
     if !effects.has_lobes() {
         return WAVE;
@@ -119,8 +120,8 @@ impl Lobe {
     }
 }
 
-/// How wide a ray is that is one of `density` a steradian: as a pixel's cone, the root of the solid angle that it stands for,
-/// which is a hemisphere at most.
+/// How wide a ray is that is one of `density` a steradian: as a pixel's cone, the root of the solid angle that it
+/// stands for, which is a hemisphere at most.
 ///
 /// Seen along the normal the middle of the lobe has the density 1 / (4 π alpha²), and one ray the width 2 √π alpha.
 fn spread(density: f64) -> f64 {
@@ -146,8 +147,8 @@ impl Microfacet<'_> {
 
     /// Where it lets the ray go on; `None` if it reflects it whole, or if that is not behind the surface.
     ///
-    /// Behind a wall are its inside and its other, equally rough surface, of which `KHR_materials_transmission` makes the
-    /// mirrored lobe on the far side.
+    /// Behind a wall are its inside and its other, equally rough surface, of which `KHR_materials_transmission` makes
+    /// the mirrored lobe on the far side.
     pub(super) fn refracted(&self, boundary: &Boundary, [eta_i, eta_t]: [f64; 2]) -> Option<Way> {
         let Lobe { ggx, wo, .. } = self.lobe;
         if boundary.is_wall() {
@@ -206,7 +207,7 @@ impl Frame<'_> {
         )?;
         Some(Lobe {
             of,
-            of_pixel: f64::from(of) * f64::from(arrival.split) * f64::from(self.settings.typical_spp()),
+            of_pixel: f64::from(of) * f64::from(arrival.split) * f64::from(self.even_count),
             ..lobe
         })
     }
@@ -268,7 +269,7 @@ impl Outcome<'_, '_> {
                     ..arrival.one_of(number, lobe.of)
                 }),
             };
-            self.send(&sent, stage.depth + 1);
+            self.send::<false>(&sent, stage.depth + 1);
         }
     }
 

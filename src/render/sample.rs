@@ -1,8 +1,8 @@
 //! A few tiles of a picture, spread evenly over it, for measurements that need not wait for all of it.
 //!
 //! Tiles come in the order in which the points of Roberts' R2 sequence (M. Roberts, "The Unreasonable Effectiveness of
-//! Quasirandom Sequences", 2018) first fall onto them, so any first few are spread evenly. Their pixels have the bits that
-//! they have in the whole picture.
+//! Quasirandom Sequences", 2018) first fall onto them, so any first few are spread evenly. Their pixels have the bits
+//! that they have in the whole picture.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;

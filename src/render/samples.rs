@@ -48,9 +48,9 @@ impl SampleCounts {
 pub struct SampleAovs {
     /// How many there are; whole numbers.
     pub samples: Vec<f32>,
-    /// Variance of the samples' linear radiance about their mean, channels weighted by Rec. 709 luminance; 0 for a single
-    /// sample. That of the pixel is smaller by their number, if they were independent, and more so as they are evenly
-    /// spread.
+    /// Variance of the samples' linear radiance about their mean, channels weighted by Rec. 709 luminance; 0 for a
+    /// single sample. That of the pixel is smaller by their number, if they were independent, and more so as they are
+    /// evenly spread.
     pub variance: Vec<f32>,
 }
 

@@ -3,21 +3,44 @@
 //! Each function is compiled for several instruction sets and chosen at run time; none contracts a multiply and an add,
 //! so all give the same bits.
 
+use std::cell::OnceCell;
+
 use multiversion::multiversion;
 
+use super::outcome::Traced;
 use super::soft::Arrivals;
 use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, spawn_point};
-use crate::scene::{Effect, Light, LightKind};
-use crate::shading::{MaterialPacket, direct, entering, illuminate, lecture_direct, mirror, through};
+use crate::scene::{Effect, EffectSet, Light, LightKind};
+use crate::shading::{MaterialPacket, direct_of, entering, illuminate, lecture_direct, mirror, through};
 
 /// Surfaces to light, and the rays that found them.
+#[derive(Clone, Copy)]
 pub(super) struct Lit<'a> {
     pub(super) points: &'a SurfacePacket,
     pub(super) materials: &'a MaterialPacket,
     /// Weights of the rays that found the surfaces.
     pub(super) weight: &'a Lanes3<f32>,
+    /// The materials as they answer light that they see as well, from when that is first asked for.
+    pub(super) without_seen_lobes: &'a OnceCell<MaterialPacket>,
+}
+
+impl<'a> Lit<'a> {
+    /// Those that a traced packet has met.
+    #[inline(always)]
+    pub(super) fn of(
+        traced: &Traced<'a>,
+        surfaces: &'a Surfaces,
+        without_seen_lobes: &'a OnceCell<MaterialPacket>,
+    ) -> Lit<'a> {
+        Lit {
+            points: &surfaces.points,
+            materials: &surfaces.materials,
+            weight: traced.weight,
+            without_seen_lobes,
+        }
+    }
 }
 
 /// The mirror rays of sixteen surfaces.
@@ -92,16 +115,42 @@ pub(super) fn glow(
 /// Makes the feelers to one light and the radiance that arrives where they meet nothing. Returns whether there is any.
 ///
 /// A lane has no feeler where the light is behind the surface or nothing would be reflected.
+#[inline(always)]
+pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
+    if lit.materials.effects.is_rich() {
+        feel_rich(light, lit, feeler, radiance)
+    } else {
+        feel_bare(light, lit, feeler, radiance)
+    }
+}
+
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
+fn feel_rich(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
+    feel_of::<true>(light, lit, feeler, radiance)
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn feel_bare(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
+    feel_of::<false>(light, lit, feeler, radiance)
+}
+
+#[inline(always)]
+fn feel_of<const RICH: bool>(
+    light: &Light,
+    lit: &Lit,
+    feeler: &mut RayPacket,
+    radiance: &mut Lanes3<f32>,
+) -> bool {
     let surfaces = lit.points;
     let arriving = illuminate(light, &surfaces.p);
     let irradiance = |channel: usize, l: usize| light.intensity[channel] * arriving.attenuation[l];
-    let any = answer(lit, &arriving.wi, irradiance, (&mut *feeler, radiance));
-    start(lit, &arriving.wi, feeler);
+    let any = send_feelers::<RICH>(lit, &arriving.wi, irradiance, (&mut *feeler, radiance));
     match light.kind {
         // Points of it are asked one by one.
         LightKind::Area { .. } => return false,
@@ -126,8 +175,11 @@ pub(super) fn feel_sample(
     radiance: &mut Lanes3<f32>,
 ) -> bool {
     let irradiance = |channel: usize, l: usize| arrivals.irradiance[channel][l];
-    let any = answer(lit, &arrivals.wi, irradiance, (&mut *feeler, radiance));
-    start(lit, &arrivals.wi, feeler);
+    let any = if lit.materials.effects.is_rich() {
+        send_feelers::<true>(lit, &arrivals.wi, irradiance, (&mut *feeler, radiance))
+    } else {
+        send_feelers::<false>(lit, &arrivals.wi, irradiance, (&mut *feeler, radiance))
+    };
     match &arrivals.from {
         None => aim_along(&arrivals.wi, feeler),
         Some(from) => aim_at(from, feeler),
@@ -135,21 +187,41 @@ pub(super) fn feel_sample(
     any
 }
 
+/// What surfaces make of the light that comes from `wi`, and where the feelers to it start. Returns whether there is any.
+#[inline(always)]
+fn send_feelers<const RICH: bool>(
+    lit: &Lit,
+    wi: &Lanes3<f32>,
+    irradiance: impl Fn(usize, usize) -> f32,
+    (feeler, radiance): (&mut RayPacket, &mut Lanes3<f32>),
+) -> bool {
+    feeler.origin = lit.points.origin;
+    let any = answer::<RICH>(lit, wi, irradiance, (&mut *feeler, radiance));
+    if RICH {
+        start_behind(lit, wi, feeler);
+    }
+    any
+}
+
 /// What surfaces make of the light that comes from `wi`; a lane's feeler is active where that is anything.
 #[inline(always)]
-fn answer(
+fn answer<const RICH: bool>(
     lit: &Lit,
     wi: &Lanes3<f32>,
     irradiance: impl Fn(usize, usize) -> f32,
     (feeler, radiance): (&mut RayPacket, &mut Lanes3<f32>),
 ) -> bool {
     let surfaces = lit.points;
-    let effects = lit.materials.effects;
+    let effects = if RICH {
+        lit.materials.effects
+    } else {
+        EffectSet::NONE
+    };
     let mut reflected = match lit.materials.enters {
         Some(eta) if effects.has(Effect::Subsurface) => entering(eta, &surfaces.ns, wi),
-        _ => direct(lit.materials, &surfaces.ns, &surfaces.wo, wi),
+        _ => direct_of::<RICH>(lit.materials, &surfaces.ns, &surfaces.wo, wi),
     };
-    if lit.materials.effects.has(Effect::Lecture) {
+    if effects.has(Effect::Lecture) {
         let lecture = lecture_direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
         for channel in 0..3 {
             for l in 0..LANES {
@@ -201,11 +273,10 @@ fn above(surfaces: &SurfacePacket, wi: &Lanes3<f32>, l: usize) -> f32 {
     above
 }
 
-/// Where feelers start: on the side of the surface that their lights are on.
+/// Lets feelers start on the other side of sheets whose light is there.
 #[inline(always)]
-fn start(lit: &Lit, wi: &Lanes3<f32>, feeler: &mut RayPacket) {
+fn start_behind(lit: &Lit, wi: &Lanes3<f32>, feeler: &mut RayPacket) {
     let surfaces = lit.points;
-    feeler.origin = surfaces.origin;
     if !lit.materials.effects.has(Effect::Translucency) {
         return;
     }
@@ -262,8 +333,17 @@ pub(super) fn block(feeler: &RayPacket, radiance: &mut Lanes3<f32>) {
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
 pub(super) fn reflection(lit: &Lit) -> Mirrored {
+    if lit.materials.effects.is_rich() {
+        reflection_of::<true>(lit)
+    } else {
+        reflection_of::<false>(lit)
+    }
+}
+
+#[inline(always)]
+fn reflection_of<const RICH: bool>(lit: &Lit) -> Mirrored {
     let surfaces = lit.points;
-    let (direction, mut reflectance) = mirror(lit.materials, &surfaces.ns, &surfaces.wo);
+    let (direction, mut reflectance) = mirror::<RICH>(lit.materials, &surfaces.ns, &surfaces.wo);
     let mut leaves = [false; LANES];
     for l in 0..LANES {
         let mut above = 0.0;
@@ -272,7 +352,7 @@ pub(super) fn reflection(lit: &Lit) -> Mirrored {
         }
         leaves[l] = above > 0.0;
         // What lets light through is divided by Fresnel's equations elsewhere.
-        let divides = lit.materials.effects.has(Effect::Refraction) & lit.materials.transmits(l);
+        let divides = RICH && lit.materials.effects.has(Effect::Refraction) & lit.materials.transmits(l);
         for channel in 0..3 {
             let weight = if divides { 0.0 } else { lit.weight[channel][l] };
             reflectance[channel][l] *= weight;

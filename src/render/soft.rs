@@ -1,10 +1,10 @@
 //! Soft light: feelers to points of lights with an extent.
 //!
-//! Each surface that a ray meets asks some points of every such light, picked by the numbers of the ray's own sample for
-//! [`Purpose::LIGHT`], the light and the step of the path: the samples of a pixel ask points that lie evenly over the
-//! light, and nothing depends on which thread renders what when. A light's radiance over the density of the direction is
-//! what the surface gets if the feeler meets nothing, right on average ([`crate::shading::AreaLight`]). Rays into which
-//! one ray splits at a surface ask the same points.
+//! Each surface that a ray meets asks some points of every such light, picked by the numbers of the ray's own sample
+//! for [`Purpose::LIGHT`], the light and the step of the path: the samples of a pixel ask points that lie evenly over
+//! the light, and nothing depends on which thread renders what when. A light's radiance over the density of the
+//! direction is what the surface gets if the feeler meets nothing, right on average ([`crate::shading::AreaLight`]).
+//! Rays into which one ray splits at a surface ask the same points.
 //!
 //! Smooth surfaces see lamps, which are objects, by their mirror rays, so to feelers to those they answer without their
 //! lobe: it would count twice.
@@ -71,9 +71,22 @@ impl Origin {
     }
 }
 
-/// The materials as they answer light that they see as well: those that reflect an image, a sharp one or by rays into their
-/// lobe, without a lobe, and those of the lecture's model that have a reflected ray without a highlight.
-pub(super) fn without_seen_lobes(materials: &MaterialPacket) -> MaterialPacket {
+impl<'a> Lit<'a> {
+    /// The surfaces as they answer light that they see as well.
+    pub(super) fn without_seen_lobes(&self) -> Lit<'a> {
+        let materials = self.materials;
+        Lit {
+            materials: self
+                .without_seen_lobes
+                .get_or_init(|| without_seen_lobes(materials)),
+            ..*self
+        }
+    }
+}
+
+/// The materials as they answer light that they see as well: those that reflect an image, a sharp one or by rays into
+/// their lobe, without a lobe, and those of the lecture's model that have a reflected ray without a highlight.
+fn without_seen_lobes(materials: &MaterialPacket) -> MaterialPacket {
     let mut without = materials.clone();
     for l in 0..LANES {
         if materials.roughness[l] <= MIRROR_ROUGHNESS || materials.has_lobe(l) {
@@ -100,10 +113,10 @@ impl Outcome<'_, '_> {
         };
         let effects = frame.effects();
         let is_mirrored = shape.is_seen() && (effects.has(Effect::Reflection) || effects.has_lobes());
-        let without_lobes = is_mirrored.then(|| without_seen_lobes(lit.materials));
-        let lit = Lit {
-            materials: without_lobes.as_ref().unwrap_or(lit.materials),
-            ..*lit
+        let lit = if is_mirrored {
+            lit.without_seen_lobes()
+        } else {
+            *lit
         };
         let purpose = Purpose::LIGHT.nested(number as u32).nested(stage.depth);
         for sample in 0..samples {
@@ -161,12 +174,12 @@ impl Outcome<'_, '_> {
     ) {
         if self.feelers.is_full() {
             self.meter.part(Account::Lighting);
-            self.answer_feelers(stage.order);
+            self.answer_feelers::<false>(stage.order);
             self.meter.resume(traced.pixel, &traced.packet.active);
         }
         let (packet, feeler) = self.feelers.next();
         if shade::feel_sample(arrivals, lit, packet, &mut feeler.radiance) {
-            self.keep_feelers(traced, casts);
+            self.keep_feelers::<false>(traced, casts);
         }
     }
 
@@ -181,10 +194,11 @@ impl Outcome<'_, '_> {
     }
 
     /// Counts the packet of feelers last written; those to a light that nothing can hide are not traced.
-    pub(super) fn keep_feelers(&mut self, traced: &Traced, casts: bool) {
+    pub(super) fn keep_feelers<const PLAIN: bool>(&mut self, traced: &Traced, casts: bool) {
+        let effects = self.effects::<PLAIN>();
         let (packet, feeler) = self.feelers.next();
         feeler.pixel = *traced.pixel;
-        if self.frame.effects().has(Effect::MotionBlur) {
+        if effects.has(Effect::MotionBlur) {
             packet.time = traced.packet.time;
         }
         if !casts {
@@ -192,10 +206,7 @@ impl Outcome<'_, '_> {
             packet.active = [0; LANES];
         }
         self.feelers.keep();
-        if let Some(travels) = traced
-            .travels
-            .filter(|_| self.frame.effects().has(Effect::Refraction))
-        {
+        if let Some(travels) = traced.travels.filter(|_| effects.has(Effect::Refraction)) {
             self.feelers.keep_media(travels);
         }
     }

@@ -188,14 +188,14 @@ impl<'s> SurfaceScene<'s> {
     /// The materials of all hits as they are written. Returns whether any varies over its surface.
     fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) -> bool {
         let mut varies = false;
-        for l in 0..LANES {
+        materials.set_lanes(|l| {
             if packet.instance[l] == NO_HIT {
-                continue;
+                return None;
             }
             let view = &self.views[packet.instance[l] as usize];
-            materials.set(l, self.material_of(view));
             varies |= !view.uniform;
-        }
+            Some(self.material_of(view))
+        });
         varies
     }
 
@@ -265,8 +265,8 @@ impl<'s> SurfaceScene<'s> {
         if n.dot(shading) < 0.0 { -n } else { n }
     }
 
-    /// The mean curvature of the surface at lane `l`, positive where it bulges to the side that the ray came from; 0 where
-    /// it is flat, or not known.
+    /// The mean curvature of the surface at lane `l`, positive where it bulges to the side that the ray came from; 0
+    /// where it is flat, or not known.
     pub(super) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
         let view = &self.views[packet.instance[l] as usize];
         let map = self.pose(packet, l).world_from_object();

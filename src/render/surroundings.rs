@@ -1,14 +1,14 @@
 //! What lies behind everything, and the light that an environment map gives to surfaces.
 //!
-//! Rays that miss see the background. With a map, surfaces also send feelers in directions in which it is bright, picked
-//! as points of lights with an extent are ([`super::soft`]). Surfaces that see the map by mirror rays, or by rays into
-//! their lobes, answer these feelers without their lobe: it would count twice.
+//! Rays that miss see the background. With a map, surfaces also send feelers in directions in which it is bright,
+//! picked as points of lights with an extent are ([`super::soft`]). Surfaces that see the map by mirror rays, or by
+//! rays into their lobes, answer these feelers without their lobe: it would count twice.
 
 use super::Frame;
 use super::outcome::{Outcome, Stage, Traced};
 use super::sampler::Purpose;
 use super::shade::Lit;
-use super::soft::{Arrivals, Draw, without_seen_lobes};
+use super::soft::{Arrivals, Draw};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes3};
 use crate::scene::{Background, Effect, EffectSet, Scene, Texels};
@@ -111,11 +111,7 @@ impl Outcome<'_, '_> {
         let Some(environment) = &frame.environment else {
             return;
         };
-        let materials = without_seen_lobes(lit.materials);
-        let lit = Lit {
-            materials: &materials,
-            ..*lit
-        };
+        let lit = lit.without_seen_lobes();
         for draw in environment.draws(stage.depth) {
             let arrivals = self.arriving_from_afar(&environment.map, (traced, &lit), draw);
             let casts = frame.effects().has(Effect::Shadow);

@@ -1,7 +1,7 @@
 //! What textures and vertex colours do to sixteen hits: parameters of the material, and the shading normal.
 //!
-//! Lane by lane, and only for materials that have any. Each look-up is averaged over the ray's footprint: its cone's cut
-//! with the surface.
+//! Lane by lane, and only for materials that have any. Each look-up is averaged over the ray's footprint: its cone's
+//! cut with the surface.
 
 use glam::DVec3;
 
@@ -147,7 +147,8 @@ impl SurfacePacket {
         if self.front[l] { n } else { -n }
     }
 
-    /// Makes the unit vector `n`, which points outside, the shading normal of lane `l`, as far as the viewer can see it.
+    /// Makes the unit vector `n`, which points outside, the shading normal of lane `l`, as far as the viewer can see
+    /// it.
     fn bend(&mut self, l: usize, n: DVec3) {
         let n = if self.front[l] { n } else { -n };
         let wo = DVec3::from([0, 1, 2].map(|axis| f64::from(self.wo[axis][l])));

@@ -1,9 +1,9 @@
 //! Shadow feelers in scenes where light goes through surfaces: they are followed straight on, surface by surface, and
 //! take the colour of what they pass.
 //!
-//! The lecture's rule: a transparent occluder tints the light and does not bend it. Each surface takes off what Fresnel's
-//! equations reflect there and multiplies by its colour, each body on the way swallows its part. A feeler goes on as the
-//! same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
+//! The lecture's rule: a transparent occluder tints the light and does not bend it. Each surface takes off what
+//! Fresnel's equations reflect there and multiplies by its colour, each body on the way swallows its part. A feeler
+//! goes on as the same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
 
 use super::ledger::Account;
 use super::meter::{Accounts, Meter};
@@ -34,7 +34,8 @@ impl Outcome<'_, '_> {
         let reaches = through_sheets(self.frame, waiting, sheets, &mut self.meter, order);
         for ((packet, feeler), reach) in packets.iter().zip(feelers).zip(&reaches) {
             if let Some(marches) = &mut self.marches {
-                marches.dim(packet, reach, &mut feeler.radiance);
+                let samples = marches.dim(packet, reach, &mut feeler.radiance);
+                self.meter.ledger.volume_samples += samples;
             }
             self.film.add(&feeler.pixel, &feeler.radiance);
         }
@@ -42,8 +43,8 @@ impl Outcome<'_, '_> {
     }
 }
 
-/// Leaves of the light that feelers bring what the surfaces and bodies on their way let through. Returns how far away, as
-/// ray parameters, the lights are.
+/// Leaves of the light that feelers bring what the surfaces and bodies on their way let through. Returns how far away,
+/// as ray parameters, the lights are.
 pub(super) fn through_sheets(
     frame: &Frame,
     (packets, feelers, media): Waiting,

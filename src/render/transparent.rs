@@ -2,8 +2,8 @@
 //!
 //! A path keeps the bodies around it (nested dielectrics by priority), its exact direction, and the wavelength that it
 //! follows once a dispersive body has split it. At a boundary Fresnel's equations divide its weight between a reflected
-//! and a refracted ray, at a rough one those of its microfacets; on its way through a body Beer and Lambert's law takes off what the body swallows. Lane by
-//! lane and in f64: packets pay for it only in scenes with such materials.
+//! and a refracted ray, at a rough one those of its microfacets; on its way through a body Beer and Lambert's law takes
+//! off what the body swallows. Lane by lane and in f64: packets pay for it only in scenes with such materials.
 
 use glam::DVec3;
 
@@ -69,7 +69,8 @@ impl Frame<'_> {
         }
     }
 
-    /// What instance `instance` means to a ray with these bodies around, which comes from its outside if `from_outside`.
+    /// What instance `instance` means to a ray with these bodies around, which comes from its outside if
+    /// `from_outside`.
     pub(super) fn boundary(&self, instance: u32, from_outside: bool, media: &MediaStack) -> Boundary<'_> {
         let index = self.scene.instances[instance as usize].material;
         let material = &self.scene.materials[index as usize];
@@ -289,7 +290,7 @@ impl Outcome<'_, '_> {
                     ..travel
                 }),
             };
-            self.send(&sent, 0);
+            self.send::<false>(&sent, 0);
         }
         present
     }
@@ -387,7 +388,7 @@ impl Outcome<'_, '_> {
             sender,
             travel: Some(travel),
         };
-        self.send(&sent, 0);
+        self.send::<false>(&sent, 0);
     }
 }
 

@@ -5,8 +5,8 @@
 //! (single scattering, evenly in all directions: the phase function is 1 / 4 pi) through shadow feelers, and by the ambient
 //! light from all around. All feelers, those of surfaces too, lose what lies on their way.
 //!
-//! Lane by lane and in f64: a march takes many samples a ray, and its packets are those of neighbours along the ray. Light
-//! that a volume sends through a body is not dimmed by that body.
+//! In f64: what is seen ray by ray, as a march takes many samples a ray, and its packets are those of neighbours along the
+//! ray; feelers by the packet, as theirs are few. Light that a volume sends through a body is not dimmed by that body.
 
 use std::f64::consts::PI;
 
@@ -63,28 +63,38 @@ impl<'f> Marches<'f> {
     }
 
     /// Takes what lies on the way to the light from the radiance that the feelers of `packet` bring, each of which is as
-    /// long as `reach` says.
-    pub(super) fn dim(&mut self, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) {
-        dim(&mut self.shadow, packet, reach, radiance);
+    /// long as `reach` says. Returns how many samples that took.
+    pub(super) fn dim(&mut self, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) -> u64 {
+        dim(&mut self.shadow, packet, reach, radiance)
     }
 }
 
-fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) {
+fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) -> u64 {
+    let mut stretches = [Stretch::NONE; LANES];
+    let mut lane = [0; LANES];
+    let mut count = 0;
     for l in 0..LANES {
         if (0..3).all(|channel| radiance[channel][l] == 0.0) {
             continue;
         }
         let ray = packet.ray(l);
-        let left = march.transmittance(&Stretch {
+        stretches[count] = Stretch {
             origin: ray.origin.as_dvec3(),
             direction: ray.direction.as_dvec3(),
             t_near: 0.0,
             t_far: f64::from(reach[l]),
-        });
+        };
+        lane[count] = l;
+        count += 1;
+    }
+    let mut left = [1.0; LANES];
+    let samples = march.transmittances(&stretches[..count], &mut left);
+    for (l, left) in lane.into_iter().zip(left).take(count) {
         for channel in 0..3 {
             radiance[channel][l] *= left as f32;
         }
     }
+    samples
 }
 
 impl Outcome<'_, '_> {
@@ -133,6 +143,7 @@ impl Outcome<'_, '_> {
             let marched = marches
                 .seen
                 .radiance(&stretch, Some(&mut |points| lamps.light(points)));
+            self.meter.ledger.volume_samples += marched.sample_count;
             for channel in 0..3 {
                 radiance[channel][l] = path.weight[channel][l] * marched.radiance[channel] as f32;
                 left[channel][l] *= marched.transmittance as f32;
@@ -274,7 +285,7 @@ impl Lamps<'_, '_, '_> {
         }
         // The memory is still that of the packet that was answered.
         let (packet, feeler) = self.feelers.next();
-        dim(self.shadow, packet, &reach, &mut feeler.radiance);
+        self.meter.ledger.volume_samples += dim(self.shadow, packet, &reach, &mut feeler.radiance);
         feeler.radiance
     }
 }

@@ -41,6 +41,8 @@ pub(super) struct Wave<'f, 's> {
     current: Generation,
     surfaces: Box<Surfaces>,
     outcome: Outcome<'f, 's>,
+    /// Whether camera rays are bent, or begin paths that keep more than their weights.
+    has_camera_travels: bool,
     /// Camera packets of this tile so far.
     packets: usize,
     /// With the ledger on.
@@ -81,6 +83,7 @@ impl<'f, 's> Wave<'f, 's> {
             current: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
             surfaces: Box::new(Surfaces::new(frame.effects())),
             outcome: Outcome::new(frame, TileFilm::new(samples)),
+            has_camera_travels: frame.has_camera_travels(),
         }
     }
 
@@ -170,31 +173,40 @@ impl<'f, 's> Wave<'f, 's> {
             .then(|| lane_positions(frame, block, group));
         let position = per_pixel.as_ref().unwrap_or(&group.position);
         fill_camera_packet(frame, block, group, position, (packet, &mut path.pixel));
+        if let Some(samples) = self.outcome.film.samples() {
+            samples.expect(&mut path.pixel, position, &packet.active);
+        }
+        if self.has_camera_travels {
+            self.begin_travels(block, group, position);
+        }
+    }
+
+    /// Times and bends the rays of the camera packet pushed last, and says what its paths have behind them.
+    #[inline(never)]
+    fn begin_travels(&mut self, block: &Block, group: &SampleGroup, position: &[Lanes<f64>; 2]) {
+        let frame = self.frame;
+        let packet = self.current.last_packet();
         if frame.effects().has(Effect::MotionBlur) {
             packet.time = frame.times(block, group);
         }
         let time = packet.time;
-        let is_bent = frame.lens.is_some() || frame.motion.is_some();
-        let rays = is_bent.then(|| frame.camera_rays(block, (group, &time), position));
-        if let Some(rays) = &rays {
-            lens::aim(packet, rays);
+        let rays = frame.camera_rays(block, (group, &time), position);
+        if frame.is_bent() {
+            lens::aim(packet, &rays);
         }
-        if let Some(samples) = self.outcome.film.samples() {
-            samples.expect(&mut path.pixel, position, &packet.active);
+        if !frame.travels() {
+            return;
         }
-        if frame.travels() {
-            let rays = rays.unwrap_or_else(|| frame.camera_rays(block, (group, &time), position));
-            for l in 0..LANES {
-                let travel = Travel {
-                    direction: rays[l].direction.normalize(),
-                    media: frame.media_at_eye,
-                    cone: frame.camera_cone,
-                    sample: group.sample[l],
-                    time: time[l],
-                    ..Travel::NONE
-                };
-                self.current.set_travel(l, &travel);
-            }
+        for l in 0..LANES {
+            let travel = Travel {
+                direction: rays[l].direction.normalize(),
+                media: frame.media_at_eye,
+                cone: frame.camera_cone,
+                sample: group.sample[l],
+                time: time[l],
+                ..Travel::NONE
+            };
+            self.current.set_travel(l, &travel);
         }
     }
 

@@ -118,7 +118,8 @@ pub struct BenchRow {
     pub build_seconds: f64,
     /// Bytes of the structure.
     pub bytes: u64,
-    /// Answers that differ from the first backend's packets by more than rounding; of raw calls, from their own packets'.
+    /// Answers that differ from the first backend's packets by more than rounding; of raw calls, from their own
+    /// packets'.
     pub mismatches: u64,
     /// Answers that differ within the documented rounding.
     pub ties: u64,
@@ -234,7 +235,8 @@ impl BenchTable<'_> {
         Ok(())
     }
 
-    /// Speed over that of Embree in the same mode, with the kind of instancing that is listed first; a batch is measured against packets.
+    /// Speed over that of Embree in the same mode, with the kind of instancing that is listed first; a batch is
+    /// measured against packets.
     fn over_embree(&self, row: &BenchRow) -> Option<f64> {
         let mode = if row.mode == Mode::Batch {
             Mode::Packet

@@ -6,7 +6,8 @@
 
 use crate::image::LinearImage;
 
-/// Of all pixels, so many at either end may lie beyond the scale: a packet that the system interrupted would stretch it.
+/// Of all pixels, so many at either end may lie beyond the scale: a packet that the system interrupted would stretch
+/// it.
 const BEYOND: f64 = 0.001;
 /// Chroma in OKLab: the most that sRGB has at nearly all of the lightnesses and hues in use.
 const CHROMA: f64 = 0.11;

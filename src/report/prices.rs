@@ -240,7 +240,8 @@ mod tests {
 
     #[test]
     fn the_range_of_a_median_leaves_out_as_many_runs_as_the_binomial_allows() {
-        // 2 · 2^-5 = 1/16 for all of five; 2 · 2^-8 (1 + 8) = 0.0703 for all but one of eight, 2 · 2^-9 (1 + 9) = 0.039 of nine.
+        // 2 · 2^-5 = 1/16 for all of five; 2 · 2^-8 (1 + 8) = 0.0703 for all but one of eight, 2 · 2^-9 (1 + 9) = 0.039
+        // of nine.
         let outside: Vec<usize> = [1, 5, 8, 9, 12].map(ranks_outside).to_vec();
         assert_eq!(outside, [0, 0, 0, 1, 2]);
     }

@@ -151,8 +151,8 @@ pub struct CutoffStats {
     /// The sum of their weights over all samples: a pixel is on average darker by at most so many times the largest
     /// radiance in the scene.
     pub mean_weight: f64,
-    /// The most that any pixel lacks: its samples' lost weights over their number. Times the radiance that a lost ray could
-    /// have brought, it is the worst error of a pixel that is filtered by a box.
+    /// The most that any pixel lacks: its samples' lost weights over their number. Times the radiance that a lost ray
+    /// could have brought, it is the worst error of a pixel that is filtered by a box.
     pub max_weight: f64,
     /// Of these, rays beyond the depth limit.
     pub depth_limit: LossStats,

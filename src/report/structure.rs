@@ -1,4 +1,5 @@
-//! What finds hits: rows of the plan that are no effects. What a scene has none of takes no callback, no flag and no memory.
+//! What finds hits: rows of the plan that are no effects. What a scene has none of takes no callback, no flag and no
+//! memory.
 
 use std::fmt;
 

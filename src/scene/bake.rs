@@ -66,7 +66,8 @@ pub(crate) fn is_carved(material: &Material, textures: &[Texture]) -> bool {
 }
 
 impl Scene {
-    /// Bakes every mesh that stands in the world exactly once, unless it stands there unmoved, moves, or its object space is seen.
+    /// Bakes every mesh that stands in the world exactly once, unless it stands there unmoved, moves, or its object
+    /// space is seen.
     ///
     /// Rounding to f32 may leave triangles without an area; they are dropped, and their number is returned with the
     /// name of the instance they belonged to.

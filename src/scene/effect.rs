@@ -212,6 +212,23 @@ impl EffectSet {
     /// All of them.
     pub const ALL: EffectSet = EffectSet(u64::MAX);
 
+    /// Those that take no step of their own after a hit, beyond lights that are asked and mirror rays that are sent.
+    ///
+    /// Where none but these is on, hits are followed by code that was compiled for no others.
+    pub const PLAIN: EffectSet = EffectSet::NONE
+        .with(Effect::Shadow)
+        .with(Effect::Reflection)
+        .with(Effect::Texture)
+        .with(Effect::NormalMap)
+        .with(Effect::VertexColor)
+        .with(Effect::SmoothNormals)
+        .with(Effect::Lecture)
+        .with(Effect::Specular)
+        .with(Effect::Occlusion)
+        .with(Effect::Emission)
+        .with(Effect::Ambient)
+        .with(Effect::Background);
+
     /// Whether `effect` is one of them and was compiled.
     ///
     /// The environment variable `WHIT_WITHOUT` of the compiler names effects whose code is left out, with commas
@@ -240,6 +257,19 @@ impl EffectSet {
         EffectSet(self.0 & !other.0)
     }
 
+    /// Those of these that are in `other`.
+    #[must_use]
+    #[inline(always)]
+    pub const fn within(self, other: EffectSet) -> EffectSet {
+        EffectSet(self.0 & other.0)
+    }
+
+    /// Whether all of these that were compiled are in `other`.
+    #[inline(always)]
+    pub const fn are_within(self, other: EffectSet) -> bool {
+        COMPILED & self.0 & !other.0 == 0
+    }
+
     /// These and those of `other`.
     #[must_use]
     pub const fn union(self, other: EffectSet) -> EffectSet {
@@ -256,6 +286,13 @@ impl EffectSet {
             || self.has_lobes()
             || self.has(Effect::Subsurface)
             || self.has(Effect::Translucency)
+    }
+
+    /// Whether materials have no more than glTF's base colour, metalness and roughness.
+    #[inline(always)]
+    pub const fn is_bare(self) -> bool {
+        let covers = self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend);
+        !(self.is_rich() || covers || self.has(Effect::Emission))
     }
 
     /// Whether light goes on behind some surfaces.

@@ -1,8 +1,9 @@
 //! A geometry placed in the world, in as few bytes as its placement needs.
 //!
 //! A scene may hold millions of instances, most of them spheres that are moved and scaled or meshes that stand where
-//! they are. Two matrices for each would take 192 bytes, so matrices are kept only where the placement turns, mirrors or
-//! stretches; the others are made from a scale and a translation when they are asked for. What moves keeps its motion.
+//! they are. Two matrices for each would take 192 bytes, so matrices are kept only where the placement turns, mirrors
+//! or stretches; the others are made from a scale and a translation when they are asked for. What moves keeps its
+//! motion.
 
 use std::sync::Arc;
 
@@ -69,8 +70,8 @@ impl Instance {
         })
     }
 
-    /// Places `geometry` by the first map where its motion begins and by the second where it ends; see [`Motion`] for what
-    /// is between. If they are the same, it stands still.
+    /// Places `geometry` by the first map where its motion begins and by the second where it ends; see [`Motion`] for
+    /// what is between. If they are the same, it stands still.
     pub fn moving(
         name: impl Into<Arc<str>>,
         geometry: u32,
@@ -196,8 +197,8 @@ impl Instance {
         }
     }
 
-    /// A box of [`Motion::step_bounds`] in world space, after `steps[0]` of `steps[1]` steps; for what stands still it is the
-    /// same after each. `object_bounds` are those of its `geometry`, and finite.
+    /// A box of [`Motion::step_bounds`] in world space, after `steps[0]` of `steps[1]` steps; for what stands still it
+    /// is the same after each. `object_bounds` are those of its `geometry`, and finite.
     pub fn step_bounds(&self, geometry: &Geometry, object_bounds: &Bounds, steps: [u32; 2]) -> Bounds {
         let boxed = |map: &DAffine3| placed_bounds(map, geometry, object_bounds);
         match &self.placement {
@@ -236,8 +237,8 @@ impl Affine {
     fn of(motion: &Motion, time: f32) -> Affine {
         let world_from_object = motion.at(f64::from(time));
         Affine {
-            // Of sums of definite matrices the condition number is at most that of the worse one, but not by the norm in
-            // which it is checked.
+            // Of sums of definite matrices the condition number is at most that of the worse one, but not by the norm
+            // in which it is checked.
             object_from_world: numeric::inverse(&world_from_object)
                 .unwrap_or_else(|_| world_from_object.inverse()),
             world_from_object,

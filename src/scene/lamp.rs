@@ -1,8 +1,8 @@
 //! Objects that light the scene by what shines of them.
 //!
 //! Emission alone is only seen: by the camera, in mirrors and through glass. A lamp is an object whose emission also
-//! lights other surfaces, volumes and fog, as a light with an extent in the shape of the object ([`AreaShape::Object`]).
-//! It shines on both sides, as it is seen to.
+//! lights other surfaces, volumes and fog, as a light with an extent in the shape of the object
+//! ([`AreaShape::Object`]). It shines on both sides, as it is seen to.
 
 use glam::DVec3;
 
@@ -10,17 +10,17 @@ use super::{AlphaMode, AreaShape, Geometry, Instance, Light, LightKind, Material
 use crate::shading::{AreaLight, BodyLight, DiskLight, MeshLight, QuadLight, SphereLight};
 use crate::shape::{Shape, Sphere};
 
-/// How far the squares of a round sphere's axes may be apart, and their products from 0, relative to the squares: what the
-/// rounding of a chain of turns leaves. Stretched ones are asked as other bodies are.
+/// How far the squares of a round sphere's axes may be apart, and their products from 0, relative to the squares: what
+/// the rounding of a chain of turns leaves. Stretched ones are asked as other bodies are.
 const ROUNDNESS: f64 = 64.0 * f64::EPSILON;
 
 impl Scene {
-    /// Makes a lamp of an instance: adds the light that lies on it, of which every surface asks `samples` points, and which
-    /// has the instance's name and its material's emission.
+    /// Makes a lamp of an instance: adds the light that lies on it, of which every surface asks `samples` points, and
+    /// which has the instance's name and its material's emission.
     ///
     /// # Errors
-    /// One sentence that says why it cannot be one: there is no such instance, it does not shine, it moves, light goes through it,
-    /// or it is a plane, a polyhedron or a quadric.
+    /// One sentence that says why it cannot be one: there is no such instance, it does not shine, it moves, light goes
+    /// through it, or it is a plane, a polyhedron or a quadric.
     pub fn add_lamp(&mut self, instance: u32, samples: u32) -> Result<(), String> {
         self.lamp_surface(instance)?;
         let placed = &self.instances[instance as usize];
@@ -64,8 +64,8 @@ impl Scene {
         surface(geometry, instance)
     }
 
-    /// Gives lamps the new numbers of their instances: `new_index` holds that of each instance which is left. The lights of
-    /// others go with them.
+    /// Gives lamps the new numbers of their instances: `new_index` holds that of each instance which is left. The
+    /// lights of others go with them.
     pub(super) fn renumber_lamps(&mut self, new_index: &[Option<u32>]) {
         self.lights.retain_mut(|light| match &mut light.kind {
             LightKind::Area {

@@ -130,9 +130,9 @@ pub struct LensView {
 impl LensView {
     /// The ray through the point of the lens that `u` in [0, 1)² picks, to where `pinhole` is in focus.
     ///
-    /// A lens without radius gives `pinhole` itself, bit for bit. As the lens lies across the view axis, `t` goes on measuring
-    /// depth, and the near and far planes stay where they are. With o the origin and d the direction, and units u of
-    /// 2^-53, the ray passes the point in focus within 4 u (|o| + radius) + 3 u t |d| per coordinate.
+    /// A lens without radius gives `pinhole` itself, bit for bit. As the lens lies across the view axis, `t` goes on
+    /// measuring depth, and the near and far planes stay where they are. With o the origin and d the direction, and
+    /// units u of 2^-53, the ray passes the point in focus within 4 u (|o| + radius) + 3 u t |d| per coordinate.
     #[inline(always)]
     pub fn ray(&self, pinhole: CameraRay, u: [f64; 2]) -> CameraRay {
         if self.is_pinhole {

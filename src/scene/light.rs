@@ -57,13 +57,13 @@ pub enum LightKind {
         /// How it weakens with the distance.
         falloff: Falloff,
     },
-    /// Light from a surface, the same in all directions. Only what it lights is seen, not the surface, unless that is an
-    /// object's.
+    /// Light from a surface, the same in all directions. Only what it lights is seen, not the surface, unless that is
+    /// an object's.
     Area {
         /// What shines.
         shape: AreaShape,
-        /// Points of it that each surface asks for light, at least 1. More make each sample less noisy; the samples of a
-        /// pixel ask for different points, so one is enough for pictures of many.
+        /// Points of it that each surface asks for light, at least 1. More make each sample less noisy; the samples of
+        /// a pixel ask for different points, so one is enough for pictures of many.
         samples: u32,
     },
 }

@@ -72,9 +72,9 @@ pub struct MetallicRoughness {
     pub specular_color: [f32; 3],
     /// How much of what is not reflected goes through rather than being scattered, 0 to 1.
     pub transmission: f32,
-    /// Rays that the lobe of a rough surface is looked into by where the eye sees it, up to [`MOST_ROUGH_RAYS`]; one where
-    /// other rays meet it. With 0 it reflects as a mirror up to [`MIRROR_ROUGHNESS`] and only lights beyond, and refracts as a
-    /// smooth one.
+    /// Rays that the lobe of a rough surface is looked into by where the eye sees it, up to [`MOST_ROUGH_RAYS`]; one
+    /// where other rays meet it. With 0 it reflects as a mirror up to [`MIRROR_ROUGHNESS`] and only lights beyond, and
+    /// refracts as a smooth one.
     pub rough_rays: u32,
 }
 

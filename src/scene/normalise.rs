@@ -2,9 +2,10 @@
 //!
 //! A float near 10^6 has steps of 0.06, and products of coordinates near 10^20 leave the range of f32: scenes that
 //! lie or measure like that are moved to the origin and scaled to about unit size before anything else sees them.
-//! The centre is a multiple of the scene's size rounded down to a power of two and only moves axes along which the scene lies far away, and the
-//! scale is a power of two, so a coordinate that is already f32 is moved without any rounding: nothing is lost, and
-//! scenes that are well placed are not touched at all, which keeps their vertices in the mapped file.
+//! The centre is a multiple of the scene's size rounded down to a power of two and only moves axes along which the
+//! scene lies far away, and the scale is a power of two, so a coordinate that is already f32 is moved without any
+//! rounding: nothing is lost, and scenes that are well placed are not touched at all, which keeps their vertices in the
+//! mapped file.
 
 use glam::{DAffine3, DVec3};
 
@@ -128,8 +129,8 @@ impl Scene {
         self.normalisation = self.normalisation.then(&normalisation);
     }
 
-    /// Gives meshes that stand in the world several times or move, and whose own coordinates are badly placed, better ones; the
-    /// change is undone in the instances' transforms. `bounds` are those of the geometries.
+    /// Gives meshes that stand in the world several times or move, and whose own coordinates are badly placed, better
+    /// ones; the change is undone in the instances' transforms. `bounds` are those of the geometries.
     pub(crate) fn normalise_object_spaces(&mut self, bounds: &[Bounds]) {
         let use_counts = self.use_counts();
         let mut moves = vec![false; self.geometries.len()];

@@ -23,16 +23,16 @@ pub const MAX_WAVELENGTHS: u32 = 400;
 pub const MAX_EXPOSURE: f32 = 100.0;
 /// Most pixels of an image; the machine's memory usually sets a lower limit.
 pub const MAX_PIXELS: u64 = 1 << 31;
-/// Least radius of a filter in pixels: that of a tent between neighbouring middles. A pixel's own samples then never weigh
-/// nothing.
+/// Least radius of a filter in pixels: that of a tent between neighbouring middles. A pixel's own samples then never
+/// weigh nothing.
 pub const MIN_FILTER_RADIUS: f64 = 1.0;
 /// Greatest radius of a filter in pixels: beyond it pictures are blurred on purpose.
 pub const MAX_FILTER_RADIUS: f64 = 4.0;
 
 /// How the samples of a pixel are spread over it.
 ///
-/// Sobol points have the least error a sample (figures in the README, measured by `tests/sampling.rs`); R2 is the default for
-/// the sake of pictures that were made with it.
+/// Sobol points have the least error a sample (figures in the README, measured by `tests/sampling.rs`); R2 is the
+/// default for the sake of pictures that were made with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(

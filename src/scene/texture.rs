@@ -243,7 +243,8 @@ impl Image {
     /// Reads the file at `path`: PNG, JPEG, Radiance HDR or EXR, of at most `max_texels` pixels of 8 bits a channel;
     /// those that become floats count four times.
     ///
-    /// `encoding` says how images of 16 bits a channel are meant, which become floats; those of 8 bits keep their codes.
+    /// `encoding` says how images of 16 bits a channel are meant, which become floats; those of 8 bits keep their
+    /// codes.
     pub fn read(path: &Path, encoding: Encoding, max_texels: u64) -> Result<Image, ImageError> {
         let curve = match encoding {
             Encoding::Srgb => TransferCurve::Srgb,

@@ -114,8 +114,8 @@ pub(super) struct ObjectForm {
     /// What is done to it, in the order written: the first first.
     #[serde(default)]
     pub(super) transform: Vec<At<Step>>,
-    /// What is done to it instead where the motion ends, which makes it move from the one to the other: the origin of its
-    /// own space along a line, its scale evenly, its turn evenly the short way round, so by less than half a turn.
+    /// What is done to it instead where the motion ends, which makes it move from the one to the other: the origin of
+    /// its own space along a line, its scale evenly, its turn evenly the short way round, so by less than half a turn.
     pub(super) transform_end: Option<At<Vec<At<Step>>>>,
     /// Copies in a row, grid or block.
     pub(super) repeat: Option<At<Repeat>>,
@@ -127,7 +127,7 @@ pub(super) struct ObjectForm {
     /// Whether the cameras of a glTF file or an include come with it.
     #[serde(default)]
     pub(super) cameras: bool,
-    /// Whether what shines of it lights the scene, on both sides: points of each such object that every surface asks for
-    /// light, for each sample of a pixel; `true` for as many as of a light. Otherwise emission is only seen.
+    /// Whether what shines of it lights the scene, on both sides: points of each such object that every surface asks
+    /// for light, for each sample of a pixel; `true` for as many as of a light. Otherwise emission is only seen.
     pub(super) lamp: Option<At<LampForm>>,
 }

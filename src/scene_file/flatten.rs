@@ -133,8 +133,8 @@ fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), S
     }
 }
 
-/// Makes lamps of what shines among the instances from the first on; those that are lamps already, by lights from `lights`
-/// on, stay what they are. What cannot be one is an error where it is the object itself, and else a warning.
+/// Makes lamps of what shines among the instances from the first on; those that are lamps already, by lights from
+/// `lights` on, stay what they are. What cannot be one is an error where it is the object itself, and else a warning.
 fn light_lamps(
     scene: &mut Scene,
     (node, lamp): (&Node, &Lamp),
@@ -239,8 +239,8 @@ fn moved_light(light: &Light, world: &DAffine3) -> Light {
     }
 }
 
-/// The shape where `world` puts it: flat ones shine to the same side of the scene after mirroring, and a sphere stays one,
-/// of the volume that the map makes of it.
+/// The shape where `world` puts it: flat ones shine to the same side of the scene after mirroring, and a sphere stays
+/// one, of the volume that the map makes of it.
 fn moved_shape(shape: AreaShape, world: &DAffine3) -> AreaShape {
     let at = |p| world.transform_point3(p);
     let turned = |u, v| {

@@ -54,9 +54,9 @@ pub(super) struct MaterialForm {
     /// 0 a mirror, 1 chalk.
     #[schemars(extend("default" = ROUGHNESS))]
     roughness: Option<Param<f32>>,
-    /// Rays that each camera ray sends into the lobe of a rough surface, 0 to 256, for blurred reflections and frosted glass; other
-    /// rays send one. With 0 a surface up to a roughness of 0.1 is a mirror, a rougher one reflects only lights, and any
-    /// refracts sharply.
+    /// Rays that each camera ray sends into the lobe of a rough surface, 0 to 256, for blurred reflections and frosted
+    /// glass; other rays send one. With 0 a surface up to a roughness of 0.1 is a mirror, a rougher one reflects only
+    /// lights, and any refracts sharply.
     #[schemars(extend("default" = 0))]
     rough_rays: Option<u32>,
     /// glTF's packing in one texture: roughness in green, metalness in blue.

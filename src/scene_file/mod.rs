@@ -44,21 +44,23 @@
 //! material = "ball"
 //! ```
 //!
-//! * **World.** Right-handed, +y up, metres. Colours are linear RGB as a grey number, `[r, g, b]`, or `"#rrggbb"` by the
-//!   sRGB curve. Angles are degrees.
+//! * **World.** Right-handed, +y up, metres. Colours are linear RGB as a grey number, `[r, g, b]`, or `"#rrggbb"` by
+//!   the sRGB curve. Angles are degrees.
 //! * **Transforms** are applied to the object in the order written: above, the ball is first stretched, then moved.
 //! * **The lecture's camera** is `eye`, `i`, `j`, `k`, `near` and `window = [2w, 2h]`, the window's full size.
 //! * **Objects** have exactly one of `shape` (a word, `[shape.NAME]`, or `{ KIND = { ... } }` in place), `group`
-//!   (`[[group.NAME.object]]`, which may hold groups), `gltf` and `include` (files, looked up beside the file that names
-//!   them; names in an include are its own). A `material` goes to every member that has none; it replaces a glTF file's.
-//! * **Lamps**: `lamp = true`, or a number of samples, makes what shines of an object light the scene; it goes down to the
-//!   members of a group and of a file, and stays with them wherever these are included.
+//!   (`[[group.NAME.object]]`, which may hold groups), `gltf` and `include` (files, looked up beside the file that
+//!   names them; names in an include are its own). A `material` goes to every member that has none; it replaces a glTF
+//!   file's.
+//! * **Lamps**: `lamp = true`, or a number of samples, makes what shines of an object light the scene; it goes down to
+//!   the members of a group and of a file, and stays with them wherever these are included.
 //! * **Volumes** (`[[volume]]`) fill the cube [-1, 1]³, which a `transform` places, with the numbers of a `file` (.npy,
 //!   .nrrd), of `raw = { file = "a.raw", size = [64, 64, 32], type = "u8" }`, or of a `cloud = { shape = "plume" }`;
-//!   `transfer = [{ value = 0, extinction = 0 }, { value = 1, extinction = 9, color = 0.8, emission = 0 }]` says what the
-//!   numbers mean. `[fog]` has an `extinction` and a `color`, and is everywhere; that of an include is left out.
-//! * **Copies**: `repeat = { count = [10, 1, 10], step = [2, 0, 2], jitter = 0.3, seed = 7 }` or `scatter = { count = 99,
-//!   min = [...], max = [...] }`, each with random `turn` and `scale`, happen after the object's own transforms.
+//!   `transfer = [{ value = 0, extinction = 0 }, { value = 1, extinction = 9, color = 0.8, emission = 0 }]` says what
+//!   the numbers mean. `[fog]` has an `extinction` and a `color`, and is everywhere; that of an include is left out.
+//! * **Copies**: `repeat = { count = [10, 1, 10], step = [2, 0, 2], jitter = 0.3, seed = 7 }` or
+//!   `scatter = { count = 99, min = [...], max = [...] }`, each with random `turn` and `scale`, happen after the object's
+//!   own transforms.
 //!
 //! Names are looked up, files read and checks made ([`assembly`]) before anything is flattened ([`flatten`]). Every
 //! message names the file, the line, the item and a remedy.

@@ -22,7 +22,8 @@ const MILLIMETRE: f64 = 0.001;
 #[derive(Clone, Debug, Default)]
 pub(super) struct SubsurfaceForm(SubsurfaceTable);
 
-/// One of three ways to say it: a measured material; coefficients; or the colour of a thick body and how deep light goes.
+/// One of three ways to say it: a measured material; coefficients; or the colour of a thick body and how deep light
+/// goes.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct SubsurfaceTable {

@@ -10,8 +10,8 @@ use crate::scene::{Filter, Pattern, Procedural, Sampler, Space, Wrap};
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TextureForm {
-    /// A PNG, JPEG, Radiance HDR or EXR file, beside the scene file. Codes of PNG and JPEG are sRGB for colours and linear
-    /// for all else; HDR and EXR are linear, and may exceed 1 for emission.
+    /// A PNG, JPEG, Radiance HDR or EXR file, beside the scene file. Codes of PNG and JPEG are sRGB for colours and
+    /// linear for all else; HDR and EXR are linear, and may exceed 1 for emission.
     pub(super) image: Option<At<String>>,
     /// What lies outside the image: one word, or one for u and one for v.
     #[schemars(extend("default" = "repeat"))]

@@ -3,8 +3,8 @@
 use crate::numeric::{LANES, Lanes3};
 use crate::optics::dielectric;
 
-/// What gets through smooth surfaces from outside into bodies of index `eta`, per unit of area and of irradiance at normal
-/// incidence: Fresnel's transmittance times n·wi, the same in all channels. Lanes with n·wi <= 0 give zero.
+/// What gets through smooth surfaces from outside into bodies of index `eta`, per unit of area and of irradiance at
+/// normal incidence: Fresnel's transmittance times n·wi, the same in all channels. Lanes with n·wi <= 0 give zero.
 ///
 /// `ns` and `wi` are unit vectors.
 #[inline(always)]

@@ -1,15 +1,16 @@
 //! Light from all around, as an image: looked up by direction, and sampled where it is bright.
 //!
 //! The image is equirectangular. Its rows run from +y at the top to -y at the bottom, evenly in the angle from +y; its
-//! columns run evenly around +y, the middle of the image at -z and +x to the right of it, as a camera that looks along -z
-//! sees them. Texels are points in the middles of their cells, and between them radiance is bilinear, across the seam
-//! too; beyond the first and last row it keeps to them.
+//! columns run evenly around +y, the middle of the image at -z and +x to the right of it, as a camera that looks along
+//! -z sees them. Texels are points in the middles of their cells, and between them radiance is bilinear, across the
+//! seam too; beyond the first and last row it keeps to them.
 //!
-//! Directions are drawn with a density in proportion to the luminance of that same bilinear image: first a row and then a
-//! column of the cells between texel middles, by inverting running sums (M. Pharr, W. Jakob, G. Humphreys, "Physically
-//! Based Rendering", 4th ed. 2023, A.4 and A.5), then a place within the cell by inverting its linear densities. What the
-//! inversion has left over of a number is used for the place, so evenly spread numbers give evenly spread directions. The
-//! density is positive wherever anything shines, and L / pdf is constant within a row of cells but for colour and sin θ.
+//! Directions are drawn with a density in proportion to the luminance of that same bilinear image: first a row and then
+//! a column of the cells between texel middles, by inverting running sums (M. Pharr, W. Jakob, G. Humphreys,
+//! "Physically Based Rendering", 4th ed. 2023, A.4 and A.5), then a place within the cell by inverting its linear
+//! densities. What the inversion has left over of a number is used for the place, so evenly spread numbers give evenly
+//! spread directions. The density is positive wherever anything shines, and L / pdf is constant within a row of cells
+//! but for colour and sin θ.
 
 use std::f64::consts::{PI, TAU};
 
@@ -91,8 +92,8 @@ impl EnvironmentMap {
         size_of_val(&self.texels[..]) + size_of_val(&self.cell_up_to[..]) + size_of_val(&self.row_up_to[..])
     }
 
-    /// The map of `image`, in linear RGB radiance, turned by `rotation` radians about +y, counter-clockwise as seen from
-    /// above. Negative values, which filters leave in images, count as 0.
+    /// The map of `image`, in linear RGB radiance, turned by `rotation` radians about +y, counter-clockwise as seen
+    /// from above. Negative values, which filters leave in images, count as 0.
     pub fn new(image: LinearImage, rotation: f64) -> Result<EnvironmentMap, EnvironmentError> {
         let LinearImage {
             width,
@@ -183,8 +184,8 @@ impl EnvironmentMap {
         })
     }
 
-    /// The density per steradian with which [`EnvironmentMap::sample`] picks `direction`, a unit vector; 0 where nothing
-    /// shines and at the very pole.
+    /// The density per steradian with which [`EnvironmentMap::sample`] picks `direction`, a unit vector; 0 where
+    /// nothing shines and at the very pole.
     #[inline]
     pub fn pdf(&self, direction: DVec3) -> f64 {
         let place = self.place(direction);
@@ -300,8 +301,8 @@ fn luminance(color: [f32; 3]) -> f64 {
         .sum()
 }
 
-/// The step of the running sums that lies at the share `u` of the last one, and how far into it that is, in [0, 1]. A step
-/// of nothing is never chosen; the last sum is positive.
+/// The step of the running sums that lies at the share `u` of the last one, and how far into it that is, in [0, 1]. A
+/// step of nothing is never chosen; the last sum is positive.
 #[inline(always)]
 fn invert(up_to: &[f64], u: f64) -> (usize, f64) {
     let last = up_to.len() - 1;
@@ -400,8 +401,8 @@ mod tests {
             map(5, 1, 1.0, |x, _| [x as f32; 3]),
         ] {
             let found = integral(2000, |d| map.pdf(d));
-            // Kinks at cell borders: the midpoint rule is off by the square of (cells of the map / cells), and by a cell in
-            // θ where the density jumps from row to row.
+            // Kinks at cell borders: the midpoint rule is off by the square of (cells of the map / cells), and by a
+            // cell in θ where the density jumps from row to row.
             assert!((found - 1.0).abs() < 1e-3, "{found}");
         }
     }

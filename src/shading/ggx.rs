@@ -2,16 +2,16 @@
 //!
 //! It is the lobe that `direct` answers lights with: alpha = roughness², D of Trowbridge and Reitz, and Smith's masking
 //! G1 for the viewer times that for the light (glTF 2.0, Appendix B). Microfacets are drawn with the density of those
-//! visible, G1(o) D(m) (o·m) / (n·o), by J. Dupuy and A. Benyoub ("Sampling Visible GGX Normals with Spherical Caps", HPG
-//! 2023; the density is E. Heitz's, JCGT 7(4), 2018). A mirrored or refracted ray (B. Walter et al., "Microfacet Models for
-//! Refraction through Rough Surfaces", EGSR 2007) then has the weight G1(i) times Fresnel's share at the microfacet, which
-//! is the caller's to give: it may be coloured, and decides which of the two rays is sent. What G1 takes away is light that
-//! would meet another microfacet; the model drops it.
+//! visible, G1(o) D(m) (o·m) / (n·o), by J. Dupuy and A. Benyoub ("Sampling Visible GGX Normals with Spherical Caps",
+//! HPG 2023; the density is E. Heitz's, JCGT 7(4), 2018). A mirrored or refracted ray (B. Walter et al., "Microfacet
+//! Models for Refraction through Rough Surfaces", EGSR 2007) then has the weight G1(i) times Fresnel's share at the
+//! microfacet, which is the caller's to give: it may be coloured, and decides which of the two rays is sent. What G1
+//! takes away is light that would meet another microfacet; the model drops it.
 //!
 //! Vectors are unit, in the surface's frame: +z is the normal, on the viewer's side. `wo` points to the viewer, `wi` to
-//! where the light comes from. Transmission is that of power, or of radiance over the squared index: radiance itself gains
-//! by the square of the viewer's index over the other one. Everything is f64: the hot part is some forty operations, and
-//! f32 would leave a lobe of roughness 0.05 (alpha = 0.0025) four digits.
+//! where the light comes from. Transmission is that of power, or of radiance over the squared index: radiance itself
+//! gains by the square of the viewer's index over the other one. Everything is f64: the hot part is some forty
+//! operations, and f32 would leave a lobe of roughness 0.05 (alpha = 0.0025) four digits.
 
 use std::f64::consts::PI;
 
@@ -125,7 +125,8 @@ impl Ggx {
         }
     }
 
-    /// A mirrored direction, picked by `u` in [0, 1)²; `None` where it would go into the surface, which counts as nothing.
+    /// A mirrored direction, picked by `u` in [0, 1)²; `None` where it would go into the surface, which counts as
+    /// nothing.
     #[inline(always)]
     pub fn sample_reflection(&self, wo: DVec3, u: [f64; 2]) -> Option<LobeSample> {
         let m = self.visible_normal(wo, u);
@@ -174,8 +175,8 @@ impl Ggx {
 
     /// A refracted direction, picked by `u` in [0, 1)²; `eta` is the index on the far side over that on the viewer's.
     ///
-    /// `None` where all light is reflected at the microfacet, or where the ray would not get below the surface, which counts
-    /// as nothing. Equal indices bend no ray, but the lobe still masks: pass such boundaries by.
+    /// `None` where all light is reflected at the microfacet, or where the ray would not get below the surface, which
+    /// counts as nothing. Equal indices bend no ray, but the lobe still masks: pass such boundaries by.
     #[inline(always)]
     pub fn sample_transmission(&self, wo: DVec3, eta: f64, u: [f64; 2]) -> Option<LobeSample> {
         let m = self.visible_normal(wo, u);
@@ -277,8 +278,8 @@ mod tests {
                 let shaded = f64::from(direct(&material, &up, &lanes(wo), &lanes(wi))[0][0]);
                 let (wo, wi) = (wo.as_dvec3(), wi.as_dvec3());
                 let exact = lobe.reflection(wo, wi) * wi.z;
-                // f32: h is off by 2^-24 of the vectors, so sin by 2^-23 / |h| beside alpha, and D by four times that over
-                // alpha; at roundings 2^-24 some twenty operations follow. Rounded inputs are unit to 2^-23.
+                // f32: h is off by 2^-24 of the vectors, so sin by 2^-23 / |h| beside alpha, and D by four times that
+                // over alpha; at roundings 2^-24 some twenty operations follow. Rounded inputs are unit to 2^-23.
                 let unit = f64::from(f32::EPSILON);
                 let alpha = (roughness * roughness).min(1.0);
                 let bound = unit * (16.0 + 8.0 / (alpha * (wo + wi).length()));
@@ -309,8 +310,8 @@ mod tests {
 
     /// Calls `add` with `cells` by `cells` normals m and the solid angle dm of each.
     ///
-    /// With tan² = alpha² x / (1 - x) all of an even grid of x would have the same D cos dm; 1 - x = (1 - y)² takes away the
-    /// singularity that a grazing view makes of the far tail.
+    /// With tan² = alpha² x / (1 - x) all of an even grid of x would have the same D cos dm; 1 - x = (1 - y)² takes
+    /// away the singularity that a grazing view makes of the far tail.
     fn over_microfacets(lobe: &Ggx, cells: u32, mut add: impl FnMut(DVec3, f64)) {
         let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
         for i in 0..cells * cells {

@@ -52,8 +52,8 @@ pub struct RichLanes {
     pub reflection: Lanes3<f32>,
     /// Rays that a lobe is looked into by where the eye sees it.
     pub rough_rays: Lanes<u32>,
-    /// Of the diffuse light, what leaves where and on the side that it arrived: less than 1 for thin sheets, 0 for bodies
-    /// that scatter within.
+    /// Of the diffuse light, what leaves where and on the side that it arrived: less than 1 for thin sheets, 0 for
+    /// bodies that scatter within.
     pub local: Lanes<f32>,
     /// Of a white sheet's diffuse light, what leaves on the other side, linear RGB.
     pub translucency: Lanes3<f32>,
@@ -98,11 +98,20 @@ impl MaterialPacket {
     /// Sets every lane to the factors of `material`.
     #[inline(always)]
     pub fn fill(&mut self, material: &Material) {
+        if self.effects.is_bare() {
+            self.fill_of::<true>(material);
+        } else {
+            self.fill_of::<false>(material);
+        }
+    }
+
+    #[inline(always)]
+    fn fill_of<const BARE: bool>(&mut self, material: &Material) {
         let factors = Factors::of(material);
         for l in 0..LANES {
-            self.set_plain(l, &factors);
+            self.set_plain::<BARE>(l, &factors);
         }
-        if self.effects.is_rich() {
+        if !BARE && self.effects.is_rich() {
             for l in 0..LANES {
                 self.set_rich(l, &factors);
             }
@@ -112,9 +121,37 @@ impl MaterialPacket {
     /// Sets one lane to the factors of `material`.
     #[inline(always)]
     pub fn set(&mut self, l: usize, material: &Material) {
+        self.set_of::<false>(l, material);
+    }
+
+    /// Sets the lanes that have one to the factors of their materials.
+    #[inline(always)]
+    pub fn set_lanes<'m>(&mut self, material: impl FnMut(usize) -> Option<&'m Material>) {
+        if self.effects.is_bare() {
+            self.set_lanes_of::<true>(material);
+        } else {
+            self.set_lanes_of::<false>(material);
+        }
+    }
+
+    #[inline(always)]
+    fn set_lanes_of<'m, const BARE: bool>(
+        &mut self,
+        mut material: impl FnMut(usize) -> Option<&'m Material>,
+    ) {
+        for l in 0..LANES {
+            if let Some(material) = material(l) {
+                self.set_of::<BARE>(l, material);
+            }
+        }
+    }
+
+    /// `BARE` may be where the effects are.
+    #[inline(always)]
+    fn set_of<const BARE: bool>(&mut self, l: usize, material: &Material) {
         let factors = Factors::of(material);
-        self.set_plain(l, &factors);
-        if self.effects.is_rich() {
+        self.set_plain::<BARE>(l, &factors);
+        if !BARE && self.effects.is_rich() {
             self.set_rich(l, &factors);
         }
     }
@@ -126,7 +163,8 @@ impl MaterialPacket {
         through[0][l] + through[1][l] + through[2][l] > 0.0
     }
 
-    /// Whether the surface in lane `l` shows what is around by rays into its lobe, rather than by a mirror ray or not at all.
+    /// Whether the surface in lane `l` shows what is around by rays into its lobe, rather than by a mirror ray or not
+    /// at all.
     #[inline(always)]
     pub fn has_lobe(&self, l: usize) -> bool {
         if !self.effects.has_lobes() {
@@ -148,17 +186,21 @@ impl MaterialPacket {
     }
 
     #[inline(always)]
-    fn set_plain(&mut self, l: usize, factors: &Factors) {
+    fn set_plain<const BARE: bool>(&mut self, l: usize, factors: &Factors) {
         let material = factors.material;
-        let shines = self.effects.has(Effect::Emission);
+        let shines = !BARE && self.effects.has(Effect::Emission);
         for channel in 0..3 {
             self.base_color[channel][l] = material.base_color[channel];
             self.emission[channel][l] = if shines { factors.emission[channel] } else { 0.0 };
         }
-        self.alpha[l] = self.coverage(material, material.base_color[3]);
+        self.alpha[l] = if BARE {
+            1.0
+        } else {
+            self.coverage(material, material.base_color[3])
+        };
         self.metallic[l] = factors.model.metallic;
         self.roughness[l] = factors.model.roughness;
-        self.f0[l] = if self.effects.has(Effect::Specular) {
+        self.f0[l] = if !BARE && self.effects.has(Effect::Specular) {
             factors.f0
         } else {
             DEFAULT_F0

@@ -50,13 +50,18 @@ impl MaterialPacket {
         }
     }
 
-    /// Schlick's reflectance of lane `l` where light meets the surface, or a microfacet of it, under the cosine `cosine`.
+    /// Schlick's reflectance; `grazing` is the fifth power of 1 less the cosine under which light meets the surface.
+    #[inline(always)]
+    fn schlick<const RICH: bool>(&self, grazing: f32, channel: usize, l: usize) -> f32 {
+        let f0 = self.f0::<RICH>(channel, l);
+        f0 + (self.f90::<RICH>(l) - f0) * grazing
+    }
+
+    /// Schlick's reflectance of lane `l` where light meets the surface, or a microfacet of it, under the cosine
+    /// `cosine`.
     pub fn fresnel(&self, cosine: f32, l: usize) -> [f32; 3] {
         let grazing = fifth_power(1.0 - cosine);
-        std::array::from_fn(|channel| {
-            let f0 = self.f0::<true>(channel, l);
-            f0 + (self.f90::<true>(l) - f0) * grazing
-        })
+        std::array::from_fn(|channel| self.schlick::<true>(grazing, channel, l))
     }
 
     /// Radiance that leaves without any light's help: emission, and the surroundings `ambient` seen diffusely, and
@@ -115,8 +120,9 @@ pub fn direct(
     }
 }
 
+/// [`direct`]; `RICH` is needed where the material's effects are rich.
 #[inline(always)]
-fn direct_of<const RICH: bool>(
+pub fn direct_of<const RICH: bool>(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
     wo: &Lanes3<f32>,
@@ -133,8 +139,8 @@ fn direct_of<const RICH: bool>(
         let h_squared = dot(h, h);
         // The half vector stays unnormalised: for unit v and i, v·h over |h| is |h| / 2.
         let v_dot_h = 0.5 * h_squared.sqrt();
-        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos², times |h|²: near the peak of a smooth lobe the textbook form
-        // loses all digits, this one none.
+        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos², times |h|²: near the peak of a smooth lobe the
+        // textbook form loses all digits, this one none.
         let c = [
             n[1] * h[2] - n[2] * h[1],
             n[2] * h[0] - n[0] * h[2],
@@ -155,8 +161,7 @@ fn direct_of<const RICH: bool>(
         };
         let grazing = fifth_power(1.0 - v_dot_h);
         for channel in 0..3 {
-            let f0 = material.f0::<RICH>(channel, l);
-            let fresnel = f0 + (material.f90::<RICH>(l) - f0) * grazing;
+            let fresnel = material.schlick::<RICH>(grazing, channel, l);
             let diffuse = (1.0 - fresnel) * material.c_diff::<RICH>(channel, l) * (1.0 / PI);
             reflected[channel][l] = (diffuse + fresnel * lobe) * n_dot_l;
         }
@@ -186,8 +191,7 @@ pub fn through(
         }
         let grazing = fifth_power(1.0 - 0.5 * dot(h, h).sqrt());
         for channel in 0..3 {
-            let f0 = material.f0::<true>(channel, l);
-            let fresnel = f0 + (material.f90::<true>(l) - f0) * grazing;
+            let fresnel = material.schlick::<true>(grazing, channel, l);
             passed[channel][l] = (1.0 - fresnel) * material.c_through(channel, l) * (1.0 / PI) * behind;
         }
     }
@@ -195,9 +199,14 @@ pub fn through(
 }
 
 /// The mirror ray of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, zero where the surface is
-/// rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe; the lecture's kr in its lanes.
+/// rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe; the lecture's kr in its lanes. `RICH` is needed where the
+/// material's effects are rich.
 #[inline(always)]
-pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> (Lanes3<f32>, Lanes3<f32>) {
+pub fn mirror<const RICH: bool>(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+) -> (Lanes3<f32>, Lanes3<f32>) {
     let mut direction = [[0.0; LANES]; 3];
     let mut reflectance = [[0.0; LANES]; 3];
     for l in 0..LANES {
@@ -205,16 +214,15 @@ pub fn mirror(material: &MaterialPacket, ns: &Lanes3<f32>, wo: &Lanes3<f32>) -> 
         for axis in 0..3 {
             direction[axis][l] = 2.0 * cosine * ns[axis][l] - wo[axis][l];
         }
-        let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS && !material.has_lobe(l) {
+        let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS && !(RICH && material.has_lobe(l)) {
             1.0
         } else {
             0.0
         };
         let grazing = fifth_power(1.0 - cosine.abs());
         for channel in 0..3 {
-            let f0 = material.f0::<true>(channel, l);
-            let polished = smooth * (f0 + (material.f90::<true>(l) - f0) * grazing);
-            reflectance[channel][l] = if material.rich.is_lecture[l] {
+            let polished = smooth * material.schlick::<RICH>(grazing, channel, l);
+            reflectance[channel][l] = if RICH && material.rich.is_lecture[l] {
                 material.rich.reflection[channel][l]
             } else {
                 polished
@@ -290,11 +298,14 @@ mod tests {
             direct(&polished, &up, &wo, &lanes3([-0.6, 0.0, 0.8])),
             [[0.0; LANES]; 3]
         );
-        let (direction, reflectance) = mirror(&polished, &up, &wo);
+        let (direction, reflectance) = mirror::<false>(&polished, &up, &wo);
         let close = |a: f32, b: f32| (a - b).abs() < 4.0 * f32::EPSILON;
         assert!(close(direction[0][2], -0.6) && close(direction[2][2], 0.8));
         // f0 = 1/2, (1 - 0.8)^5 = 0.00032.
         assert!(close(reflectance[0][2], 0.5 + 0.5 * 0.00032));
-        assert_eq!(mirror(&material(0.5, 1.0, 0.2), &up, &wo).1, [[0.0; LANES]; 3]);
+        assert_eq!(
+            mirror::<false>(&material(0.5, 1.0, 0.2), &up, &wo).1,
+            [[0.0; LANES]; 3]
+        );
     }
 }

@@ -25,5 +25,5 @@ pub use ggx::{Ggx, LobeSample};
 pub use lecture::lecture_direct;
 pub use light::{Illumination, illuminate};
 pub use material::{MaterialPacket, RichLanes};
-pub use metallic_roughness::{direct, mirror, through};
+pub use metallic_roughness::{direct, direct_of, mirror, through};
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};

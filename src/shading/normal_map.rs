@@ -1,8 +1,8 @@
 //! Normals bent by textures: normal maps (glTF 2.0, 3.9.3) and bump maps (Blinn, "Simulation of wrinkled surfaces",
 //! SIGGRAPH 1978), and the guard that keeps what they bend visible.
 //!
-//! All vectors are in one space, of the caller's choice. The order is: frame or derivatives with the outward normal, bend,
-//! turn to the viewer's side, guard.
+//! All vectors are in one space, of the caller's choice. The order is: frame or derivatives with the outward normal,
+//! bend, turn to the viewer's side, guard.
 
 use glam::DVec3;
 
@@ -46,8 +46,8 @@ impl TangentFrame {
         })
     }
 
-    /// The normal of a normal map's linear RGB `texel`, with glTF's `scale` of its X and Y: (2 texel - 1) in this frame,
-    /// brought to unit length. A texel that says nothing leaves the normal.
+    /// The normal of a normal map's linear RGB `texel`, with glTF's `scale` of its X and Y: (2 texel - 1) in this
+    /// frame, brought to unit length. A texel that says nothing leaves the normal.
     pub fn perturbed(&self, texel: [f32; 3], scale: f32) -> DVec3 {
         let [x, y, z] = texel.map(|c| 2.0 * f64::from(c) - 1.0);
         let scale = f64::from(scale);

@@ -71,8 +71,8 @@ impl Cone {
     /// After refraction by the relative index `eta`, transmitted over incident, at a surface of this mean `curvature`,
     /// positive where it bulges to the incident side; `cos_i` and `cos_t` are the cosines of both angles, positive.
     ///
-    /// Coddington, in the plane of incidence: w' = w cos t / cos i and s' = s cos i / (η cos t) - k w q / (cos i cos t);
-    /// across it: w' = w and s' = s / η - k w q; where q = (η cos t - cos i) / η.
+    /// Coddington, in the plane of incidence: w' = w cos t / cos i and s' = s cos i / (η cos t) - k w q / (cos i cos
+    /// t); across it: w' = w and s' = s / η - k w q; where q = (η cos t - cos i) / η.
     pub fn refracted(self, eta: f64, [cos_i, cos_t]: [f64; 2], curvature: f64) -> Cone {
         if !(cos_i > 0.0 && cos_t > 0.0) {
             return self;
@@ -86,8 +86,8 @@ impl Cone {
     }
 }
 
-/// The axes of a cone's footprint on a surface: where a cone of `width` and of unit direction `d` cuts the plane with unit
-/// normal `n`. Full lengths, the longer first: along the plane of incidence it is `width` over the cosine.
+/// The axes of a cone's footprint on a surface: where a cone of `width` and of unit direction `d` cuts the plane with
+/// unit normal `n`. Full lengths, the longer first: along the plane of incidence it is `width` over the cosine.
 ///
 /// A plane seen edge on has a footprint without end; its axis is then as long as f64 goes.
 pub fn axes_on_surface(width: f64, d: DVec3, n: DVec3) -> [DVec3; 2] {
@@ -146,7 +146,8 @@ pub fn shape_uv_density([dpdu, dpdv]: [DVec3; 2]) -> f64 {
     finite_or_zero(dpdu.cross(dpdv).length().sqrt().recip())
 }
 
-/// The mean curvature of a triangle that its corner normals imply, positive where it bulges to their side; 0 where flat.
+/// The mean curvature of a triangle that its corner normals imply, positive where it bulges to their side; 0 where
+/// flat.
 ///
 /// Along an edge from p0 to p1 the normal turns by (n1 - n0) . (p1 - p0) / |p1 - p0|² a unit of length (Reed, 2014);
 /// the mean of the three edges. `n` are of unit length.

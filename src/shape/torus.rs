@@ -3,8 +3,8 @@
 //! The quartic's condition grows with the fourth power of the origin's distance, so its coefficients are formed at the
 //! line's point nearest to the centre, over a unit direction: there `|p|² = m + τ²` and the cubic term vanishes. Roots
 //! are found between the extrema, without radicals, and polished on the distance form
-//! `(ρ - 1)² + z² - r² = 0`, whose rounding is a few ulps of the coordinates however thin the tube is. A ray that leaves
-//! the torus has its own root divided out, which leaves a cubic.
+//! `(ρ - 1)² + z² - r² = 0`, whose rounding is a few ulps of the coordinates however thin the tube is. A ray that
+//! leaves the torus has its own root divided out, which leaves a cubic.
 
 use std::f64::consts::TAU;
 

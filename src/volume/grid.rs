@@ -164,15 +164,14 @@ impl Grid {
     #[inline(always)]
     pub(super) fn sample_lanes(&self, p: &Lanes3<f64>) -> Lanes<f64> {
         let places = self.places(p);
-        let corners = of_any_type!(&self.samples, values => self.corners(values, &places.first));
+        let rows = of_any_type!(&self.samples, values => self.rows(values, &places.first));
         let [u, v, w] = &places.weight;
         let mut value = [0.0; LANES];
         for l in 0..LANES {
-            let corner = |i: usize| f64::from(corners[i][l]);
-            let x00 = lerp(u[l], corner(0), corner(1));
-            let x10 = lerp(u[l], corner(2), corner(3));
-            let x01 = lerp(u[l], corner(4), corner(5));
-            let x11 = lerp(u[l], corner(6), corner(7));
+            let x00 = lerp(u[l], rows.near[0][l], rows.far[0][l]);
+            let x10 = lerp(u[l], rows.near[1][l], rows.far[1][l]);
+            let x01 = lerp(u[l], rows.near[2][l], rows.far[2][l]);
+            let x11 = lerp(u[l], rows.near[3][l], rows.far[3][l]);
             value[l] = lerp(w[l], lerp(v[l], x00, x10), lerp(v[l], x01, x11));
         }
         value
@@ -197,32 +196,101 @@ impl Grid {
             }
             stride *= self.stored[axis] as f64;
         }
-        let first = index.map(|index| (index + ROUNDER).to_bits() & MANTISSA);
+        let first = index.map(whole);
         Places { first, weight }
     }
 
-    /// The eight corners of sixteen cells, x fastest.
+    /// The corners of sixteen cells.
     #[inline(always)]
-    fn corners<T: Copy + Into<f32>>(&self, values: &[T], first: &Lanes<u64>) -> [Lanes<f32>; 8] {
+    fn rows<T: Sample>(&self, values: &[T], first: &Lanes<u64>) -> Rows {
         let row = self.stored[0];
         let slice = row * self.stored[1];
-        let mut corners = [[0.0; LANES]; 8];
-        for l in 0..LANES {
-            let first = first[l] as usize;
-            let rows = [first, first + row, first + slice, first + slice + row];
-            for (i, start) in rows.into_iter().enumerate() {
-                let pair = &values[start..start + 2];
-                corners[2 * i][l] = pair[0].into();
-                corners[2 * i + 1][l] = pair[1].into();
+        let mut rows = Rows {
+            near: [[0.0; LANES]; 4],
+            far: [[0.0; LANES]; 4],
+        };
+        for (r, ahead) in [0, row, slice, slice + row].into_iter().enumerate() {
+            let values = &values[ahead..];
+            let mut pairs = [0; LANES];
+            for l in 0..LANES {
+                // Known to be so: the end of the pair then does not overflow, which saves a check.
+                let start = (first[l] & MANTISSA) as usize;
+                pairs[l] = match values.get(start..start + 2) {
+                    Some(&[a, b]) => T::pair([a, b]),
+                    _ => outside(),
+                };
+            }
+            for l in 0..LANES {
+                [rows.near[r][l], rows.far[r][l]] = T::apart(pairs[l]).map(f64::from);
             }
         }
-        corners
+        rows
     }
+}
+
+/// Cells lie inside their grid.
+#[cold]
+fn outside() -> ! {
+    panic!("a cell outside its grid")
+}
+
+/// The corners of sixteen cells in rows along x: at (y, z) of (0, 0), (1, 0), (0, 1), (1, 1) from the first corner.
+struct Rows {
+    near: [Lanes<f64>; 4],
+    far: [Lanes<f64>; 4],
+}
+
+/// A type of samples, two of which are held in 64 bits, so that they are loaded at once and told apart lane by lane.
+trait Sample: Copy {
+    fn pair(pair: [Self; 2]) -> u64;
+    fn apart(pair: u64) -> [f32; 2];
+}
+
+impl Sample for f32 {
+    #[inline(always)]
+    fn pair([a, b]: [f32; 2]) -> u64 {
+        u64::from(a.to_bits()) | u64::from(b.to_bits()) << 32
+    }
+
+    #[inline(always)]
+    fn apart(pair: u64) -> [f32; 2] {
+        [f32::from_bits(pair as u32), f32::from_bits((pair >> 32) as u32)]
+    }
+}
+
+impl Sample for u8 {
+    #[inline(always)]
+    fn pair([a, b]: [u8; 2]) -> u64 {
+        u64::from(a) | u64::from(b) << 32
+    }
+
+    #[inline(always)]
+    fn apart(pair: u64) -> [f32; 2] {
+        [(pair as u32) as f32, ((pair >> 32) as u32) as f32]
+    }
+}
+
+impl Sample for u16 {
+    #[inline(always)]
+    fn pair([a, b]: [u16; 2]) -> u64 {
+        u64::from(a) | u64::from(b) << 32
+    }
+
+    #[inline(always)]
+    fn apart(pair: u64) -> [f32; 2] {
+        [(pair as u32) as f32, ((pair >> 32) as u32) as f32]
+    }
+}
+
+/// A whole number from 0 to 2^52, excluded, as an integer.
+#[inline(always)]
+pub(super) fn whole(x: f64) -> u64 {
+    (x + ROUNDER).to_bits() & MANTISSA
 }
 
 /// `x` brought into [0, last].
 #[inline(always)]
-fn clamped(x: f64, last: f64) -> f64 {
+pub(super) fn clamped(x: f64, last: f64) -> f64 {
     let x = if x > 0.0 { x } else { 0.0 };
     if x < last { x } else { last }
 }

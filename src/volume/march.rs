@@ -1,9 +1,9 @@
 //! Marching: samples along one ray, sixteen at a time, composited front to back.
 //!
 //! A ray is cut where it enters and leaves volumes, so that along each piece the same ones are met, and every piece is
-//! marched in the shortest of their steps. The sixteen lanes are neighbours along the ray: they share cache lines, single
-//! shadow rays are as fast as packets, and no lane waits for another ray. Samples in empty space are left out; what they
-//! would add is exactly 0, so the bits are those of all samples.
+//! marched in the shortest of their steps. The sixteen lanes are neighbours along the ray: they share cache lines, and no
+//! lane waits for another ray. Rays of which transmittance alone is wanted are short: those of a packet fill their lanes
+//! together. Samples in empty space are left out; what they would add is exactly 0, so the bits are those of all samples.
 //!
 //! A march stops once the transmittance T is at most the cut-off. What it leaves out is then at most T times the brightest
 //! source behind, and at most T of the transmittance.
@@ -12,8 +12,9 @@ use glam::DVec3;
 
 use super::composite::Composite;
 use super::depth::DepthSum;
-use super::sample::{Batch, Met, Seen, sample, sample_depth};
+use super::sample::{Batch, Met, Seen, Waiting, sample, sample_depth};
 use super::steps::Steps;
+use super::survey::{fill, range};
 use super::transfer::Matter;
 use super::{Fog, Volume};
 use crate::numeric::{LANES, Lanes3};
@@ -29,6 +30,16 @@ pub struct Stretch {
     pub t_near: f64,
     /// Where it ends: at the surface that is hit, or at infinity.
     pub t_far: f64,
+}
+
+impl Stretch {
+    /// One of no length.
+    pub const NONE: Stretch = Stretch {
+        origin: DVec3::ZERO,
+        direction: DVec3::Z,
+        t_near: 0.0,
+        t_far: 0.0,
+    };
 }
 
 /// What a march found.
@@ -68,12 +79,12 @@ pub type Lighting<'l> = &'l mut dyn FnMut(&PointLanes) -> Lanes3<f64>;
 /// A march through volumes and fog; it keeps its working memory from ray to ray.
 #[derive(Clone, Debug)]
 pub struct March<'a> {
-    volumes: &'a [Volume],
-    fog: Option<Fog>,
+    pub(super) volumes: &'a [Volume],
+    pub(super) fog: Option<Fog>,
     /// Optical depth from which on nothing counts.
-    deepest: f64,
-    skip: SkipEmpty,
-    met: Vec<Met<'a>>,
+    pub(super) deepest: f64,
+    pub(super) skip: SkipEmpty,
+    pub(super) met: Vec<Met<'a>>,
     cuts: Vec<f64>,
     active: Vec<Met<'a>>,
 }
@@ -137,6 +148,7 @@ impl<'a> March<'a> {
             depth: DepthSum::default(),
             sample_count: 0,
         };
+        self.meet(stretch);
         self.walk::<true>(&mut progress);
         Marched {
             radiance: progress.composite.color,
@@ -147,6 +159,12 @@ impl<'a> March<'a> {
 
     /// What share of the light from the far end of `stretch` reaches the near one: for shadow rays.
     pub fn transmittance(&mut self, stretch: &Stretch) -> f64 {
+        self.meet(stretch);
+        self.depth(stretch, &mut 0).transmittance()
+    }
+
+    /// The depth of `stretch`, which [`March::meet`] has seen; adds how many samples it took to `sample_count`.
+    pub(super) fn depth(&mut self, stretch: &Stretch, sample_count: &mut u64) -> DepthSum {
         let mut progress = Progress {
             stretch,
             light: None,
@@ -155,12 +173,12 @@ impl<'a> March<'a> {
             sample_count: 0,
         };
         self.walk::<false>(&mut progress);
-        progress.depth.transmittance()
+        *sample_count += progress.sample_count;
+        progress.depth
     }
 
     /// Goes along the ray, piece by piece.
     fn walk<const COLORED: bool>(&mut self, progress: &mut Progress) {
-        self.meet(progress.stretch);
         for i in 1..self.cuts.len() {
             let (from, to) = (self.cuts[i - 1], self.cuts[i]);
             if from >= to {
@@ -182,7 +200,7 @@ impl<'a> March<'a> {
     }
 
     /// Finds the volumes that the ray meets, and all places where it enters or leaves one.
-    fn meet(&mut self, stretch: &Stretch) {
+    pub(super) fn meet(&mut self, stretch: &Stretch) {
         self.met.clear();
         self.cuts.clear();
         if !(stretch.t_near < stretch.t_far) {
@@ -227,53 +245,31 @@ impl<'a> March<'a> {
         let lit_fog = self.fog.filter(|_| self.active.is_empty()).map(|fog| fog.step());
         let step = volume_steps.chain(lit_fog).fold(f64::INFINITY, f64::min);
         let steps = Steps::new(from, to, step / unit);
-        let mut batch = Batch::EMPTY;
-        let mut i = 0;
-        while i < steps.count {
-            let samples = self.next_samples(&steps, i);
-            for j in samples.clone() {
-                let (t, length) = steps.middle_and_length(j);
-                batch.push(t, length * unit);
-                if batch.filled == LANES && self.take::<COLORED>(&mut batch, progress) == Flow::Stop {
-                    return Flow::Stop;
-                }
+        // Fog is everywhere, and some volumes have no empty block.
+        let is_full = |met: &Met| met.volume.empty.share() == 0.0;
+        let leaps = self.fog.is_none() && !self.active.iter().any(is_full);
+        let skip = if leaps { self.skip } else { SkipEmpty::Never };
+        let mut waiting = Waiting::NONE;
+        let mut steps_left = range(&self.active, skip, &steps);
+        while !steps_left.is_empty() || waiting.filled > 0 {
+            steps_left.start = fill(
+                &self.active,
+                skip,
+                (&steps, unit),
+                steps_left.clone(),
+                &mut waiting,
+            );
+            if waiting.filled > 0 && self.take::<COLORED>(&waiting.pop(), progress) == Flow::Stop {
+                return Flow::Stop;
             }
-            i = samples.end;
         }
-        if batch.filled == 0 {
-            return Flow::GoOn;
-        }
-        self.take::<COLORED>(&mut batch, progress)
-    }
-
-    /// The next steps, from `i` on, that may not be empty; what lies before them is.
-    #[inline(always)]
-    fn next_samples(&self, steps: &Steps, i: u64) -> std::ops::Range<u64> {
-        if self.skip == SkipEmpty::Never || self.fog.is_some() {
-            // Fog is everywhere.
-            return i..steps.count;
-        }
-        let (t, _) = steps.middle_and_length(i);
-        let (mut empty, mut until) = (true, f64::INFINITY);
-        for met in &self.active {
-            let around = met.volume.empty.around(&met.ray, t);
-            empty &= around.empty;
-            until = if around.until < until { around.until } else { until };
-        }
-        let last = steps.last_before(until);
-        if empty {
-            // The step before the last is a whole step away from where it ends: much more than any rounding.
-            let next = last.max(i + 1).min(steps.count);
-            next..next
-        } else {
-            i..last.saturating_add(1).max(i + 1).min(steps.count)
-        }
+        Flow::GoOn
     }
 
     /// Takes the samples of a batch and composites them.
-    fn take<const COLORED: bool>(&self, batch: &mut Batch, progress: &mut Progress) -> Flow {
+    fn take<const COLORED: bool>(&self, batch: &Batch, progress: &mut Progress) -> Flow {
         progress.sample_count += batch.filled as u64;
-        let flow = if COLORED {
+        if COLORED {
             let mut seen = sample(&self.active, self.fog.as_ref(), batch);
             if progress.light.is_some() {
                 progress.light_up(&mut seen, batch);
@@ -282,9 +278,7 @@ impl<'a> March<'a> {
         } else {
             let depth = sample_depth(&self.active, self.fog.as_ref(), batch);
             progress.deepen(&depth[..batch.filled], self.deepest)
-        };
-        *batch = Batch::EMPTY;
-        flow
+        }
     }
 }
 

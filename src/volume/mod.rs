@@ -16,12 +16,14 @@ mod blocks;
 pub mod cloud;
 pub mod composite;
 mod depth;
+mod feelers;
 mod fog;
 mod grid;
 mod march;
 pub mod read;
 mod sample;
 mod steps;
+mod survey;
 mod transfer;
 
 #[cfg(test)]
@@ -65,6 +67,8 @@ pub struct Volume {
     empty: EmptySpace,
     world_from_cube: DAffine3,
     cube_from_world: DAffine3,
+    /// To where the grid's samples lie at the integers.
+    voxel_from_cube: DAffine3,
     step: f64,
 }
 
@@ -157,6 +161,7 @@ impl Volume {
         Ok(Volume {
             name: "".into(),
             empty: EmptySpace::new(&density, &transfer),
+            voxel_from_cube: density.voxel_from_box() * box_from_cube(),
             density,
             color,
             transfer,

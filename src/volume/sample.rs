@@ -10,7 +10,7 @@ use super::depth::opacity;
 use super::grid::Grid;
 use super::march::Stretch;
 use super::transfer::Matter;
-use super::{Fog, Volume, box_from_cube};
+use super::{Fog, Volume};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// A volume that a ray goes through.
@@ -22,17 +22,31 @@ pub(super) struct Met<'a> {
     pub(super) leave: f64,
 }
 
-/// Samples that wait to be taken together.
+/// Less than a batch may wait when sixteen more come.
+pub(super) const ROOM: usize = 2 * LANES;
+
+/// Samples of one ray that wait to be taken together.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Waiting {
+    t: [f64; ROOM],
+    /// In world units.
+    length: [f64; ROOM],
+    pub(super) filled: usize,
+}
+
+/// Sixteen samples of one ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Batch {
     pub(super) t: Lanes<f64>,
-    /// In world units; 0 in lanes that are not filled.
+    /// In world units.
     pub(super) length: Lanes<f64>,
+    /// Those before it are samples; the others have no meaning.
     pub(super) filled: usize,
 }
 
 impl Volume {
     /// The ray in voxel space and the stretch of it inside the volume, if there is one.
+    #[inline(always)]
     pub(super) fn meet(&self, stretch: &Stretch) -> Option<Met<'_>> {
         let origin = self.cube_from_world.transform_point3(stretch.origin);
         let direction = self.cube_from_world.transform_vector3(stretch.direction);
@@ -54,37 +68,53 @@ impl Volume {
         }
         Some(Met {
             volume: self,
-            ray: voxel_ray(&self.density, origin, direction),
+            ray: self.voxel_ray(origin, direction),
             enter,
             leave,
         })
     }
-}
-
-/// The ray with this origin and direction in the cube's space, in the voxel space of `grid`.
-#[inline(always)]
-fn voxel_ray(grid: &Grid, origin: DVec3, direction: DVec3) -> VoxelRay {
-    let map = grid.voxel_from_box() * box_from_cube();
-    let direction = map.transform_vector3(direction);
-    VoxelRay {
-        origin: map.transform_point3(origin),
-        direction,
-        inverse: direction.recip(),
+    /// The ray with this origin and direction in the cube's space, in voxel space.
+    #[inline(always)]
+    fn voxel_ray(&self, origin: DVec3, direction: DVec3) -> VoxelRay {
+        let direction = self.voxel_from_cube.transform_vector3(direction);
+        VoxelRay {
+            origin: self.voxel_from_cube.transform_point3(origin),
+            direction,
+            inverse: direction.recip(),
+        }
     }
 }
 
-impl Batch {
-    pub(super) const EMPTY: Batch = Batch {
-        t: [0.0; LANES],
-        length: [0.0; LANES],
+impl Waiting {
+    pub(super) const NONE: Waiting = Waiting {
+        t: [0.0; ROOM],
+        length: [0.0; ROOM],
         filled: 0,
     };
 
+    /// Puts the first `count` of sixteen samples to those that wait, which are fewer than sixteen.
     #[inline(always)]
-    pub(super) fn push(&mut self, t: f64, length: f64) {
-        self.t[self.filled] = t;
-        self.length[self.filled] = length;
-        self.filled += 1;
+    pub(super) fn push(&mut self, t: &Lanes<f64>, length: &Lanes<f64>, count: usize) {
+        let from = self.filled % LANES;
+        // What is copied in excess is written over by what comes next.
+        self.t[from..from + LANES].copy_from_slice(t);
+        self.length[from..from + LANES].copy_from_slice(length);
+        self.filled = from + count;
+    }
+
+    /// The sixteen that have waited longest, or all.
+    pub(super) fn pop(&mut self) -> Batch {
+        let mut batch = Batch {
+            t: [0.0; LANES],
+            length: [0.0; LANES],
+            filled: self.filled.min(LANES),
+        };
+        batch.t.copy_from_slice(&self.t[..LANES]);
+        batch.length.copy_from_slice(&self.length[..LANES]);
+        self.t.copy_within(LANES.., 0);
+        self.length.copy_within(LANES.., 0);
+        self.filled -= batch.filled;
+        batch
     }
 }
 
@@ -158,7 +188,7 @@ pub(super) fn sample_depth(met: &[Met], fog: Option<&Fog>, batch: &Batch) -> Lan
 
 /// Sixteen points of a ray.
 #[inline(always)]
-fn places(ray: &VoxelRay, t: &Lanes<f64>) -> Lanes3<f64> {
+pub(super) fn places(ray: &VoxelRay, t: &Lanes<f64>) -> Lanes3<f64> {
     let mut places = [[0.0; LANES]; 3];
     for axis in 0..3 {
         for l in 0..LANES {

@@ -4,14 +4,17 @@
 //! Each is represented by its middle. A sum of sizes in f32 is off by 0.9 % after a million steps; the product is within
 //! 1 ulp at any.
 
+use crate::numeric::{LANES, Lanes};
+
 /// A stretch of a ray, cut into steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Steps {
     start: f64,
-    end: f64,
     size: f64,
     /// How many, at least one.
     pub(super) count: u64,
+    /// Middle and length of the last.
+    last: [f64; 2],
 }
 
 /// Twice the error of one rounding: what a place on the ray, and each operation on lengths, is trusted to.
@@ -21,26 +24,35 @@ impl Steps {
     /// Cuts `start` to `end` into steps of `size`; all finite, `end` beyond `start`, `size` positive.
     ///
     /// A length that is a whole number of steps but for rounding gets no sliver of a step after the last.
+    #[inline(always)]
     pub(super) fn new(start: f64, end: f64, size: f64) -> Steps {
         let length = (end - start) * (1.0 - 2.0 * SLACK) - SLACK * (start.abs() + end.abs());
         let count = (length / size).ceil().max(1.0);
+        let begin = start + (count - 1.0) * size;
         Steps {
             start,
-            end,
             size,
             // Saturates far beyond what anybody would wait for.
             count: count as u64,
+            last: [0.5 * (begin + end), end - begin],
         }
     }
 
-    /// The middle of step `i` and its length.
+    /// The middles and lengths of steps `i` to `i + 15`. Those beyond the last have no meaning.
     #[inline(always)]
-    pub(super) fn middle_and_length(&self, i: u64) -> (f64, f64) {
-        if i + 1 == self.count {
-            let begin = self.start + i as f64 * self.size;
-            return (0.5 * (begin + self.end), self.end - begin);
+    pub(super) fn lanes(&self, i: u64) -> [Lanes<f64>; 2] {
+        let first = i as f64;
+        let last = (self.count - 1) as f64;
+        let [last_middle, last_length] = self.last;
+        let mut middle = [0.0; LANES];
+        let mut length = [0.0; LANES];
+        for l in 0..LANES {
+            let i = first + l as f64;
+            let here = self.start + (i + 0.5) * self.size;
+            middle[l] = if i == last { last_middle } else { here };
+            length[l] = if i == last { last_length } else { self.size };
         }
-        (self.start + (i as f64 + 0.5) * self.size, self.size)
+        [middle, length]
     }
 
     /// The last step whose middle is not beyond `t`, but for rounding; 0 before the first.
@@ -77,12 +89,34 @@ mod tests {
             let steps = Steps::new(start, end, size);
             let mut at = start;
             for i in 0..steps.count {
-                let (middle, length) = steps.middle_and_length(i);
+                let [[middle, ..], [length, ..]] = steps.lanes(i);
                 assert!(length > 0.0 && length <= size + 8.0 * f64::EPSILON * end.abs());
                 assert!((middle - (at + 0.5 * length)).abs() <= 8.0 * f64::EPSILON * end.abs());
                 at += length;
             }
             assert!((at - end).abs() <= 64.0 * f64::EPSILON * end.abs());
+        }
+    }
+
+    #[test]
+    fn sixteen_steps_at_once_are_those_one_by_one() {
+        for count in [1u32, 5, 16, 17, 100] {
+            let (start, end, size) = (0.1, 0.1 + f64::from(count) / 7.0 - 0.03, 1.0 / 7.0);
+            let steps = Steps::new(start, end, size);
+            assert_eq!(steps.count, u64::from(count));
+            for i in 0..steps.count {
+                let [middle, length] = steps.lanes(i);
+                for l in 0..(steps.count - i).min(LANES as u64) {
+                    let number = (i + l) as f64;
+                    let begin = start + number * size;
+                    let expected = if i + l + 1 == steps.count {
+                        [0.5 * (begin + end), end - begin]
+                    } else {
+                        [start + (number + 0.5) * size, size]
+                    };
+                    assert_eq!([middle[l as usize], length[l as usize]], expected);
+                }
+            }
         }
     }
 

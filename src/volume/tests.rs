@@ -321,6 +321,78 @@ fn leaving_out_empty_space_changes_no_bit_where_volumes_overlap() {
     }
 }
 
+/// What each of `stretches` leaves, taken one by one and together, and how many samples the latter took.
+fn one_by_one_and_together(march: &mut March, stretches: &[Stretch]) -> ([f64; LANES], [f64; LANES], u64) {
+    let mut single = [1.0; LANES];
+    for (left, stretch) in single.iter_mut().zip(stretches) {
+        *left = march.transmittance(stretch);
+    }
+    let mut together = [1.0; LANES];
+    let sample_count = march.transmittances(stretches, &mut together);
+    (single, together, sample_count)
+}
+
+#[test]
+fn rays_whose_samples_share_batches_find_what_each_finds_alone() {
+    let [first] = smoke();
+    let puff = |x: f64, alpha: f64| {
+        let map =
+            DAffine3::from_translation(DVec3::new(x, 0.1, 0.0)) * DAffine3::from_scale(DVec3::splat(0.7));
+        let nodes = [node(0.0, 0.0, PINK, DARK), node(1.0, alpha, PINK, DARK)];
+        let transfer = Transfer::new(&nodes, Thickness::OpacityOver(0.1)).unwrap();
+        let grid = Cloud {
+            shape: CloudShape::Puff,
+            ..Cloud::SMOKE
+        };
+        volume(grid.bake([20; 3]).unwrap(), transfer, map, 0.02)
+    };
+    let volumes = [first, puff(0.4, 1.0), puff(2.0, 1.0)];
+    let apart = [puff(-0.9, 0.2), puff(0.9, 0.7)];
+    let fog = Fog::new(0.1, PINK, DARK, 0.2).unwrap();
+    let stretches: Vec<Stretch> = rays(500).collect();
+    for (volumes, fog) in [
+        (&volumes[..1], None),
+        (&apart[..], None),
+        (&volumes[..], None),
+        (&volumes[..], Some(fog)),
+    ] {
+        for (cutoff, skip) in [
+            (1e-7, SkipEmpty::Leap),
+            (0.3, SkipEmpty::Leap),
+            (1e-7, SkipEmpty::Never),
+        ] {
+            let mut march = March::new(volumes, fog).with_cutoff(cutoff).with_skip(skip);
+            let mut darkened = 0;
+            // Of every number, sixteen and fewer.
+            for (i, stretches) in stretches.chunks(LANES).enumerate() {
+                let count = stretches.len().min(1 + 5 * i % LANES);
+                let (single, together, _) = one_by_one_and_together(&mut march, &stretches[..count]);
+                assert_eq!(single, together, "{i}");
+                darkened += single.iter().filter(|&&left| left < 0.9).count();
+            }
+            assert!(darkened > 20, "{darkened}");
+        }
+    }
+}
+
+#[test]
+fn samples_that_are_leapt_over_do_not_count() {
+    let matter = node(1.0, 0.1, PINK, DARK);
+    let volumes = [slab([1.0, 3.0], matter, Thickness::Extinction, 0.125)];
+    let stretches = [along_z(9.0), along_z(0.5), along_z(2.0)];
+    // 16 steps, none, and 8.
+    let mut march = March::new(&volumes, None);
+    assert_eq!(one_by_one_and_together(&mut march, &stretches).2, 24);
+    assert_eq!(march.radiance(&stretches[2], None).sample_count, 8);
+    let smoke = smoke();
+    let stretches: Vec<Stretch> = rays(16).collect();
+    let [all, leaping] = [SkipEmpty::Never, SkipEmpty::Leap].map(|skip| {
+        let mut march = March::new(&smoke, None).with_skip(skip);
+        one_by_one_and_together(&mut march, &stretches).2
+    });
+    assert!(0 < leaping && 3 * leaping < all, "{leaping} of {all}");
+}
+
 #[test]
 fn the_early_stop_keeps_its_bound() {
     let smoke = smoke();

@@ -199,14 +199,13 @@ impl Transfer {
     /// Neighbours along a ray have similar values: only the pieces between the lowest and the highest are looked at.
     #[inline(always)]
     fn field_lanes<const COUNT: usize>(&self, values: &Lanes<f64>) -> [Lanes<f64>; COUNT] {
-        let (mut low, mut high) = (values[0], values[0]);
-        for l in 1..LANES {
-            low = if values[l] < low { values[l] } else { low };
-            high = if values[l] > high { values[l] } else { high };
-        }
-        let met = &self.pieces[self.piece_of(low)..=self.piece_of(high)];
+        let [low, high] = range(values);
+        let met = &self.pieces[self.piece_of(low)..];
         let mut fields = [[0.0; LANES]; COUNT];
         for piece in met {
+            if piece.start > high {
+                break;
+            }
             for i in 0..COUNT {
                 for l in 0..LANES {
                     let here = piece.base[i] + piece.slope[i] * (values[l] - piece.start);
@@ -244,6 +243,29 @@ impl Transfer {
         }
         depth
     }
+}
+
+/// The lowest and the highest of sixteen values, halving by halving.
+#[inline(always)]
+fn range(values: &Lanes<f64>) -> [f64; 2] {
+    let (mut low, mut high) = (*values, *values);
+    let mut half = LANES / 2;
+    while half > 0 {
+        for l in 0..half {
+            low[l] = if low[l + half] < low[l] {
+                low[l + half]
+            } else {
+                low[l]
+            };
+            high[l] = if high[l + half] > high[l] {
+                high[l + half]
+            } else {
+                high[l]
+            };
+        }
+        half /= 2;
+    }
+    [low[0], high[0]]
 }
 
 /// A piece on which nothing changes.

@@ -1,14 +1,14 @@
 //! Embree against the BSP on a closed, displaced sphere: `cargo bench --bench backends -- [RINGS] [FILM]`.
 //!
-//! RINGS (default 707) makes about 4 RINGS² triangles, 2 million by default; FILM (default 1024) is the picture's width.
-//! Tracing takes one thread; the contestants take turns, and medians of five turns are printed.
+//! RINGS (default 707) makes about 4 RINGS² triangles, 2 million by default; FILM (default 1024) is the picture's
+//! width. Tracing takes one thread; the contestants take turns, and medians of five turns are printed.
 
 #[path = "../common/scenes.rs"]
 mod scenes;
 
 use std::time::Instant;
 
-use whit::accel::{Accel, AccelOptions, Backend, Kernel, LANES, RayOrder, RayPacket, build};
+use whit::accel::{Accel, AccelOptions, Backend, Kernel, LANES, RayOrder, build};
 use whit::numeric::Ray;
 
 const TURNS: usize = 5;
@@ -50,7 +50,7 @@ fn main() {
     }
 
     let camera = scenes::camera_rays(&scene, film);
-    let mut packets = pack(&camera);
+    let mut packets = scenes::packets(&camera);
     if let Some((_, accel)) = contestants.last() {
         accel.intersect(&mut packets, RayOrder::Coherent);
     }
@@ -101,17 +101,6 @@ fn bounce_rays(camera: &[Ray], hits: &[Option<f32>]) -> Vec<Ray> {
     camera.iter().zip(hits).filter_map(from).collect()
 }
 
-fn pack(rays: &[Ray]) -> Vec<RayPacket> {
-    let packet = |rays: &[Ray]| {
-        let mut packet = RayPacket::EMPTY;
-        rays.iter()
-            .enumerate()
-            .for_each(|(lane, ray)| packet.set(lane, ray));
-        packet
-    };
-    rays.chunks(LANES).map(packet).collect()
-}
-
 fn race(
     kind: &str,
     contestants: &[(String, Box<dyn Accel + '_>)],
@@ -119,7 +108,7 @@ fn race(
     order: RayOrder,
     question: Question,
 ) {
-    let fresh = pack(rays);
+    let fresh = scenes::packets(rays);
     let mut rates = vec![Vec::new(); contestants.len()];
     let mut answers = vec![0usize; contestants.len()];
     for _ in 0..TURNS {

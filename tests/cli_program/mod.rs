@@ -40,6 +40,31 @@ pub fn fails_with(code: i32, words: &str, args: &[&str]) {
     assert_eq!(run.stderr.lines().count(), 1, "{args:?}: {}", run.stderr);
 }
 
+/// Writes `text` and asserts that `whit info` ends with 2 and one sentence that names the line and holds `words`.
+#[track_caller]
+pub fn refused(text: impl AsRef<[u8]>, place: &str, words: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    refused_in(folder.path(), text, place, words);
+}
+
+/// As [`refused`], in a folder that may hold other files which `text` names.
+#[track_caller]
+pub fn refused_in(folder: &Path, text: impl AsRef<[u8]>, place: &str, words: &[&str]) {
+    let path = folder.join("bad.toml");
+    std::fs::write(&path, text).unwrap();
+    let run = whit(&["info", &path.display().to_string()]);
+    let told = &run.stderr;
+    assert_eq!(run.code, 2, "{told}{}", run.stdout);
+    assert_eq!(told.lines().count(), 1, "{told}");
+    assert!(
+        told.starts_with("whit: ") && told.contains(&format!("bad.toml{place}")),
+        "{place}: {told}"
+    );
+    for word in words {
+        assert!(told.contains(word), "`{word}` is not in {told}");
+    }
+}
+
 /// The scene of the README.
 pub fn first_light() -> String {
     concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/first_light.gltf").into()

@@ -236,8 +236,8 @@ pub fn paperweights(division: Division) -> WaveScene {
     }
 }
 
-/// Ice in water in a hollow glass ball. Water and ice reach into the wall of the glass, the ice rises above the water and a
-/// stone, which states an index but lets nothing through, lies in it.
+/// Ice in water in a hollow glass ball. Water and ice reach into the wall of the glass, the ice rises above the water
+/// and a stone, which states an index but lets nothing through, lies in it.
 pub fn tumbler() -> WaveScene {
     let mut scene = Scene::default();
     let chalk = add_material(&mut scene, matte([0.8, 0.78, 0.7], 0.9));
@@ -415,8 +415,8 @@ pub fn veils() -> WaveScene {
     }
 }
 
-/// Prisms that part colours: one by Sellmeier's equation, and a red one by Cauchy's, in which light of one wavelength has
-/// no positive weight left.
+/// Prisms that part colours: one by Sellmeier's equation, and a red one by Cauchy's, in which light of one wavelength
+/// has no positive weight left.
 pub fn prisms() -> WaveScene {
     let mut scene = Scene::default();
     let chalk = add_material(&mut scene, matte([0.8, 0.78, 0.7], 0.9));

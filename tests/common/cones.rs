@@ -1,5 +1,5 @@
-//! How wide a ray is: a cone of a width and a spread (Amanatides, SIGGRAPH 1984; Ray Tracing Gems, 2019, ch. 20), and what
-//! it cuts out of a surface.
+//! How wide a ray is: a cone of a width and a spread (Amanatides, SIGGRAPH 1984; Ray Tracing Gems, 2019, ch. 20), and
+//! what it cuts out of a surface.
 
 use glam::{DMat3, DVec3};
 use whit::scene::CameraView;
@@ -72,8 +72,8 @@ impl Cone {
         }
     }
 
-    /// The axes of the ellipse that a ray of unit direction `d` and of this width cuts out of a plane with the normal `n`,
-    /// in full length, the longer first.
+    /// The axes of the ellipse that a ray of unit direction `d` and of this width cuts out of a plane with the normal
+    /// `n`, in full length, the longer first.
     pub fn footprint(self, d: Approx3, n: Approx3) -> [Approx3; 2] {
         let cos = d.dot(n);
         let width = self.width.abs();

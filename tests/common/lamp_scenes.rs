@@ -1,17 +1,16 @@
 //! Floors under lamps, pictures of them, and what closed forms say of them.
 
 use std::f64::consts::PI;
-use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, DQuat, DVec3};
-use whit::accel::{self, AccelOptions, Backend};
 use whit::image::LinearImage;
 use whit::mesh::Mesh;
-use whit::render::{Monitor, RenderSettings, render};
 use whit::scene::{
-    AreaShape, Camera, Geometry, Instance, Lecture, Light, LightKind, Material, Model, Projection, Scene,
+    AreaShape, Camera, Geometry, Lecture, Light, LightKind, Material, Model, Projection, Scene,
 };
 use whit::shape::Shape;
+
+use super::pictures::{add, estimate};
 
 /// Standard errors that an estimate may be off.
 pub const ERRORS: f64 = 3.0;
@@ -35,18 +34,6 @@ pub fn shining() -> Material {
         emission: [SHINE; 3],
         ..matte()
     }
-}
-
-pub fn add(scene: &mut Scene, name: &str, geometry: Geometry, material: Material, place: DAffine3) -> u32 {
-    scene.geometries.push(geometry);
-    scene.materials.push(material);
-    let (geometry, material) = (
-        scene.geometries.len() as u32 - 1,
-        scene.materials.len() as u32 - 1,
-    );
-    let instance = Instance::new(name, geometry, material, place).unwrap();
-    scene.instances.push(instance);
-    scene.instances.len() as u32 - 1
 }
 
 /// A matte floor z = 0.
@@ -147,43 +134,6 @@ pub fn look_at(place: DVec3, y_mag: f64) -> Camera {
     )
 }
 
-pub fn settings(size: u32, spp: u32) -> RenderSettings {
-    RenderSettings {
-        width: size,
-        height: size,
-        spp,
-        ..RenderSettings::default()
-    }
-}
-
-pub fn picture(scene: &Scene, camera: &Camera, backend: Backend, settings: &RenderSettings) -> LinearImage {
-    picture_by(scene, camera, (backend, &AccelOptions::default()), settings)
-}
-
-pub fn picture_by(
-    scene: &Scene,
-    camera: &Camera,
-    (backend, options): (Backend, &AccelOptions),
-    settings: &RenderSettings,
-) -> LinearImage {
-    scene.validate().unwrap();
-    let accel = accel::build(scene, backend, options).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-    };
-    render(scene, camera, &*accel, settings, &monitor).unwrap().image
-}
-
-/// Mean of the pixels' green, and its standard error by their spread.
-pub fn estimate(image: &LinearImage) -> (f64, f64) {
-    let count = image.pixels.len() as f64;
-    let greens = || image.pixels.iter().map(|pixel| f64::from(pixel[1]));
-    let mean = greens().sum::<f64>() / count;
-    let variance = greens().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    (mean, (variance / count).sqrt())
-}
-
 pub fn assert_is_near(what: &str, image: &LinearImage, exact: f64) {
     let (found, error) = estimate(image);
     println!("{what}: {found:.6} ± {error:.6}, exactly {exact:.6}");
@@ -193,8 +143,8 @@ pub fn assert_is_near(what: &str, image: &LinearImage, exact: f64) {
     );
 }
 
-/// What `radiance` of a polygon makes at the origin of a floor that faces +z: half the sum over the edges of their angle
-/// times the height of their plane's normal (J. Lambert, 1760).
+/// What `radiance` of a polygon makes at the origin of a floor that faces +z: half the sum over the edges of their
+/// angle times the height of their plane's normal (J. Lambert, 1760).
 pub fn lambert(corners: &[DVec3], radiance: f64) -> f64 {
     let seen: Vec<DVec3> = corners.iter().map(|corner| corner.normalize()).collect();
     let sum: f64 = (0..seen.len())

@@ -53,8 +53,8 @@ pub fn bumped(n: Approx3, chart: &Chart, [h_u, h_v]: [Approx; 2]) -> Approx3 {
     raised.normalize()
 }
 
-/// `n`, or what is nearest to it that lets the viewer be seen and its mirror image be above the surface: half-way between
-/// the viewer and that image raised to the least elevation.
+/// `n`, or what is nearest to it that lets the viewer be seen and its mirror image be above the surface: half-way
+/// between the viewer and that image raised to the least elevation.
 pub fn kept_visible(n: Approx3, ng: Approx3, wo: Approx3, doubt: &mut Doubt) -> Approx3 {
     let viewer = ng.dot(wo);
     let least = if viewer.value < LEAST_ELEVATION {

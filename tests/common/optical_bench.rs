@@ -112,8 +112,8 @@ pub fn slab() -> Mesh {
     )
 }
 
-/// A prism of apex angle `apex` in radians: its edge stands at (0, 1), its base is at y = -1, |z| <= 1. The map gives it
-/// its angle, so that this angle is no matter of f32 vertices.
+/// A prism of apex angle `apex` in radians: its edge stands at (0, 1), its base is at y = -1, |z| <= 1. The map gives
+/// it its angle, so that this angle is no matter of f32 vertices.
 pub fn prism(apex: f64) -> (Mesh, DAffine3) {
     let corners = [
         [0, 1, -1],

@@ -85,8 +85,8 @@ fn octaves(p: DVec3, count: u32, width: f64, of: fn(f64) -> f64, mean: f64) -> f
     (0..count).map(octave).sum::<f64>() / heights
 }
 
-/// The mean over an interval around `x` of the wave that is 1 from 0 to 1, -1 from 1 to 2, and so on: its integral is the
-/// distance from the nearest even number.
+/// The mean over an interval around `x` of the wave that is 1 from 0 to 1, -1 from 1 to 2, and so on: its integral is
+/// the distance from the nearest even number.
 fn square_wave(x: f64, width: f64) -> f64 {
     let (low, high) = (x - 0.5 * width, x + 0.5 * width);
     if low.floor() == high.floor() {

@@ -29,8 +29,8 @@ impl<'s> Judge<'s> {
             references: [LinearImage::default(), LinearImage::default()],
             uniform: Vec::new(),
         };
-        // Jittered, so that no sequence under test is a part of them; on different grids and with numbers of their own, so
-        // they share no samples of pixels, lenses or lights.
+        // Jittered, so that no sequence under test is a part of them; on different grids and with numbers of their own,
+        // so they share no samples of pixels, lenses or lights.
         judge.references =
             [(side * side, 1), (side * (side + 1), 2)].map(|(spp, seed)| judge.reference(spp, seed));
         judge
@@ -63,8 +63,8 @@ impl<'s> Judge<'s> {
 
     /// Root mean square error of sRGB values, black 0 and white 1.
     ///
-    /// With x the picture, a and b the references, each the truth and an error of its own, the mean of (x - a)(x - b) is
-    /// that of the picture's squared error alone: no error of the references is left but by chance.
+    /// With x the picture, a and b the references, each the truth and an error of its own, the mean of (x - a)(x - b)
+    /// is that of the picture's squared error alone: no error of the references is left but by chance.
     pub fn error(&self, image: &LinearImage) -> f64 {
         let [a, b] = &self.references;
         let [x, a, b] = [image, a, b].map(|image| image.pixels.as_flattened());
@@ -75,12 +75,13 @@ impl<'s> Judge<'s> {
         (products.sum::<f64>() / x.len() as f64).max(0.0).sqrt()
     }
 
-    /// How many samples a pixel adaptive sampling took for `settings`, its error, and how many uniform ones have the same.
+    /// How many samples a pixel adaptive sampling took for `settings`, its error, and how many uniform ones have the
+    /// same.
     pub fn compare(&mut self, settings: RenderSettings) -> [f64; 3] {
         let rendering = self.rendered(settings);
         let error = self.error(&rendering.image);
         [
-            rendering.samples.mean,
+            rendering.ledger.camera_rays() as f64 / rendering.image.pixels.len() as f64,
             error,
             self.uniform_spp(error, settings.spp),
         ]

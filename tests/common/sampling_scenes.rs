@@ -52,8 +52,8 @@ pub fn mostly_empty() -> Scene {
     scene
 }
 
-/// Mirrors over a ground, each of which shows the others and what glows; no lamp, whose image in a mirror is a point that no
-/// number of samples resolves.
+/// Mirrors over a ground, each of which shows the others and what glows; no lamp, whose image in a mirror is a point
+/// that no number of samples resolves.
 pub fn mirrored_spheres() -> Scene {
     let mut scene = Scene {
         ambient: [0.1, 0.15, 0.3],

@@ -9,6 +9,7 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
+use whit::accel::{LANES, RayPacket};
 use whit::mesh::Mesh;
 use whit::numeric::Bounds;
 use whit::numeric::Ray;
@@ -333,6 +334,18 @@ pub fn all_small() -> Vec<(&'static str, Scene)> {
         ("coplanar duplicates", coplanar_duplicates()),
         ("box lattice", baked(box_lattice(3))),
     ]
+}
+
+/// The rays in their order, the last packet filled up with lanes that are off.
+pub fn packets(rays: &[Ray]) -> Vec<RayPacket> {
+    let packet = |rays: &[Ray]| {
+        let mut packet = RayPacket::EMPTY;
+        rays.iter()
+            .enumerate()
+            .for_each(|(lane, ray)| packet.set(lane, ray));
+        packet
+    };
+    rays.chunks(LANES).map(packet).collect()
 }
 
 /// Rays through the pixels of a square film, from outside the scene towards its middle.

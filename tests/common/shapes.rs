@@ -1,7 +1,7 @@
 //! Analytic shapes as the textbook has them: faces, each with its equation and what bounds it, and surface coordinates.
 //!
-//! A face is a part of a plane n · x = h or of a quadric xᵀ Q x = 0 within half-spaces, or within the unit disk; or a whole
-//! torus.
+//! A face is a part of a plane n · x = h or of a quadric xᵀ Q x = 0 within half-spaces, or within the unit disk; or a
+//! whole torus.
 
 use std::f64::consts::{PI, TAU};
 
@@ -240,8 +240,8 @@ impl Face {
         }
     }
 
-    /// The point of the face near `t` of a ray in world space, in object space. Programs find it in f64 from the ray that
-    /// they hold, so that the ray's own error is all there is: it is carried through by differences.
+    /// The point of the face near `t` of a ray in world space, in object space. Programs find it in f64 from the ray
+    /// that they hold, so that the ray's own error is all there is: it is carried through by differences.
     pub fn point(&self, object_from_world: &DAffine3, ray: &Ray, t: f64) -> Approx3 {
         let (o, d) = (ray.origin, ray.direction);
         let at = |o: DVec3, d: DVec3| {

@@ -213,8 +213,8 @@ impl Place<'_> {
         }
     }
 
-    /// What the ray sees there for textures. A pattern's point is just under the surface: by how much is left open, up to a
-    /// few roundings of the coordinates in either space.
+    /// What the ray sees there for textures. A pattern's point is just under the surface: by how much is left open, up
+    /// to a few roundings of the coordinates in either space.
     fn spot(&self, shape: &Shape, cone: Cone) -> Spot {
         let map = self.instance.world_from_object();
         let [p, n] = shape.local;
@@ -544,7 +544,8 @@ impl Surface {
         }
     }
 
-    /// What the viewer gets of a unit of light that arrives from `wi`, whose cosine with the normal is `cos`, if positive.
+    /// What the viewer gets of a unit of light that arrives from `wi`, whose cosine with the normal is `cos`, if
+    /// positive.
     pub fn answer(&self, wi: Approx3, cos: Approx, doubt: &mut Doubt) -> Approx3 {
         match &self.answer {
             Answer::Gltf(gltf) => gltf.lobe(self.ns, self.wo, wi) * cos,

@@ -345,7 +345,8 @@ impl Textbook<'_> {
         sum
     }
 
-    /// The wavelengths that a path follows behind a boundary, each with its part of white: several where it is split there.
+    /// The wavelengths that a path follows behind a boundary, each with its part of white: several where it is split
+    /// there.
     fn colors(&self, boundary: &Boundary, path: &Path) -> Vec<(Approx3, Option<f64>)> {
         let splits = path.wavelength.is_none()
             && !boundary.is_wall()
@@ -412,8 +413,8 @@ struct Meeting<'s> {
     path: Path,
 }
 
-/// kr and kt of a surface whose boundary divides light so. Without Fresnel's equations they hold at all angles up to total
-/// reflection, which gets both.
+/// kr and kt of a surface whose boundary divides light so. Without Fresnel's equations they hold at all angles up to
+/// total reflection, which gets both.
 fn shares(surface: &Surface, division: &Division) -> [Approx3; 2] {
     let (up, down) = (surface.reflected_tint, surface.tint);
     match (surface.obeys_fresnel, division.is_total) {

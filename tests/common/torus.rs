@@ -91,8 +91,8 @@ fn lowest(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
     0.5 * (a + b)
 }
 
-/// All four crossings, two around each place where the line is deepest, with how surely they are there; what is surely not
-/// there has a negative slack.
+/// All four crossings, two around each place where the line is deepest, with how surely they are there; what is surely
+/// not there has a negative slack.
 fn crossings(line: &Line) -> Vec<(Approx, f64)> {
     let extrema = line.extrema();
     let lowest = extrema.iter().enumerate().filter(|(i, _)| i % 2 == 0);

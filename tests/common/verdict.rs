@@ -12,8 +12,8 @@ use super::textbook::Pixel;
 /// Largest share of pixels that may differ, by more than their bound or visibly, each of them with a decision in doubt.
 pub const EXPLAINED_SHARE: f64 = 0.005;
 
-/// A visible difference, relative to the pixel or to the picture's mean, whichever is more. Bounds follow the worst case and
-/// promise nothing behind several boundaries of glass, where nearly all pixels still agree to a few roundings.
+/// A visible difference, relative to the pixel or to the picture's mean, whichever is more. Bounds follow the worst
+/// case and promise nothing behind several boundaries of glass, where nearly all pixels still agree to a few roundings.
 pub const VISIBLE: f64 = 1e-4;
 
 /// All that this build has.

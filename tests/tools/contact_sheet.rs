@@ -1,6 +1,6 @@
-//! Renders scenes small and lays the pictures out as one sheet: every scene of `scenes`, four in a row, by the names of the
-//! files; or the files that are named, three in a row, in the order given. Or a pair of pictures for each effect, with and
-//! without it, by the lines of `scenes/effects.md`.
+//! Renders scenes small and lays the pictures out as one sheet: every scene of `scenes`, four in a row, by the names of
+//! the files; or the files that are named, three in a row, in the order given. Or a pair of pictures for each effect,
+//! with and without it, by the lines of `scenes/effects.md`.
 //!
 //! ```text
 //! cargo run --release --example contact-sheet

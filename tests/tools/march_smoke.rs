@@ -1,8 +1,8 @@
 //! Measures marching: a 256³ volume before 1024 x 1024 camera rays, with and without leaping over empty space.
 //!
 //! `cargo run --release --example march-smoke [-- SIZE RAYS]` prints millions of samples a second, the seconds with all
-//! samples and with leaps, and whether the pictures are the same to the last bit. Rates are by the clock on the wall and,
-//! where Linux tells it, by processor time, which other programs disturb less.
+//! samples and with leaps, and whether the pictures are the same to the last bit. Rates are by the clock on the wall
+//! and, where Linux tells it, by processor time, which other programs disturb less.
 
 use std::sync::Arc;
 use std::time::Instant;

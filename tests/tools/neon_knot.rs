@@ -1,8 +1,8 @@
 //! Bends the neon tube of `scenes/glow.toml`: a trefoil knot that shines.
 //!
-//! `cargo run --release --example neon-knot -- scenes/meshes/neon_knot.glb` writes it as binary glTF. The middle of the tube
-//! runs on a torus, three times around its own ring while twice around its axis; there the torus' normal is at a right angle
-//! to the way, so that with it the rings of corners close without a twist.
+//! `cargo run --release --example neon-knot -- scenes/meshes/neon_knot.glb` writes it as binary glTF. The middle of the
+//! tube runs on a torus, three times around its own ring while twice around its axis; there the torus' normal is at a
+//! right angle to the way, so that with it the rings of corners close without a twist.
 
 use std::f64::consts::TAU;
 use std::fs;

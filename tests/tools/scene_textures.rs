@@ -58,8 +58,8 @@ fn globe() -> RgbaImage {
     })
 }
 
-/// A clear sky all around, brighter towards the horizon and the sun, over pale ground. The sun is a disk of 2 degrees, four
-/// times the true one's radius, so that it covers some pixels.
+/// A clear sky all around, brighter towards the horizon and the sun, over pale ground. The sun is a disk of 2 degrees,
+/// four times the true one's radius, so that it covers some pixels.
 fn sky() -> Rgb32FImage {
     const SUN: [f32; 3] = [-0.62, 0.55, 0.56];
     let length = SUN.iter().map(|x| x * x).sum::<f32>().sqrt();

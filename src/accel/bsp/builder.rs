@@ -16,8 +16,8 @@ use super::primitives::Primitives;
 
 /// Cuts from the root to any leaf, at most. 2 million triangles need about 22.
 pub(super) const MAX_DEPTH: usize = 56;
-/// Pieces in all leaves a primitive, at most, averaged over the tree: what bounds the memory. Ordinary meshes need about
-/// 2, long thin triangles in all directions would take 7 and more.
+/// Pieces in all leaves a primitive, at most, averaged over the tree: what bounds the memory. Ordinary meshes need
+/// about 2, long thin triangles in all directions would take 7 and more.
 pub(super) const MAX_DUPLICATION: f64 = 4.0;
 /// Cells with more pieces are built by several threads.
 const PARALLEL_COUNT: usize = 1 << 12;

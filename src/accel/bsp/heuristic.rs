@@ -49,7 +49,8 @@ fn leaf_cost(count: f32) -> f32 {
     }
 }
 
-/// The best plane to cut a cell, `None` if a leaf is cheaper or no plane leaves less on both sides. At most `spare` pieces may be cut in two.
+/// The best plane to cut a cell, `None` if a leaf is cheaper or no plane leaves less on both sides. At most `spare`
+/// pieces may be cut in two.
 pub(super) fn best_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
     let area = cell.half_area();
     if pieces.len() <= PACK || !(area.is_finite() && area > 0.0) {
@@ -68,8 +69,8 @@ pub(super) fn best_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<
         };
         bins.best_plane(pieces.len(), cell, spare)
     };
-    // The estimate looks one cut ahead. Among long triangles no single cut pays and many do, so a cell this large is cut
-    // for as long as there is an allowance for duplicates.
+    // The estimate looks one cut ahead. Among long triangles no single cut pays and many do, so a cell this large is
+    // cut for as long as there is an allowance for duplicates.
     plane.filter(|plane| pieces.len() > EXACT_COUNT || plane.cost < leaf_cost(pieces.len() as f32))
 }
 

@@ -1,13 +1,14 @@
 //! Our own backend: an axis-aligned BSP tree in two levels, in safe Rust.
 //!
-//! The world tree holds the triangles of all baked meshes, the analytic shapes and the placed meshes; every mesh that is
-//! placed has a tree of its own, which the ray enters in object space. Infinite planes are outside all trees.
+//! The world tree holds the triangles of all baked meshes, the analytic shapes and the placed meshes; every mesh that
+//! is placed has a tree of its own, which the ray enters in object space. Infinite planes are outside all trees.
 //!
 //! * [`builder`] cuts the cells, [`heuristic`] says where, [`clip`] what lies on which side.
 //! * [`counters`] counts what rays cause, if that is compiled in.
-//! * [`reference`] is the walk of the lecture: plain, slow, and what the others are tested against.
-//! * [`wide`] stores the same cells eight to a node; [`single`] and [`packet`] walk them. They are written as loops over
-//!   arrays and compiled for each instruction set; there is no fused multiply-add in them, so all give the same bits.
+//! * [`reference`](mod@reference) is the walk of the lecture: plain, slow, and what the others are tested against.
+//! * [`wide`] stores the same cells eight to a node; [`single`] and [`packet`] walk them. They are written as loops
+//!   over arrays and compiled for each instruction set; there is no fused multiply-add in them, so all give the same
+//!   bits.
 
 mod builder;
 mod clip;

@@ -1,7 +1,7 @@
 //! The kernel for sixteen rays that run side by side.
 //!
-//! Rays are grouped by octant and by the axis along which they are longest, so that within a group the near and far side
-//! of every box, the order of cells and the axes of the triangle test are the same for all. A node is first tested
+//! Rays are grouped by octant and by the axis along which they are longest, so that within a group the near and far
+//! side of every box, the order of cells and the axes of the triangle test are the same for all. A node is first tested
 //! against the interval that bounds the whole group, eight children at once; the children that are left, against each
 //! ray, sixteen at once. Small groups go ray by ray.
 

@@ -2,8 +2,8 @@
 //!
 //! "Near side first; the other side if the ray crosses the boundary." What rounding asks for besides:
 //!
-//! * Planes are thick: by [`Slack`], so that a hit which the triangle test sees a little beside the true triangle is met
-//!   from both sides of a plane close by.
+//! * Planes are thick: by [`Slack`], so that a hit which the triangle test sees a little beside the true triangle is
+//!   met from both sides of a plane close by.
 //! * A ray that runs within a plane never divides by its zero component; it visits the side or sides it lies on.
 //! * A hit counts wherever it lies, in this cell or not; the walk ends only when everything left lies beyond it.
 //!

@@ -1,9 +1,10 @@
 //! The layout that the fast kernels walk: eight cells a node, each with the box around what is in it.
 //!
 //! The cells of a node are disjoint, as those of the binary tree are that it is made from; so for each octant of
-//! directions there is one order, stored with the node, in which a ray meets them. The boxes do what planes alone cannot:
-//! they cut empty space off on all six sides at once. They are widened by the [`Slack`], so they may overlap a little;
-//! a kernel therefore never takes the first hit for the nearest, but goes on until everything left lies beyond it.
+//! directions there is one order, stored with the node, in which a ray meets them. The boxes do what planes alone
+//! cannot: they cut empty space off on all six sides at once. They are widened by the [`Slack`], so they may overlap a
+//! little; a kernel therefore never takes the first hit for the nearest, but goes on until everything left lies beyond
+//! it.
 
 use rayon::prelude::*;
 

@@ -1,15 +1,16 @@
 //! Which triangles lie exactly where an earlier one lies.
 //!
-//! Ties go to the lowest instance, then the lowest primitive, so of triangles with the same three corners only the first
-//! can be the answer. Embree does not know that rule and cannot be taught it: a filter function is asked only about the
-//! triangle that Embree has picked from a block. So Embree is not given the later ones. They are found at a few per cent
-//! of the cost of Embree's build:
+//! Ties go to the lowest instance, then the lowest primitive, so of triangles with the same three corners only the
+//! first can be the answer. Embree does not know that rule and cannot be taught it: a filter function is asked only
+//! about the triangle that Embree has picked from a block. So Embree is not given the later ones. They are found at a
+//! few per cent of the cost of Embree's build:
 //!
 //! 1. The bits of the three corners of each triangle are hashed to a key that does not depend on their order. The upper
 //!    bits of the key choose a bin, the lower half goes into it.
-//! 2. A bin fits a processor's own cache. There its keys pass a Bloom filter (Bloom, Space/time trade-offs in hash coding
-//!    with allowable errors, 1970) whose bits for one key lie in one word (Putze, Sanders, Singler, Cache-, hash- and
-//!    space-efficient Bloom filters, 2007). Those that seem to come twice are few, and sorting tells those that do.
+//! 2. A bin fits a processor's own cache. There its keys pass a Bloom filter (Bloom, Space/time trade-offs in hash
+//!    coding with allowable errors, 1970) whose bits for one key lie in one word (Putze, Sanders, Singler, Cache-,
+//!    hash- and space-efficient Bloom filters, 2007). Those that seem to come twice are few, and sorting tells those
+//!    that do.
 //! 3. Pieces of meshes with a key that came twice are swept again; their triangles with such a key are sorted by their
 //!    corners: exact, and of no worse order when all triangles are alike.
 
@@ -17,10 +18,11 @@ use rayon::prelude::*;
 
 use crate::mesh::Mesh;
 
-/// For each mesh, in rising order, its triangles that have the same corners as an earlier triangle: of an earlier mesh, or
-/// of the same one with a lower number.
+/// For each mesh, in rising order, its triangles that have the same corners as an earlier triangle: of an earlier mesh,
+/// or of the same one with a lower number.
 ///
-/// Corners are compared as numbers, -0 equals 0, in any order. Runs on the current pool; the answer does not depend on it.
+/// Corners are compared as numbers, -0 equals 0, in any order. Runs on the current pool; the answer does not depend on
+/// it.
 pub(super) fn later_duplicates(meshes: &[&Mesh]) -> Vec<Vec<u32>> {
     let mut duplicates = vec![Vec::new(); meshes.len()];
     let runs = runs_of(meshes);

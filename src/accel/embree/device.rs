@@ -129,8 +129,9 @@ impl Device {
         Err(AccelError::VersionMismatch { built, running })
     }
 
-    /// The instruction set in use. Embree does not tell; its native packet widths do, up to pairs that share a width, and
-    /// there the request or else the processor decides, which is right for builds that hold every set, as Debian's do.
+    /// The instruction set in use. Embree does not tell; its native packet widths do, up to pairs that share a width,
+    /// and there the request or else the processor decides, which is right for builds that hold every set, as Debian's
+    /// do.
     fn instruction_set(&self, requested: Option<&str>) -> &'static str {
         if !cfg!(any(target_arch = "x86", target_arch = "x86_64")) {
             return "neon";

@@ -64,8 +64,8 @@ const _: () = {
 };
 
 /// Direction components under this are taken as +1e-18 by Embree's reciprocal, whatever their sign, while the signs
-/// decide which octant a ray belongs to. The bounds of a coherent packet then contradict themselves: 3.13.5 misses hits,
-/// or ends the process in an assertion. Ten times Embree's own limit, which is a rounded 1e-18.
+/// decide which octant a ray belongs to. The bounds of a coherent packet then contradict themselves: 3.13.5 misses
+/// hits, or ends the process in an assertion. Ten times Embree's own limit, which is a rounded 1e-18.
 const VANISHING: f32 = 1e-17;
 
 /// Whether a ray with this direction component must not be called coherent. Zeros may: their sign decides nothing.
@@ -183,8 +183,8 @@ pub(super) struct Foreign {
 impl Foreign {
     /// # Safety
     ///
-    /// `base` points to an `RTCRayN` or `RTCRayHitN` of `count` lanes that this thread alone uses while the value lives,
-    /// and `first` plus the width asked for never exceeds `count`.
+    /// `base` points to an `RTCRayN` or `RTCRayHitN` of `count` lanes that this thread alone uses while the value
+    /// lives, and `first` plus the width asked for never exceeds `count`.
     pub(super) unsafe fn new(base: *mut u32, count: usize, first: usize) -> Foreign {
         Foreign { base, count, first }
     }

@@ -2,23 +2,23 @@
 //!
 //! One Embree scene holds the world. A mesh whose object space is world space becomes native triangles under the
 //! instance's own number, over the scene's own arrays. Everything else is one user geometry: each shape and each placed
-//! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every further
-//! one. A placed mesh has an Embree scene of its own, built once for all its instances; the callback carries the rays into
-//! it in f64.
+//! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every
+//! further one. A placed mesh has an Embree scene of its own, built once for all its instances; the callback carries
+//! the rays into it in f64.
 //!
-//! By [`Instancing::Native`](super::Instancing::Native) placed meshes are Embree's own instances instead, which carry rays
-//! in f32 by an inverse in f32 (see `native`). On 3.13.5 a coherent `rtcOccluded16` over them never returns, so Embree is
-//! never told of coherence where it has instances.
+//! By [`Instancing::Native`](super::Instancing::Native) placed meshes are Embree's own instances instead, which carry
+//! rays in f32 by an inverse in f32 (see `native`). On 3.13.5 a coherent `rtcOccluded16` over them never returns, so
+//! Embree is never told of coherence where it has instances.
 //!
-//! What moves is a second user geometry, whose boxes Embree interpolates between steps of time; the callback works out the
-//! instance's place at each ray's time. Where nothing moves there is none, and Embree asks for no time.
+//! What moves is a second user geometry, whose boxes Embree interpolates between steps of time; the callback works out
+//! the instance's place at each ray's time. Where nothing moves there is none, and Embree asks for no time.
 //!
 //! Infinite planes are outside Embree, which would drop them.
 //!
 //! Ties go to the smallest `t`, then instance, then primitive, wherever a callback decides. Of native triangles that
-//! coincide, in all three corners, Embree is given only the first by that rule. Between different native triangles that a
-//! ray meets at the same `t`, at an edge they share or where they overlap in one plane, Embree decides, by the order in
-//! which it meets them.
+//! coincide, in all three corners, Embree is given only the first by that rule. Between different native triangles that
+//! a ray meets at the same `t`, at an edge they share or where they overlap in one plane, Embree decides, by the order
+//! in which it meets them.
 
 mod cluster;
 mod coincident;
@@ -64,8 +64,8 @@ impl<'s> EmbreeAccel<'s> {
     ///
     /// # Errors
     ///
-    /// Where the precision is `watertight`, the instruction set is unknown here, the running library is not the one whose
-    /// headers were compiled in, or memory runs out.
+    /// Where the precision is `watertight`, the instruction set is unknown here, the running library is not the one
+    /// whose headers were compiled in, or memory runs out.
     ///
     /// # Panics
     ///

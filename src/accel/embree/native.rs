@@ -1,12 +1,13 @@
 //! Which placed meshes Embree may place itself, and what that costs in accuracy.
 //!
 //! Embree rounds the map to f32, inverts it in f32 and carries every ray by that inverse in f32. Relative to the ray's
-//! and the mesh's distances from the origin of the world the ray is then off by some 2^-24 times the condition number of
-//! the map, where the callback is off by 2^-24 of object space (the bound is in `accel::agreement`). One ray is carried
-//! once for all triangles of a mesh, so edges within it stay closed; its place is what is rounded.
+//! and the mesh's distances from the origin of the world the ray is then off by some 2^-24 times the condition number
+//! of the map, where the callback is off by 2^-24 of object space (the bound is in `accel::agreement`). One ray is
+//! carried once for all triangles of a mesh, so edges within it stay closed; its place is what is rounded.
 //!
-//! What moves stays with the callback, as do maps that would lose more than the condition numbers allowed here and those by which a
-//! ray could leave the range of coordinates in which Embree 3.13, as Debian builds it, does not end the process.
+//! What moves stays with the callback, as do maps that would lose more than the condition numbers allowed here and
+//! those by which a ray could leave the range of coordinates in which Embree 3.13, as Debian builds it, does not end
+//! the process.
 
 use glam::{DAffine3, DMat3};
 
@@ -18,7 +19,8 @@ use crate::scene::Instance;
 const NORM_LIMIT: f64 = (1 << 24) as f64;
 /// Rays from here on are not asked about where Embree has instances; a normalised scene is of size 1.
 pub(super) const RAY_LIMIT: f32 = (1u64 << 36) as f32;
-/// What Embree 3.13.5 takes for an instance beside its trees, by how much the process grows; its memory monitor is not told.
+/// What Embree 3.13.5 takes for an instance beside its trees, by how much the process grows; its memory monitor is not
+/// told.
 pub(super) const RECORD_BYTES: u64 = 240;
 /// Largest condition number, and largest product of the columns' lengths over the determinant: of the 24 bits of an f32
 /// they leave 18, less what the rounding itself takes.

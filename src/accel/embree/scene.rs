@@ -136,8 +136,8 @@ pub(super) fn build<'s>(
     })
 }
 
-/// Makes every placed mesh that Embree may place itself an instance of Embree's own, under the scene's number, and counts
-/// them; of several in the same place only the first.
+/// Makes every placed mesh that Embree may place itself an instance of Embree's own, under the scene's number, and
+/// counts them; of several in the same place only the first.
 fn attach_instances(
     scene: &Scene,
     device: &Device,
@@ -193,7 +193,8 @@ pub(super) fn placed_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&
 /// A mesh for Embree.
 struct Part<'s> {
     mesh: &'s Mesh,
-    /// Triangles, in rising order, that coincide with an earlier one of the same Embree scene and can never be the answer.
+    /// Triangles, in rising order, that coincide with an earlier one of the same Embree scene and can never be the
+    /// answer.
     held_back: Vec<u32>,
 }
 
@@ -410,7 +411,8 @@ impl NewGeometry {
         let past_end = LOAD_BYTES - row;
         if slab.readable_bytes_past_end() >= past_end {
             let data = slab.as_ptr().cast::<c_void>();
-            // SAFETY: the slab lives for the scene's `'s`, is never written, and may be read past its end as Embree does.
+            // SAFETY: the slab lives for the scene's `'s`, is never written, and may be read past its end as Embree
+            // does.
             unsafe { sys::rtcSetSharedGeometryBuffer(self.0, kind, 0, format, data, 0, row, slab.len()) };
             return;
         }

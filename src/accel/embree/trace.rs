@@ -44,8 +44,8 @@ impl Width {
 
 /// From so many primitives of the user geometry on, or instances of Embree's own, incoherent rays go one by one. Embree
 /// walks a packet through either as a whole, every ray into every cell that any of them meets, and not ray by ray as it
-/// does over triangles: measured against single rays (`embree::scene::speed`) that is slower from some hundred spheres on,
-/// nine times with 10^5.
+/// does over triangles: measured against single rays (`embree::scene::speed`) that is slower from some hundred spheres
+/// on, nine times with 10^5.
 const MANY_OBJECTS: usize = 256;
 
 impl Width {
@@ -73,45 +73,43 @@ impl fmt::Display for Width {
 /// Nearest hits of every packet.
 pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
     let scene = scene.as_ref();
-    let (mut coherent, mut incoherent) = (new_query(scene.order(order)), new_query(RayOrder::Incoherent));
-    let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
-    for packet in packets {
-        if scene.has_instances() {
-            packet.drop_beyond(native::RAY_LIMIT);
-        }
-        let query = match keep_traceable(packet) {
-            Remaining::Nothing => continue,
-            Remaining::Tame => coherent,
-            Remaining::Wild => incoherent,
-        };
-        match width {
-            Width::Sixteen => intersect_packet(scene, query, packet),
-            Width::Eight => intersect_split::<8>(scene, query, packet),
-            Width::Four => intersect_split::<4>(scene, query, packet),
-            Width::One => intersect_split::<1>(scene, query, packet),
-        }
-    }
+    for_each_traceable(scene, packets, order, |query, packet| match width {
+        Width::Sixteen => intersect_packet(scene, query, packet),
+        Width::Eight => intersect_split::<8>(scene, query, packet),
+        Width::Four => intersect_split::<4>(scene, query, packet),
+        Width::One => intersect_split::<1>(scene, query, packet),
+    });
 }
 
 /// Blocked lanes of every packet.
 pub(super) fn occluded(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
     let scene = scene.as_ref();
+    for_each_traceable(scene, packets, order, |query, packet| match width {
+        Width::Sixteen => occluded_packet(scene, query, packet),
+        Width::Eight => occluded_split::<8>(scene, query, packet),
+        Width::Four => occluded_split::<4>(scene, query, packet),
+        Width::One => occluded_split::<1>(scene, query, packet),
+    });
+}
+
+/// Hands on every packet of which anything may be traced, with the query that suits its rays.
+#[inline(always)]
+fn for_each_traceable(
+    scene: SceneRef,
+    packets: &mut [RayPacket],
+    order: RayOrder,
+    ask: impl Fn(*mut sys::EmbreeQuery, &mut RayPacket),
+) {
     let (mut coherent, mut incoherent) = (new_query(scene.order(order)), new_query(RayOrder::Incoherent));
     let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
     for packet in packets {
         if scene.has_instances() {
             packet.drop_beyond(native::RAY_LIMIT);
         }
-        let query = match keep_traceable(packet) {
-            Remaining::Nothing => continue,
-            Remaining::Tame => coherent,
-            Remaining::Wild => incoherent,
-        };
-        match width {
-            Width::Sixteen => occluded_packet(scene, query, packet),
-            Width::Eight => occluded_split::<8>(scene, query, packet),
-            Width::Four => occluded_split::<4>(scene, query, packet),
-            Width::One => occluded_split::<1>(scene, query, packet),
+        match keep_traceable(packet) {
+            Remaining::Nothing => {}
+            Remaining::Tame => ask(coherent, packet),
+            Remaining::Wild => ask(incoherent, packet),
         }
     }
 }
@@ -125,7 +123,8 @@ pub(super) fn new_query(order: RayOrder) -> sys::EmbreeQuery {
     unsafe { query.assume_init() }
 }
 
-/// `rtcIntersect16` on the packet itself. Embree may abort the process, but no more, if an active lane is not traceable.
+/// `rtcIntersect16` on the packet itself. Embree may abort the process, but no more, if an active lane is not
+/// traceable.
 #[inline(always)]
 pub(super) fn intersect_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
     let rays: *mut RayPacket = packet;

@@ -1,10 +1,11 @@
 //! Balls around points: the lecture's, around the centroid, and the smallest there is.
 //!
-//! The smallest ball is found by pivoting (Gärtner, "Fast and robust smallest enclosing balls", ESA 1999): the ball of a
-//! few points is exchanged for that of them and the farthest point outside it, until none is outside. Its radius grows
-//! with every step, so no set of points comes twice. The ball of five points is the best of those around one to four of
-//! them (Welzl 1991: the smallest ball is set by at most four points on it), each grown until it holds all five: so no
-//! tolerance decides anything. Wherever rounding ends the search, the ball then grows to its farthest point.
+//! The smallest ball is found by pivoting (Gärtner, "Fast and robust smallest enclosing balls", ESA 1999): the ball of
+//! a few points is exchanged for that of them and the farthest point outside it, until none is outside. Its radius
+//! grows with every step, so no set of points comes twice. The ball of five points is the best of those around one to
+//! four of them (Welzl 1991: the smallest ball is set by at most four points on it), each grown until it holds all
+//! five: so no tolerance decides anything. Wherever rounding ends the search, the ball then grows to its farthest
+//! point.
 
 use glam::{DMat3, DVec3};
 

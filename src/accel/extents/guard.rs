@@ -45,7 +45,8 @@ impl Guard {
         depth: 0.0,
     };
 
-    /// The guard of an object; `None` where no extent is safe: for what has no end, what moves, and for extreme placements.
+    /// The guard of an object; `None` where no extent is safe: for what has no end, what moves, and for extreme
+    /// placements.
     pub(super) fn of(instance: &Instance, geometry: &Geometry, object_bounds: &Bounds) -> Option<Guard> {
         if geometry.is_unbounded() || object_bounds.is_empty() || instance.is_moving() {
             return None;

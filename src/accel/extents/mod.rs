@@ -146,7 +146,8 @@ impl Offers {
 }
 
 impl Extents {
-    /// Extents of one kind for all objects that may have one. [`ExtentKind::Chosen`] takes some milliseconds to measure.
+    /// Extents of one kind for all objects that may have one. [`ExtentKind::Chosen`] takes some milliseconds to
+    /// measure.
     pub(crate) fn new(scene: &Scene, kind: ExtentKind) -> Extents {
         Extents::of_hulls(scene, &hulls_of(scene), kind)
     }
@@ -213,7 +214,8 @@ fn hulls_of(scene: &Scene) -> Vec<Option<Hull>> {
     scene.geometries.par_iter().map(Hull::of).collect()
 }
 
-/// The smallest spheres around shapes, by instance, for a tree that asks them; absent where none is safe, and for meshes.
+/// The smallest spheres around shapes, by instance, for a tree that asks them; absent where none is safe, and for
+/// meshes.
 ///
 /// A cell of a tree holds several shapes, so many rays that come to a cell pass a shape by.
 pub(crate) fn spheres_of_shapes(scene: &Scene) -> Vec<Option<SphereExtent>> {

@@ -1,7 +1,7 @@
 //! Sixteen rays against one extent.
 //!
-//! A test may only say no where that is certain. The ray's origin is moved by the guard's share of its size, against the
-//! direction for entries and along it for exits, so the extents themselves need to know nothing of the ray; what
+//! A test may only say no where that is certain. The ray's origin is moved by the guard's share of its size, against
+//! the direction for entries and along it for exits, so the extents themselves need to know nothing of the ray; what
 //! rounding does to parameters is left to factors next to 1. Directions so short that their squares would be lost are
 //! not tested at all.
 

@@ -78,7 +78,8 @@ struct Tiles {
 }
 
 impl<'a, 's> ProjectedAccel<'a, 's> {
-    /// Lists for one view of a validated scene, with extents of that kind; `None` for cameras of extremely narrow angles.
+    /// Lists for one view of a validated scene, with extents of that kind; `None` for cameras of extremely narrow
+    /// angles.
     ///
     /// `inner` answers for packets in whose tile the limits are exceeded, and for all other rays; it must give the bits
     /// of brute force.

@@ -1,8 +1,9 @@
 //! LDR-FLIP: the error that an observer sees who flips between two pictures on a screen.
 //!
-//! P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström and M. D. Fairchild, "FLIP: A Difference Evaluator
-//! for Alternating Images", Proceedings of the ACM on Computer Graphics and Interactive Techniques 3(2), 2020. Colours are
-//! blurred as by the eye and their distance taken; where edges or points appear or vanish, that distance counts for more.
+//! P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström and M. D. Fairchild, "FLIP: A Difference
+//! Evaluator for Alternating Images", Proceedings of the ACM on Computer Graphics and Interactive Techniques
+//! 3(2), 2020. Colours are blurred as by the eye and their distance taken; where edges or points appear or vanish, that
+//! distance counts for more.
 
 use glam::DVec3;
 use rayon::prelude::*;

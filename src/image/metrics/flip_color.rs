@@ -1,7 +1,8 @@
 //! The colour spaces of FLIP: opponent colours to filter in, and perceived ones to measure distances in.
 //!
-//! P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström and M. D. Fairchild, "FLIP: A Difference Evaluator
-//! for Alternating Images", HPG 2020, sections 4.1.1 and 4.1.2. White is that of sRGB, what linear RGB of 1, 1, 1 makes.
+//! P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström and M. D. Fairchild, "FLIP: A Difference
+//! Evaluator for Alternating Images", HPG 2020, sections 4.1.1 and 4.1.2. White is that of sRGB, what linear RGB of 1,
+//! 1, 1 makes.
 
 use glam::{DMat3, DVec3};
 

@@ -1,8 +1,8 @@
 //! The filters of FLIP: what the eye resolves at a distance, and detectors of edges and points.
 //!
 //! Andersson et al. 2020, sections 4.1.1 (contrast sensitivity) and 4.2 (features). All are Gaussians and their
-//! derivatives, or sums of them, and so are products of one filter across and one down. Beyond its edges a picture goes on
-//! with the pixels there.
+//! derivatives, or sums of them, and so are products of one filter across and one down. Beyond its edges a picture goes
+//! on with the pixels there.
 
 use std::f64::consts::PI;
 

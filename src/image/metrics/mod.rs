@@ -1,8 +1,8 @@
 //! How far two pictures of one size lie apart: in radiance, as displayed, and as an observer sees it.
 //!
-//! [`compare`] says it of whole pictures, with a map of where they differ; a [`Tally`] adds up parts of one picture. All
-//! sums are f64. *As displayed* means after exposure, clipping to black and white and the sRGB curve, not rounded to
-//! codes: 1/255 is the width of one.
+//! [`compare`] says it of whole pictures, with a map of where they differ; a [`Tally`] adds up parts of one picture.
+//! All sums are f64. *As displayed* means after exposure, clipping to black and white and the sRGB curve, not rounded
+//! to codes: 1/255 is the width of one.
 
 mod flip;
 mod flip_color;

@@ -1,14 +1,14 @@
 //! The dipole: a source below the surface and its negative mirror image above it stand for all light scattered within.
 //!
-//! With albedo' = sigma_s' / sigma_t', sigma_t' = sigma_s' + sigma_a and sigma_tr = (3 sigma_a sigma_t')^(1/2), the source
-//! lies z_r = 1 / sigma_t' deep and its image z_v = (1 + 4 A / 3) z_r high, where A = (1 + F_dr) / (1 - F_dr) moves the
-//! boundary outward for what the surface sends back. What leaves at a distance r of what enters is (Jensen et al. 2001,
-//! equation 4, its second term read as the first)
+//! With albedo' = sigma_s' / sigma_t', sigma_t' = sigma_s' + sigma_a and sigma_tr = (3 sigma_a sigma_t')^(1/2), the
+//! source lies z_r = 1 / sigma_t' deep and its image z_v = (1 + 4 A / 3) z_r high, where A = (1 + F_dr) / (1 - F_dr)
+//! moves the boundary outward for what the surface sends back. What leaves at a distance r of what enters is (Jensen et
+//! al. 2001, equation 4, its second term read as the first)
 //!
 //! R_d(r) = albedo' / 4 pi · sum over z in {z_r, z_v} of z (1 + sigma_tr d) e^(-sigma_tr d) / d³, d² = r² + z².
 //!
-//! As d is never less than z, nothing here is singular. All of it is computed in units of z, so that no power of a length
-//! leaves the range of numbers, and without a difference of nearly equal ones.
+//! As d is never less than z, nothing here is singular. All of it is computed in units of z, so that no power of a
+//! length leaves the range of numbers, and without a difference of nearly equal ones.
 
 use std::f64::consts::PI;
 
@@ -18,8 +18,8 @@ use super::scattering::{Scattering, ScatteringError, boundary_factor};
 /// A sum of coefficients below this is that of a clear body, which sends nothing back.
 const CLEAR: f64 = 1e-15;
 
-/// How far apart samples of irradiance may lie, in mean free paths: the noise of their sum is 1 % then, and four times that
-/// at twice the distance.
+/// How far apart samples of irradiance may lie, in mean free paths: the noise of their sum is 1 % then, and four times
+/// that at twice the distance.
 const SPACING: f64 = 0.5;
 
 /// What a half-space of a scattering material sends back from where light enters.
@@ -106,13 +106,14 @@ impl Dipole {
         })
     }
 
-    /// How far light goes between two changes of its direction, 1 / sigma_t': the distance within which R_d changes little.
+    /// How far light goes between two changes of its direction, 1 / sigma_t': the distance within which R_d changes
+    /// little.
     pub fn mean_free_path(&self) -> [f64; 3] {
         self.channels.map(|channel| channel.z[0])
     }
 
-    /// How far apart irradiance is to be sampled for this dipole to be summed over it: half of the shortest mean free path.
-    /// Infinite if nothing is scattered.
+    /// How far apart irradiance is to be sampled for this dipole to be summed over it: half of the shortest mean free
+    /// path. Infinite if nothing is scattered.
     pub fn sample_spacing(&self) -> f64 {
         let scattering = self.channels.iter().filter(|channel| channel.albedo > 0.0);
         SPACING
@@ -196,8 +197,8 @@ mod tests {
             .map(|preset| (preset.name, Dipole::new(&preset.scattering).unwrap()))
     }
 
-    /// 2 pi times the integral of `f(r)` r dr over (0, `end`), by the double exponential rule (H. Takahasi, M. Mori 1974):
-    /// r = scale e^x with x = sinh t, which has no end to treat where `end` is infinite.
+    /// 2 pi times the integral of `f(r)` r dr over (0, `end`), by the double exponential rule (H. Takahasi, M. Mori
+    /// 1974): r = scale e^x with x = sinh t, which has no end to treat where `end` is infinite.
     fn integral(scale: f64, f: impl Fn(f64) -> [f64; 3]) -> [f64; 3] {
         const STEP: f64 = 1.0 / 64.0;
         let mut sum = [0.0; 3];

@@ -22,8 +22,8 @@ struct Batch<'k> {
 }
 
 impl IrradianceTree {
-    /// The radiant exitance at `p` in linear red, green and blue: what leaves the body there per unit of area, towards all
-    /// directions together.
+    /// The radiant exitance at `p` in linear red, green and blue: what leaves the body there per unit of area, towards
+    /// all directions together.
     ///
     /// Takes no memory. The same bits on every machine, and for any number of threads.
     pub fn radiant_exitance(&self, p: DVec3) -> [f32; 3] {
@@ -56,8 +56,8 @@ impl IrradianceTree {
 }
 
 impl Moments {
-    /// Two squared distances from `p` that have the mean and the variance of those of its points, as far as their second
-    /// moments tell.
+    /// Two squared distances from `p` that have the mean and the variance of those of its points, as far as their
+    /// second moments tell.
     #[inline(always)]
     fn squared_distances(&self, p: [f32; 3]) -> [f32; 2] {
         let [x, y, z] = [0, 1, 2].map(|axis| p[axis] - self.position[axis]);
@@ -204,8 +204,8 @@ mod tests {
         dipole.sample_spacing() * (count as f64 / (4.0 * std::f64::consts::PI)).sqrt()
     }
 
-    /// Errors, as root mean square and greatest, and evaluations a point. Relative to each point's own exitance but for the
-    /// darkest, where it is less than a thousandth of what leaves where light is full.
+    /// Errors, as root mean square and greatest, and evaluations a point. Relative to each point's own exitance but for
+    /// the darkest, where it is less than a thousandth of what leaves where light is full.
     fn errors(samples: &[IrradianceSample], dipole: &Dipole, solid_angle: f64) -> [f64; 3] {
         let tree = IrradianceTree::build(samples, dipole, solid_angle);
         let radius = samples[0].position.distance(CENTER);

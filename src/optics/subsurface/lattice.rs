@@ -1,10 +1,11 @@
-//! Points spread evenly over a surface that lines can be crossed with: an analytic shape of any kind, without triangles.
+//! Points spread evenly over a surface that lines can be crossed with: an analytic shape of any kind, without
+//! triangles.
 //!
-//! The lines of three square lattices, one along each axis, meet a surface with the unit normal n in |n_x| + |n_y| + |n_z|
-//! points for a square of their spacing (Cauchy and Crofton's way of measuring a surface by lines, with three directions in
-//! place of all). So each point stands for the inverse of that, wherever it lies, and no part of the surface is missed that
-//! is wider than the spacing. Lattices lie in object space, where faces are along them, and fill the box around the shape
-//! exactly: a square or a cube gets a square lattice.
+//! The lines of three square lattices, one along each axis, meet a surface with the unit normal n
+//! in |n_x| + |n_y| + |n_z| points for a square of their spacing (Cauchy and Crofton's way of measuring a surface by
+//! lines, with three directions in place of all). So each point stands for the inverse of that, wherever it lies, and
+//! no part of the surface is missed that is wider than the spacing. Lattices lie in object space, where faces are along
+//! them, and fill the box around the shape exactly: a square or a cube gets a square lattice.
 
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
@@ -15,12 +16,12 @@ use crate::numeric::Bounds;
 /// Most lines along one axis of a lattice: more points than are ever asked for.
 const MOST_LINES: f64 = 65536.0;
 
-/// Points where lines cross a surface within `bounds`, in object space, of which no two neighbours lie farther apart than
-/// `spacing` in the world.
+/// Points where lines cross a surface within `bounds`, in object space, of which no two neighbours lie farther apart
+/// than `spacing` in the world.
 ///
-/// `cross` is asked with a line's origin and unit direction and tells the crossings: point, outward unit normal, and part.
-/// There are about 1.5 points for a square of edge `spacing` of a curved surface. All is finite, and `spacing` positive.
-/// Runs in the current rayon pool; the points are the same for any number of threads.
+/// `cross` is asked with a line's origin and unit direction and tells the crossings: point, outward unit normal, and
+/// part. There are about 1.5 points for a square of edge `spacing` of a curved surface. All is finite, and `spacing`
+/// positive. Runs in the current rayon pool; the points are the same for any number of threads.
 pub fn lattice_samples(
     bounds: &Bounds,
     world_from_object: &DAffine3,
@@ -154,7 +155,8 @@ mod tests {
     fn the_points_of_a_sphere_share_its_area_evenly() {
         let found = lattice_samples(&CUBE, &DAffine3::IDENTITY, 0.05, sphere);
         let total: f64 = found.iter().map(|sample| sample.area).sum();
-        // Three times 40² lines: how many of a lattice's points lie in a disk of radius 20 is known to 1 % (Gauss's circle).
+        // Three times 40² lines: how many of a lattice's points lie in a disk of radius 20 is known to 1 % (Gauss's
+        // circle).
         assert!((total / (4.0 * PI) - 1.0).abs() <= 0.01, "{total}");
         // 4 pi 1.5 / 0.05².
         assert!(

@@ -79,8 +79,8 @@ mod tests {
         for (preset, printed) in SubsurfacePreset::ALL.iter().zip(PRINTED) {
             let found = Dipole::new(&preset.scattering).unwrap().diffuse_reflectance();
             for c in 0..3 {
-                // Half a unit of the last digit for its rounding, and half a one for that of the coefficients; the blue of
-                // one chicken is farther off.
+                // Half a unit of the last digit for its rounding, and half a one for that of the coefficients; the blue
+                // of one chicken is farther off.
                 let bound = if preset.name == "chicken1" && c == 2 {
                     0.03
                 } else {

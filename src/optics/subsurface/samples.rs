@@ -1,12 +1,13 @@
 //! Points spread evenly over a surface of triangles.
 //!
 //! The surface is cut into as many pieces of equal area as there are to be points, along Morton's curve through its
-//! triangles, and each piece has its point: in the triangle where the piece has its middle. Triangles much smaller than a
-//! piece thus share points with their neighbours; one much larger gets the first points of a lattice over it (Roberts' R2
-//! sequence), begun at its centroid. Points depend on nothing but the triangles, not on who computes them.
+//! triangles, and each piece has its point: in the triangle where the piece has its middle. Triangles much smaller than
+//! a piece thus share points with their neighbours; one much larger gets the first points of a lattice over it
+//! (Roberts' R2 sequence), begun at its centroid. Points depend on nothing but the triangles, not on who computes them.
 //!
-//! Summed over even light with the dipole of white marble, points [`Dipole::sample_spacing`](super::Dipole::sample_spacing)
-//! apart show as noise of 0.7 % (root mean square) where triangles are large and of 1.8 % where they are small.
+//! Summed over even light with the dipole of white marble, points
+//! [`Dipole::sample_spacing`](super::Dipole::sample_spacing) apart show as noise of 0.7 % (root mean square) where
+//! triangles are large and of 1.8 % where they are small.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -43,9 +44,10 @@ pub struct SurfaceSamples {
 /// Points on the triangles `corners(0..triangle_count)`, one for a square of edge `spacing` (positive).
 ///
 /// Ask for [`Dipole::sample_spacing`](super::Dipole::sample_spacing), and evaluate
-/// [`Dipole::resolved_by`](super::Dipole::resolved_by) the spacing that came of it. There are at most [`MAX_SAMPLES`] points;
-/// a surface that would take more has them wider apart. Triangles without a finite area get none. There are fewer than
-/// 2^32 triangles. For shapes that lines can be crossed with there is [`lattice_samples`](super::lattice_samples).
+/// [`Dipole::resolved_by`](super::Dipole::resolved_by) the spacing that came of it. There are at most [`MAX_SAMPLES`]
+/// points; a surface that would take more has them wider apart. Triangles without a finite area get none. There are
+/// fewer than 2^32 triangles. For shapes that lines can be crossed with there is
+/// [`lattice_samples`](super::lattice_samples).
 pub fn surface_samples(
     triangle_count: usize,
     corners: impl Fn(usize) -> [DVec3; 3] + Sync,

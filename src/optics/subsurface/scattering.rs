@@ -11,8 +11,8 @@ const ETA_RANGE: std::ops::RangeInclusive<f64> = 1.0..=2.0;
 /// A homogeneous body that scatters light so often that only the sum of it counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scattering {
-    /// Reduced scattering coefficients (1 - g) sigma_s of linear red, green and blue, per unit of length; `sigma_s'` in the
-    /// literature.
+    /// Reduced scattering coefficients (1 - g) sigma_s of linear red, green and blue, per unit of length; `sigma_s'` in
+    /// the literature.
     pub sigma_s_reduced: [f64; 3],
     /// Absorption coefficients, per unit of length.
     pub sigma_a: [f64; 3],
@@ -61,12 +61,12 @@ pub enum ScatteringError {
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
 impl Scattering {
-    /// The body that looks as bright as `reflectance` in even light, each channel within [0, 1], and through which light
-    /// goes `mean_free_path` (1 / sigma_t', in units of the scene) between two changes of its direction.
+    /// The body that looks as bright as `reflectance` in even light, each channel within [0, 1], and through which
+    /// light goes `mean_free_path` (1 / sigma_t', in units of the scene) between two changes of its direction.
     ///
-    /// Colour and depth are easier to choose than coefficients (Jensen and Buhler 2002, section 3.2): so for wax, soap or
-    /// jade, for which no measured ones are published. The reflectance is the dipole's closed form, which grows with the
-    /// albedo and is inverted by bisection to the last bit of its argument.
+    /// Colour and depth are easier to choose than coefficients (Jensen and Buhler 2002, section 3.2): so for wax, soap
+    /// or jade, for which no measured ones are published. The reflectance is the dipole's closed form, which grows with
+    /// the albedo and is inverted by bisection to the last bit of its argument.
     pub fn from_reflectance(
         reflectance: [f64; 3],
         mean_free_path: [f64; 3],
@@ -95,8 +95,8 @@ impl Scattering {
         Ok(body)
     }
 
-    /// The same body where a unit of its own length is `length` units of the scene: for coefficients per millimetre in a
-    /// scene in metres, 0.001.
+    /// The same body where a unit of its own length is `length` units of the scene: for coefficients per millimetre in
+    /// a scene in metres, 0.001.
     pub fn scaled(&self, length: f64) -> Scattering {
         Scattering {
             sigma_s_reduced: self.sigma_s_reduced.map(|sigma| sigma / length),
@@ -127,12 +127,12 @@ fn check_eta(eta: f64) -> Result<(), ScatteringError> {
     }
 }
 
-/// The share of perfectly diffuse light inside a body that its smooth surface sends back inside, for a relative index of
-/// refraction `eta` within [1, 2].
+/// The share of perfectly diffuse light inside a body that its smooth surface sends back inside, for a relative index
+/// of refraction `eta` within [1, 2].
 ///
-/// The fit that the dipole is published with (W. G. Egan, T. W. Hilgeman, "Optical properties of inhomogeneous materials",
-/// 1979; Jensen et al. 2001, section 2.1). It is within 0.0017 of the integral of Fresnel's reflectance over that range,
-/// within 0.0006 from 1.2 on; beyond 2 it soon leaves it.
+/// The fit that the dipole is published with (W. G. Egan, T. W. Hilgeman, "Optical properties of inhomogeneous
+/// materials", 1979; Jensen et al. 2001, section 2.1). It is within 0.0017 of the integral of Fresnel's reflectance
+/// over that range, within 0.0006 from 1.2 on; beyond 2 it soon leaves it.
 pub fn diffuse_fresnel_reflectance(eta: f64) -> f64 {
     -1.440 / (eta * eta) + 0.710 / eta + 0.668 + 0.0636 * eta
 }
@@ -151,8 +151,8 @@ pub(super) fn boundary_factor(eta: f64) -> f64 {
     (1.0 + reflectance) / (1.0 - reflectance)
 }
 
-/// The dipole's total diffuse reflectance (Jensen et al. 2001, section 2.4) of s = (3 (1 - albedo'))^(1/2), by which light
-/// decays over a mean free path.
+/// The dipole's total diffuse reflectance (Jensen et al. 2001, section 2.4) of s = (3 (1 - albedo'))^(1/2), by which
+/// light decays over a mean free path.
 fn reflectance_of_decay(s: f64, boundary: f64) -> f64 {
     let albedo = 1.0 - s * s / 3.0;
     0.5 * albedo * (1.0 + (-4.0 / 3.0 * boundary * s).exp()) * (-s).exp()

@@ -1,13 +1,14 @@
 //! An octree over points of known irradiance, in which far cells stand for all their points.
 //!
-//! Each cell keeps the sum of its points' power, and where that has its middle (Jensen and Buhler 2002, section 3.2). As
-//! one point it would be wrong by the second moments about the middle, so these are kept too, and a far cell is evaluated
-//! as two points that have them: at the same number of evaluations the error falls to about a tenth. Each colour has its own
-//! moments, as lamps of different colours on different sides would else pull each other's light along.
+//! Each cell keeps the sum of its points' power, and where that has its middle (Jensen and Buhler 2002, section 3.2).
+//! As one point it would be wrong by the second moments about the middle, so these are kept too, and a far cell is
+//! evaluated as two points that have them: at the same number of evaluations the error falls to about a tenth. Each
+//! colour has its own moments, as lamps of different colours on different sides would else pull each other's light
+//! along.
 //!
-//! Nodes lie in the order of Morton's curve, each followed by all that is below it, so that a walk needs no stack: it goes
-//! to the next node or past a whole cell. Points are sorted by exact keys and summed in their order: the tree has the same
-//! bits for any number of threads.
+//! Nodes lie in the order of Morton's curve, each followed by all that is below it, so that a walk needs no stack: it
+//! goes to the next node or past a whole cell. Points are sorted by exact keys and summed in their order: the tree has
+//! the same bits for any number of threads.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,8 +17,8 @@ use super::Dipole;
 use super::dipole::Kernel;
 use crate::numeric::morton::{Key, sorted_keys};
 
-/// The solid angle, in steradians, below which a cell is far, where nothing else is asked for: errors of 0.04 % (root mean
-/// square) and 0.2 % (greatest) at a hundredth of 100 000 evaluations, by the tests of this room.
+/// The solid angle, in steradians, below which a cell is far, where nothing else is asked for: errors of 0.04 % (root
+/// mean square) and 0.2 % (greatest) at a hundredth of 100 000 evaluations, by the tests of this room.
 pub const DEFAULT_SOLID_ANGLE: f64 = 0.1;
 
 /// Points that a leaf holds at most, unless they coincide.
@@ -89,11 +90,12 @@ struct Builder<'a> {
 }
 
 impl IrradianceTree {
-    /// The tree of `samples`, fewer than 2^32, under the surface of a body of that `dipole`, in the same units of length.
+    /// The tree of `samples`, fewer than 2^32, under the surface of a body of that `dipole`, in the same units of
+    /// length.
     ///
-    /// A cell stands for its points where both their area and the disk around them are seen under less than `solid_angle`
-    /// (steradians, not negative); at 0 every point is evaluated. The error grows with about its power of 3/2. Runs in the
-    /// current rayon pool.
+    /// A cell stands for its points where both their area and the disk around them are seen under less than
+    /// `solid_angle` (steradians, not negative); at 0 every point is evaluated. The error grows with about its power of
+    /// 3/2. Runs in the current rayon pool.
     pub fn build(samples: &[IrradianceSample], dipole: &Dipole, solid_angle: f64) -> IrradianceTree {
         debug_assert!(samples.iter().all(IrradianceSample::is_valid));
         let (bounds, keys) = sorted_keys(samples.len(), |i| samples[i].position);

@@ -1,7 +1,7 @@
 //! Where in its pixel each sample lies, and which sixteen samples make a packet.
 //!
-//! Samples are addressed by (pixel, sample, purpose), never drawn from a running stream, so a picture does not depend on
-//! who renders which tile when.
+//! Samples are addressed by (pixel, sample, purpose), never drawn from a running stream, so a picture does not depend
+//! on who renders which tile when.
 
 mod packet;
 mod sobol;
@@ -47,10 +47,10 @@ const NESTED: u32 = 0x85a3_08d3;
 /// The two numbers in [0, 1) of sample `sample` of `pixel` (column and row) for `purpose`, of `spp` samples a pixel.
 ///
 /// For [`Purpose::FILM`] they are the place within the pixel, from its top left corner, as `pattern` has it; with one
-/// sample a pixel it is the middle, in every pattern. Grids have `spp` cells, in as many rows and columns as come nearest to
-/// a square; a prime number of samples thus lies in one row. Samples beyond `spp` begin another layer of cells. For every
-/// other purpose all patterns give Owen-scrambled Sobol points in an order of the purpose's own (Burley 2020, section 4):
-/// a grid there, in step with the one on the film, would show as bands.
+/// sample a pixel it is the middle, in every pattern. Grids have `spp` cells, in as many rows and columns as come
+/// nearest to a square; a prime number of samples thus lies in one row. Samples beyond `spp` begin another layer of
+/// cells. For every other purpose all patterns give Owen-scrambled Sobol points in an order of the purpose's own
+/// (Burley 2020, section 4): a grid there, in step with the one on the film, would show as bands.
 pub fn sample_2d(pattern: Pattern, pixel: [u32; 2], sample: u32, spp: u32, purpose: Purpose) -> [f64; 2] {
     let seed = sobol::seed(pixel, purpose.0);
     if purpose != Purpose::FILM {
@@ -132,8 +132,8 @@ impl Layout {
         ]
     }
 
-    /// The places of sixteen samples in pixels of columns `x` and rows `y` of the picture of a `seed`, for a pattern in which
-    /// pixels differ.
+    /// The places of sixteen samples in pixels of columns `x` and rows `y` of the picture of a `seed`, for a pattern in
+    /// which pixels differ.
     #[inline(always)]
     pub(super) fn lane_positions(
         &self,

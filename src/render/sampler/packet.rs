@@ -5,8 +5,8 @@ use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// How a packet's lanes are spread over pixels and samples: `block * block` pixels of `LANES / block²` samples each.
 ///
-/// Measured on a 2-million-triangle mesh: sixteen samples of one pixel run 1.3 to 2.2 times as fast a ray as one sample of
-/// sixteen pixels, because their rays visit nearly the same nodes.
+/// Measured on a 2-million-triangle mesh: sixteen samples of one pixel run 1.3 to 2.2 times as fast a ray as one sample
+/// of sixteen pixels, because their rays visit nearly the same nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::render) struct PacketShape {
     /// Pixels along each side.
@@ -61,8 +61,8 @@ pub(in crate::render) struct SampleGroup {
     pub(in crate::render) sample: Lanes<u32>,
     /// Whether the lane's sample is one of those asked for.
     pub(in crate::render) exists: Lanes<bool>,
-    /// What each lane's place adds to the direction through the corner of its pixel, where all lanes have one pixel and all
-    /// pixels the same places.
+    /// What each lane's place adds to the direction through the corner of its pixel, where all lanes have one pixel and
+    /// all pixels the same places.
     pub(in crate::render) aside: Option<Lanes3<f64>>,
 }
 

@@ -4,8 +4,8 @@
 //! area 2^-k with sides that are powers of two holds exactly one. Owen's scrambling keeps that and makes the points
 //! otherwise random. It is done by a hash in which every bit changes only those above it (S. Laine, T. Karras,
 //! "Stratified sampling for stochastic transparency", EGSR 2011), on the digits in reverse (B. Burley, "Practical
-//! hash-based Owen scrambling", JCGT 9(4), 2020, sections 3 and 5). Everything is free of branches and of state, so that
-//! sixteen lanes are computed side by side.
+//! hash-based Owen scrambling", JCGT 9(4), 2020, sections 3 and 5). Everything is free of branches and of state, so
+//! that sixteen lanes are computed side by side.
 
 /// A well-mixed number (the finaliser of A. Appleby's MurmurHash3), also of zero.
 #[inline(always)]

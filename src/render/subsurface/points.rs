@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::optics::subsurface::{
     Dipole, MAX_SAMPLES, Scattering, SurfaceSample, lattice_samples, surface_samples,
@@ -57,8 +58,8 @@ pub(super) fn count(scene: &Scene) -> f64 {
     asking(scene).iter().map(|asking| asking.count).sum()
 }
 
-/// The bodies of a scene that scatter light within, covered with points: at most [`MAX_SAMPLES`] of all bodies, for which
-/// the distances of all grow by one factor.
+/// The bodies of a scene that scatter light within, covered with points: at most [`MAX_SAMPLES`] of all bodies, for
+/// which the distances of all grow by one factor.
 pub(super) fn cover(scene: &Scene) -> Vec<Covered> {
     let asking = asking(scene);
     let count: f64 = asking.iter().map(|asking| asking.count).sum();
@@ -100,9 +101,9 @@ impl<'s> Asking<'s> {
     fn covered(&self, factor: f64) -> Covered {
         let asked = factor * self.spacing;
         let (points, spacing) = match self.geometry {
-            Geometry::Mesh(_) => {
-                let (count, corners) = triangles(self.instance, self.geometry);
-                let mut found = surface_samples(count, corners, asked);
+            Geometry::Mesh(mesh) => {
+                let corners = triangles(self.instance, mesh);
+                let mut found = surface_samples(mesh.triangles.len(), corners, asked);
                 if self.instance.is_mirrored() {
                     // Fronts stay fronts where the placement turns the corners round.
                     found
@@ -125,20 +126,10 @@ impl<'s> Asking<'s> {
     }
 }
 
-/// How many triangles a mesh has, and their corners in the world.
-fn triangles<'a>(
-    instance: &Instance,
-    geometry: &'a Geometry,
-) -> (usize, impl Fn(usize) -> [DVec3; 3] + Sync + 'a) {
+/// The corners of a mesh's triangles in the world.
+fn triangles<'m>(instance: &Instance, mesh: &'m Mesh) -> impl Fn(usize) -> [DVec3; 3] + Sync + use<'m> {
     let map = instance.world_from_object();
-    let corners = move |t: usize| match geometry {
-        Geometry::Mesh(mesh) => mesh.triangles[t].map(|v| {
-            let p = DVec3::from(mesh.positions[v as usize].map(f64::from));
-            map.transform_point3(p)
-        }),
-        Geometry::Shape(_) => [DVec3::ZERO; 3],
-    };
-    (geometry.primitive_count(), corners)
+    move |triangle| mesh.corners_f64(triangle as u32).map(|p| map.transform_point3(p))
 }
 
 /// Points of a shape, `spacing` apart.
@@ -156,10 +147,10 @@ fn on_shape(instance: &Instance, shape: &Shape, spacing: f64) -> Vec<Point> {
 /// The area of a body in the world; of a shape, about that.
 fn area(instance: &Instance, geometry: &Geometry) -> f64 {
     match geometry {
-        Geometry::Mesh(_) => {
-            let (count, corners) = triangles(instance, geometry);
+        Geometry::Mesh(mesh) => {
+            let corners = triangles(instance, mesh);
             let of_triangle = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
-            (0..count)
+            (0..mesh.triangles.len())
                 .map(|t| of_triangle(corners(t)))
                 .filter(|area| area.is_finite())
                 .sum()

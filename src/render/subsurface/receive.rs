@@ -1,9 +1,10 @@
 //! The light that gets into a body at its points, by the feelers that surfaces send.
 //!
-//! Each point becomes a hit, seen along its normal, and a film of as many pixels as a tile has collects what arrives. So
-//! points go through the same code as what the camera sees, and random points of lights are numbered by place and not by
-//! thread.
+//! Each point becomes a hit, seen along its normal, and a film of as many pixels as a tile has collects what arrives.
+//! So points go through the same code as what the camera sees, and random points of lights are numbered by place and
+//! not by thread.
 
+use std::cell::OnceCell;
 use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
@@ -27,16 +28,16 @@ const CHUNK: usize = (TILE * TILE) as usize;
 /// Tiles in a row of the picture that numbers the points.
 const TILES_A_ROW: usize = 1 << 10;
 
-/// Irradiance up to which no sum over all points leaves the range of f32: 2^21 of them make 2 10^30, which leaves 10^8 for
-/// what areas and dipoles make of that.
+/// Irradiance up to which no sum over all points leaves the range of f32: 2^21 of them make 2 10^30, which leaves 10^8
+/// for what areas and dipoles make of that.
 const MOST_IRRADIANCE: f64 = 1e24;
 
 /// All of the light, in every lane.
 const ALL: Lanes3<f32> = [[1.0; LANES]; 3];
 
 impl Frame<'_> {
-    /// What gets into a body at each of its points, per unit of area. `before` are the points of bodies before it. `None`
-    /// if it was cancelled.
+    /// What gets into a body at each of its points, per unit of area. `before` are the points of bodies before it.
+    /// `None` if it was cancelled.
     pub(super) fn receive(
         &self,
         covered: &Covered,
@@ -117,6 +118,7 @@ impl<'f, 's> Receiver<'f, 's> {
         });
         self.outcome.clear();
         self.outcome.corner = corner;
+        let without_seen_lobes = OnceCell::new();
         for (number, points) in points.chunks(LANES).enumerate() {
             let (packet, pixel) = self.seen(points, number * LANES);
             self.frame
@@ -132,10 +134,11 @@ impl<'f, 's> Receiver<'f, 's> {
                 points: &self.surfaces.points,
                 materials: &self.entrance,
                 weight: &ALL,
+                without_seen_lobes: &without_seen_lobes,
             };
-            self.outcome.ask_lights(&traced, &lit, stage);
+            self.outcome.ask_lights::<false>(&traced, &lit, stage);
         }
-        self.outcome.answer_feelers(stage.order);
+        self.outcome.answer_feelers::<false>(stage.order);
         let sums = &self.outcome.film.sums()[..points.len()];
         let total = |sum: &[f64; 3]| {
             let channel = |c: usize| match sum[c] + self.ambient[c] {

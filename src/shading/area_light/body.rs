@@ -1,9 +1,10 @@
 //! Analytic bodies that shine, under any affine map: points of their pieces, picked in the body's own space.
 //!
-//! A piece is chosen in proportion to its area there, then a point of it. A map M with the inverse transpose N makes of an
-//! area with the unit normal n one of |det M| |N n| times its size, so the density of points follows from the one before;
-//! that it is not even in the world does not matter, as every sample tells its own. From outside of a closed body its
-//! inner side is not seen, nor its outer one from inside, so points that turn that side to whoever asks are left out.
+//! A piece is chosen in proportion to its area there, then a point of it. A map M with the inverse transpose N makes of
+//! an area with the unit normal n one of |det M| |N n| times its size, so the density of points follows from the one
+//! before; that it is not even in the world does not matter, as every sample tells its own. From outside of a closed
+//! body its inner side is not seen, nor its outer one from inside, so points that turn that side to whoever asks are
+//! left out.
 
 use std::f64::consts::{PI, TAU};
 
@@ -67,8 +68,8 @@ const CYLINDER: [Piece; 3] = [Piece::Wall, Piece::Cap { z: 1.0 }, Piece::Cap { z
 const CONE: [Piece; 2] = [Piece::Slope, Piece::Cap { z: -1.0 }];
 
 impl BodyLight {
-    /// The light that `shape` is where `world_from_object` puts it; `None` for sheets without an end, and for shapes whose
-    /// points cannot be picked.
+    /// The light that `shape` is where `world_from_object` puts it; `None` for sheets without an end, and for shapes
+    /// whose points cannot be picked.
     pub fn new(
         shape: &Shape,
         world_from_object: DAffine3,
@@ -128,8 +129,8 @@ impl BodyLight {
         self.shape.is_solid() && !matches!(self.shape, Shape::Torus(_))
     }
 
-    /// The part and the point that `u` picks, its outward unit normal, and how much area is there for a unit of the square of
-    /// numbers.
+    /// The part and the point that `u` picks, its outward unit normal, and how much area is there for a unit of the
+    /// square of numbers.
     #[inline(always)]
     fn point(&self, u: [f64; 2]) -> (u32, DVec3, DVec3, f64) {
         let total: f64 = self.pieces.iter().map(|piece| piece.area()).sum();

@@ -82,8 +82,8 @@ mod tests {
         ] {
             let light = disk(DVec3::new(aside, 0.0, height), radius);
             let found = mean(&light, DVec3::ZERO, 512, |s| s.direction.z / s.pdf) / PI;
-            // Nusselt's analogue of a disk from a parallel element (E. Sparrow, R. Cess, "Radiation Heat Transfer", 1978):
-            // (1 - (h² + a² - r²) / sqrt((h² + a² + r²)² - 4 a² r²)) / 2.
+            // Nusselt's analogue of a disk from a parallel element (E. Sparrow, R. Cess, "Radiation Heat Transfer",
+            // 1978): (1 - (h² + a² - r²) / sqrt((h² + a² + r²)² - 4 a² r²)) / 2.
             let [h2, r2, a2] = [height * height, radius * radius, aside * aside];
             let exact = 0.5 * (1.0 - (h2 + a2 - r2) / ((h2 + a2 + r2).powi(2) - 4.0 * a2 * r2).sqrt());
             assert!(

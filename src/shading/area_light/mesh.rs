@@ -72,8 +72,8 @@ impl MeshLight {
         })
     }
 
-    /// The density per steradian with which the direction to a point of the light is chosen, which is `distance` away and
-    /// seen at `cosine` to its normal; 0 if edge-on.
+    /// The density per steradian with which the direction to a point of the light is chosen, which is `distance` away
+    /// and seen at `cosine` to its normal; 0 if edge-on.
     #[inline(always)]
     pub fn pdf(&self, distance: f64, cosine: f64) -> f64 {
         let pdf = distance * distance / (cosine.abs() * self.area());

@@ -1,11 +1,11 @@
 //! Lights with an extent: points of them to send shadow rays to.
 //!
 //! The irradiance from a light of radiance L is ∫ L cos θ dω over the directions in which it is seen. A sample is a
-//! direction with the density `pdf` in which it was chosen, per steradian: L cos θ / pdf, and 0 where the way is blocked,
-//! is right on average, whatever the density. Where the solid angle is known in closed form, directions are chosen
-//! uniformly in it, so that without blockers only the cosine varies; else points are chosen uniformly on the light, with
-//! the density d² / (cos θ' A) of directions (P. Shirley, C. Wang, K. Zimmerman, "Monte Carlo Techniques for Direct Lighting
-//! Calculations", ACM TOG 15(1), 1996). Everything is in world space and f64.
+//! direction with the density `pdf` in which it was chosen, per steradian: L cos θ / pdf, and 0 where the way is
+//! blocked, is right on average, whatever the density. Where the solid angle is known in closed form, directions are
+//! chosen uniformly in it, so that without blockers only the cosine varies; else points are chosen uniformly on the
+//! light, with the density d² / (cos θ' A) of directions (P. Shirley, C. Wang, K. Zimmerman, "Monte Carlo Techniques
+//! for Direct Lighting Calculations", ACM TOG 15(1), 1996). Everything is in world space and f64.
 
 mod body;
 mod disk;
@@ -32,15 +32,16 @@ pub struct LightSample {
     pub distance: f64,
     /// The light's unit normal there, away from its front; out of a sphere.
     pub normal: DVec3,
-    /// Which triangle of a mesh, by its place in what the light was made of, or which part of a body; 0 for other lights.
+    /// Which triangle of a mesh, by its place in what the light was made of, or which part of a body; 0 for other
+    /// lights.
     pub primitive: u32,
     /// Density of the direction per steradian: positive and finite.
     pub pdf: f64,
 }
 
 impl LightSample {
-    /// Whether the light turns its front to the point that it lights. A light that shines from its front only gives nothing
-    /// elsewhere.
+    /// Whether the light turns its front to the point that it lights. A light that shines from its front only gives
+    /// nothing elsewhere.
     #[inline(always)]
     pub fn is_front(&self) -> bool {
         self.direction.dot(self.normal) < 0.0
@@ -74,8 +75,8 @@ pub enum AreaLightError {
 }
 
 impl AreaLight {
-    /// The point of the light that `u` in [0, 1)² picks for the point `p`; `None` where the light cannot be seen from `p`, as
-    /// in the plane of a flat one, or on the light itself.
+    /// The point of the light that `u` in [0, 1)² picks for the point `p`; `None` where the light cannot be seen from
+    /// `p`, as in the plane of a flat one, or on the light itself.
     #[inline]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
         match self {

@@ -68,7 +68,7 @@ struct SphericalRectangle {
     y: [f64; 2],
     /// Distance of the rectangle's plane; positive, against the third axis.
     height: f64,
-    /// The third components of the normals of the planes through the point and the edges at y[0] and y[1].
+    /// The third components of the normals of the planes through the point and the edges at `y[0]` and `y[1]`.
     b: [f64; 2],
     /// 2π less the two angles of the spherical rectangle that end the count.
     k: f64,
@@ -188,7 +188,8 @@ mod tests {
         triangle_solid_angle(p, [a, b, c]) + triangle_solid_angle(p, [a, c, d])
     }
 
-    /// ∫ ω dω over the quad: half the sum over the edges of their angle times the normal of their plane (J. Lambert, 1760).
+    /// ∫ ω dω over the quad: half the sum over the edges of their angle times the normal of their plane (J. Lambert,
+    /// 1760).
     fn light_vector(quad: &QuadLight, p: DVec3) -> DVec3 {
         let seen = corners(quad).map(|corner| (corner - p).normalize());
         let sum: DVec3 = (0..4)

@@ -77,8 +77,8 @@ impl SphereLight {
         })
     }
 
-    /// The density per steradian with which directions from `p` to the sphere are chosen, the same for all of them; 0 from
-    /// where the sphere is too small to have one.
+    /// The density per steradian with which directions from `p` to the sphere are chosen, the same for all of them; 0
+    /// from where the sphere is too small to have one.
     #[inline(always)]
     pub fn pdf(&self, p: DVec3) -> f64 {
         let d = (self.center - p).length();
@@ -156,7 +156,8 @@ mod tests {
             let light = sphere(DVec3::new(0.0, 0.0, distance), radius);
             mean(&light, DVec3::ZERO, 32, |s| {
                 let off = (s.position - DVec3::new(0.0, 0.0, distance)).length() - radius;
-                // A few roundings of the distance; at the rim, where the ray grazes, the root of them in the normal only.
+                // A few roundings of the distance; at the rim, where the ray grazes, the root of them in the normal
+                // only.
                 assert!(
                     off.abs() <= 8.0 * f64::EPSILON * distance,
                     "{distance} {radius}: {off}"

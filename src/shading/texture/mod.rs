@@ -5,9 +5,9 @@
 //! that some sampler looks up by the ray's width.
 //!
 //! Two kinds of footprint are known. [`TextureSet::sample`] takes one width for all directions, as a GPU without
-//! anisotropic filtering does. [`TextureSet::sample_footprint`] takes the two axes of the ray's footprint on the surface
-//! and follows the longer one with several narrower look-ups (McCormack et al., "Feline", SIGGRAPH 1999), so a floor
-//! stays sharp across the view up to the horizon.
+//! anisotropic filtering does. [`TextureSet::sample_footprint`] takes the two axes of the ray's footprint on the
+//! surface and follows the longer one with several narrower look-ups (McCormack et al., "Feline", SIGGRAPH 1999), so a
+//! floor stays sharp across the view up to the horizon.
 
 mod fold;
 mod grid;
@@ -93,8 +93,8 @@ impl<'s> TextureSet<'s> {
         TextureSet::of_effects(scene, EffectSet::ALL)
     }
 
-    /// Prepares them for look-ups by these effects only, and without halved images where [`Effect::TextureFilter`] is not
-    /// among them.
+    /// Prepares them for look-ups by these effects only, and without halved images where [`Effect::TextureFilter`] is
+    /// not among them.
     pub fn of_effects(scene: &'s Scene, effects: EffectSet) -> TextureSet<'s> {
         let constants: Vec<_> = scene.images.par_iter().map(constant).collect();
         let lookups: Vec<Lookup> = scene
@@ -277,8 +277,8 @@ impl<'s> TextureSet<'s> {
 }
 
 impl ImageLookup<'_> {
-    /// A width in uv, in texels. The geometric mean of both sides counts as the size of the image: where uv is stretched
-    /// so that texels are square on the surface, that is their number along either side.
+    /// A width in uv, in texels. The geometric mean of both sides counts as the size of the image: where uv is
+    /// stretched so that texels are square on the surface, that is their number along either side.
     fn texels_across(&self, uv_width: f32) -> f64 {
         f64::from(uv_width) * (f64::from(self.image.width) * f64::from(self.image.height)).sqrt()
     }

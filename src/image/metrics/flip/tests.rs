@@ -48,10 +48,11 @@ fn mean(map: &[f32]) -> f64 {
     map.iter().copied().map(f64::from).sum::<f64>() / map.len() as f64
 }
 
-/// What `flip-evaluator` 1.7, of FLIP's authors, gives for [`pairs`]: the means at 67 and at 30 pixels a degree, and at 67
-/// the errors of the pixels (0, 0), (11, 8), (12, 8) and (23, 16).
+/// What `flip-evaluator` 1.7, of FLIP's authors, gives for [`pairs`]: the means at 67 and at 30 pixels a degree, and at
+/// 67 the errors of the pixels (0, 0), (11, 8), (12, 8) and (23, 16).
 ///
-/// It computes in f32. An error of 2^-23 in a feature difference is 3e-4 in its root, and the differences seen are no more.
+/// It computes in f32. An error of 2^-23 in a feature difference is 3e-4 in its root, and the differences seen are no
+/// more.
 const PUBLISHED: [(f64, f64, [f64; 4]); 4] = [
     (0.291_920, 0.418_501, [0.059_762, 0.324_991, 0.442_9, 0.395_114]),
     (0.099_853, 0.077_810, [0.0, 0.392_042, 0.447_786, 0.0]),
@@ -178,7 +179,8 @@ fn filters_in_two_passes_are_the_papers_in_one() {
         let detector = FeatureDetector::new(PIXELS_PER_DEGREE);
         let seen = Seen::new(&image, 1.0, &Colors::new(), (&contrast, &detector));
         let (colors, features) = seen_plainly(&image, PIXELS_PER_DEGREE);
-        // Sums of some 441 products of values up to 500: 441 · 500 · 2^-53 = 2.4e-11, as much from a cube root near black.
+        // Sums of some 441 products of values up to 500: 441 · 500 · 2^-53 = 2.4e-11, as much from a cube root near
+        // black.
         for (a, b) in seen.colors.iter().zip(&colors) {
             assert!(a.abs_diff_eq(*b, 1e-9), "{name}: {a} {b}");
         }

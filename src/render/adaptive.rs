@@ -121,7 +121,7 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, tiles: &[Tile], monitor: &Mon
     let mut ledger = Ledger::default();
     for _ in 0..pilot::MOST_ROUNDS {
         let visited = render_round(frame, picture.visits(tiles), monitor, &|_| ())?;
-        let first_rounds: Vec<Estimate> = visited.iter().flat_map(|visited| visited.2.clone()).collect();
+        let first_rounds: Vec<Estimate> = visited.iter().flat_map(|visited| &visited.2).copied().collect();
         let before = frame.even_count;
         frame.set_even_count(pilot::even_count(&first_rounds, picture.target, picture.spp));
         let has_settled = pilot::has_settled(before, frame.even_count);

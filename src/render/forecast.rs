@@ -49,9 +49,19 @@ impl Forecast {
         self.scaled_squares += other.scaled_squares;
     }
 
-    /// How many samples a pixel, shared out evenly, come to the same error; `None` where there is none.
-    pub(super) fn even_count(&self) -> Option<f64> {
-        (self.squares > 0.0).then(|| (self.scaled_squares / self.squares).powf(2.0 / 3.0))
+    /// The least number of samples a pixel, up to `most`, that come to no greater error when shared out evenly.
+    pub(super) fn even_count(&self, most: u32) -> u32 {
+        // Looked for by n^1.5, as a root of it would be anybody's `pow`.
+        let (mut low, mut high) = (0, most);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if power(middle.into()) * self.squares >= self.scaled_squares {
+                high = middle;
+            } else {
+                low = middle + 1;
+            }
+        }
+        low
     }
 
     /// Whether the round does more than its samples, and all earlier ones, shared out evenly.

@@ -46,8 +46,7 @@ pub(super) fn even_count(first_rounds: &[Estimate], target: Adaptive, spp: u32) 
             );
         }
     }
-    let count = forecast.even_count().unwrap_or(ROUND.into());
-    count.clamp(ROUND.into(), spp.into()).round() as u32
+    forecast.even_count(spp).clamp(ROUND, spp)
 }
 
 /// The samples of a pixel, doubled from `count` on until an error that is so many times the target is reached.
@@ -116,7 +115,7 @@ mod tests {
         // Those without an error are certain after any number of samples.
         assert_eq!(even_count(&[half, gray, gray, gray], target, 4096), 256);
         // One that has the target after the first round keeps its error, 1/7.9 of the other's: of (7.9² + 1) / n^1.5 is left
-        // 7.9² / 16^1.5 + 1, so n is 16 · (63.41 / 1.975)^(2/3) = 161.7.
+        // 7.9² / 16^1.5 + 1, so n is 16 · (63.41 / 1.975)^(2/3) = 161.6: 162.
         let mut calm = [0.0; 16];
         calm.iter_mut()
             .enumerate()
@@ -125,10 +124,8 @@ mod tests {
         let mut forecast = Forecast::default();
         forecast.add(62.41, 16, 256);
         forecast.add(1.0, 16, 16);
-        assert!(
-            (forecast.even_count().unwrap() - 161.7).abs() < 0.1,
-            "{forecast:?}"
-        );
+        assert_eq!(forecast.even_count(4096), 162);
+        assert_eq!(forecast.even_count(100), 100);
     }
 
     #[test]

@@ -1,10 +1,9 @@
 //! The stable formulas that everything else is built from: boxes, transforms and their motion, roots, spawn points,
-//! noise, maps of the unit square, the order along a curve through space.
+//! noise, maps of the unit square.
 //!
 //! Each carries its source and its error bound. Nothing here knows what a scene is.
 
 mod bounds;
-pub(crate) mod morton;
 mod motion;
 pub mod noise;
 pub mod roots;

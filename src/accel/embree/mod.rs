@@ -3,8 +3,8 @@
 //! One Embree scene holds the world. A mesh whose object space is world space becomes native triangles under the
 //! instance's own number, over the scene's own arrays. Everything else is one user geometry: each shape and each placed
 //! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every
-//! further one. A placed mesh has an Embree scene of its own, built once for all its instances; the callback carries
-//! the rays into it in f64.
+//! further one; spheres that stand still are one primitive for up to eight that lie together (see `cluster`). A placed
+//! mesh has an Embree scene of its own, built once for all its instances; the callback carries the rays into it in f64.
 //!
 //! By [`Instancing::Native`](super::Instancing::Native) placed meshes are Embree's own instances instead, which carry
 //! rays in f32 by an inverse in f32 (see `native`). On 3.13.5 a coherent `rtcOccluded16` over them never returns, so
@@ -27,6 +27,7 @@ mod lanes;
 mod native;
 mod raw;
 mod scene;
+mod sieve;
 mod sphere;
 mod trace;
 mod user;

@@ -1,21 +1,84 @@
-//! Spheres in callbacks: all lanes of a packet at once against one sphere after the other, or one ray against all spheres of
-//! a cluster at once, for the instruction set at hand.
+//! Spheres in callbacks: the lanes of a packet against one sphere of a cluster after the other, or one ray against all of
+//! them at once, for the instruction set at hand.
 //!
-//! Only for spheres that are spheres in the world; ellipsoids carry each ray into object space and go lane by lane, as
-//! all other shapes. To the bits of [`crate::accel::shapes::shape_hit`].
+//! In a packet a sphere is asked about in f64 only where not all rays surely miss it (see `sieve`). To the bits of
+//! [`crate::accel::shapes::shape_hit`]; only for spheres that are spheres in the world: ellipsoids carry each ray into object
+//! space and go lane by lane, as all other shapes.
 
 use super::cluster::{MEMBERS, SphereCluster};
 use super::lanes::{Foreign, row};
+use super::sieve::{Ball, Sieve};
 use super::user::Question;
 use crate::accel::{ACTIVE, NO_HIT};
-use crate::mesh::lanes::{Isa, Work};
+use crate::mesh::lanes::{Isa, Work, lanes};
 use crate::numeric::Ray;
 use crate::shape::Sphere;
 
-/// Spheres in world space against the asked lanes of a packet; says which were hit.
-pub(super) struct SphereLanes<'a, const W: usize> {
+/// The spheres of a cluster against the asked lanes of a packet; says which were hit.
+pub(super) struct ClusterLanes<'a, const W: usize> {
     pub(super) cluster: &'a SphereCluster,
     pub(super) instances: &'a [u32; MEMBERS],
+    pub(super) packet: Foreign,
+    pub(super) asked: &'a [i32; W],
+    pub(super) question: Question,
+}
+
+impl<const W: usize> Work for ClusterLanes<'_, W> {
+    type Output = [i32; W];
+
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) -> [i32; W] {
+        let (packet, question) = (self.packet, self.question);
+        let (origin, direction) = (packet.vectors(row::ORIGIN), packet.vectors(row::DIRECTION));
+        let mut sieve = Sieve::<W>::of(origin, direction, packet.floats(row::T_FAR));
+        let (mut asked, mut hit) = (*self.asked, [0; W]);
+        for (member, &instance) in self.instances.iter().enumerate() {
+            let Some(sphere) = &self.cluster.sphere(member) else {
+                break;
+            };
+            let missed = sieve.misses(isa, &Ball::of(sphere));
+            if asked_lanes(isa, &asked) & !missed == 0 {
+                continue;
+            }
+            let met = SphereLanes {
+                sphere,
+                instance,
+                packet,
+                asked: &asked,
+                question,
+            }
+            .run(isa);
+            for lane in 0..W {
+                hit[lane] |= met[lane];
+            }
+            match question {
+                Question::Nearest => sieve.end_at(packet.floats(row::T_FAR)),
+                Question::Any => {
+                    for lane in 0..W {
+                        asked[lane] &= !met[lane];
+                    }
+                }
+            }
+        }
+        hit
+    }
+}
+
+/// Bit `i` says whether lane `i` is asked.
+#[inline(always)]
+fn asked_lanes<I: Isa, const W: usize>(isa: I, asked: &[i32; W]) -> u32 {
+    let mut bits = [0.0; W];
+    for lane in 0..W {
+        // What is asked is all ones, as a float NaN.
+        bits[lane] = f32::from_bits(asked[lane] as u32);
+    }
+    !isa.eq(&bits, &[0.0; W]) & (u32::MAX >> (u32::BITS as usize - W))
+}
+
+/// A sphere in world space against the asked lanes of a packet; says which were hit.
+pub(super) struct SphereLanes<'a, const W: usize> {
+    pub(super) sphere: &'a Sphere,
+    pub(super) instance: u32,
     pub(super) packet: Foreign,
     pub(super) asked: &'a [i32; W],
     pub(super) question: Question,
@@ -47,18 +110,10 @@ impl<const W: usize> Work for SphereLanes<'_, W> {
         let packet = self.packet;
         let (origin, direction) = (load(packet, row::ORIGIN), load(packet, row::DIRECTION));
         let t_near = widened(&packet.floats(row::T_NEAR));
-        let mut hit = [0i32; W];
-        for (member, &instance) in self.instances.iter().enumerate() {
-            let Some(sphere) = self.cluster.sphere(member) else {
-                break;
-            };
-            let exact = sphere.nearest_lanes(&origin, &direction, &t_near, &[f64::INFINITY; W]);
-            let met = self.meet(instance, &exact);
-            for lane in 0..W {
-                hit[lane] |= met[lane];
-            }
-        }
-        hit
+        let exact = self
+            .sphere
+            .nearest_lanes(&origin, &direction, &t_near, &[f64::INFINITY; W]);
+        self.meet(self.instance, &exact)
     }
 }
 
@@ -143,7 +198,7 @@ impl Work for ClusterRay<'_> {
     type Output = Option<(u32, f32)>;
 
     #[inline(always)]
-    fn run<I: Isa>(self, _isa: I) -> Option<(u32, f32)> {
+    fn run<I: Isa>(self, isa: I) -> Option<(u32, f32)> {
         let (origin, direction) = (self.ray.origin.as_dvec3(), self.ray.direction.as_dvec3());
         let exact = Sphere::nearest_of(
             &self.cluster.center,
@@ -151,18 +206,16 @@ impl Work for ClusterRay<'_> {
             (origin, direction),
             f64::from(self.ray.t_near),
         );
-        let (mut t, mut any) = ([0.0f32; MEMBERS], false);
+        let mut t = [0.0f32; MEMBERS];
         for member in 0..MEMBERS {
             t[member] = exact[member] as f32;
-            any |= (t[member] <= self.ray.t_far) & (t[member] < f32::INFINITY);
         }
-        if !any {
-            return None;
-        }
+        // Comparisons with NaN, which is a miss, are false.
+        let met = isa.le(&t, &[self.ray.t_far; MEMBERS]) & isa.lt(&t, &[f32::INFINITY; MEMBERS]);
         let mut first: Option<(u32, f32)> = None;
-        for (&t, &instance) in t.iter().zip(self.instances) {
-            let is_met = t <= self.ray.t_far && t < f32::INFINITY;
-            if is_met && first.is_none_or(|held| t < held.1 || (t == held.1 && instance < held.0)) {
+        for member in lanes(met) {
+            let (t, instance) = (t[member], self.instances[member]);
+            if first.is_none_or(|held| t < held.1 || (t == held.1 && instance < held.0)) {
                 first = Some((instance, t));
             }
         }

@@ -1,5 +1,6 @@
-//! The user geometry: shapes and placed meshes, each one primitive, tested by callbacks from Embree. What moves is a second
-//! one, as Embree walks trees of boxes that move more slowly than those of boxes that do not.
+//! The user geometry: clusters of spheres, and all other shapes and placed meshes, each one primitive, tested by callbacks
+//! from Embree. What moves is a second one, as Embree walks trees of boxes that move more slowly than those of boxes that do
+//! not.
 //!
 //! A callback gets the rays of one Embree packet, of any width, and the number of one primitive. It writes hits into the
 //! packet itself, under the number of the scene's instance.
@@ -11,11 +12,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use embree_sys as sys;
 use glam::{DAffine3, DVec3};
 
-use super::cluster::{Clusters, MEMBERS, SphereCluster};
+use super::cluster::{MEMBERS, SphereCluster, SphereClusters};
 use super::lanes::{Foreign, Lanes, ray_of, row};
 use super::native;
 use super::scene::{EmbreeScene, SceneRef, placed_mesh};
-use super::sphere::{ClusterRay, SphereLanes};
+use super::sphere::{ClusterLanes, ClusterRay, SphereLanes};
 use super::trace::{hit_of, new_query, number_of_instance};
 use crate::accel::shapes::{shape_hit, sphere_at, world_sphere};
 use crate::accel::{ACTIVE, Hit, Instancing, NO_HIT, RayOrder};
@@ -28,7 +29,7 @@ use crate::shape::{Shape, Sphere};
 pub(super) struct UserGeometry<'s> {
     scene: &'s Scene,
     /// The first primitives: spheres that are asked about together.
-    clusters: Clusters,
+    clusters: SphereClusters,
     /// The instance that each primitive after them is.
     instances: Vec<u32>,
     /// By geometry; absent where it is no placed mesh.
@@ -80,7 +81,7 @@ impl<'s> UserGeometry<'s> {
             .filter(|(_, instance)| is_user(scene, instance, instancing));
         let (moving, others): (Vec<_>, Vec<_>) = instances.partition(|(_, instance)| instance.is_moving());
         let (spheres, mut still) = apart(scene, &others);
-        let (clusters, alone) = Clusters::of(&spheres);
+        let (clusters, alone) = SphereClusters::of(&spheres);
         still.extend(alone);
         let motions = moving.iter().filter_map(|(_, instance)| instance.motion());
         let step_count = motions.map(Motion::step_count).max().unwrap_or(0);
@@ -95,16 +96,18 @@ impl<'s> UserGeometry<'s> {
         });
         let parts: Arc<[_]> = parts.collect();
         let moving = moving.iter().map(|(index, _)| *index).collect();
-        [(clusters, still, 0), (Clusters::default(), moving, step_count)].map(
-            |(clusters, instances, step_count)| UserGeometry {
-                scene,
-                clusters,
-                instances,
-                parts: parts.clone(),
-                step_count,
-                panic_count: AtomicU64::new(0),
-            },
-        )
+        [
+            (clusters, still, 0),
+            (SphereClusters::default(), moving, step_count),
+        ]
+        .map(|(clusters, instances, step_count)| UserGeometry {
+            scene,
+            clusters,
+            instances,
+            parts: parts.clone(),
+            step_count,
+            panic_count: AtomicU64::new(0),
+        })
     }
 
     /// Equal steps of time between the boxes of a primitive; 0 where nothing moves.
@@ -362,7 +365,7 @@ fn answer_spheres<const W: usize>(
     question: Question,
 ) -> [i32; W] {
     if W > 1 {
-        return dispatch(SphereLanes {
+        return dispatch(ClusterLanes {
             cluster,
             instances,
             packet,
@@ -403,12 +406,13 @@ fn answer_shape<const W: usize>(
         && !instance.is_moving()
         && let Some(sphere) = world_sphere(&instance.pose(0.0), shape)
     {
-        return answer_spheres(
-            (&SphereCluster::of(&[sphere]), &[index; MEMBERS]),
+        return dispatch(SphereLanes {
+            sphere: &sphere,
+            instance: index,
             packet,
             asked,
             question,
-        );
+        });
     }
     let (origin, direction) = (
         packet.vectors::<W>(row::ORIGIN),

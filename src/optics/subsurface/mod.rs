@@ -16,6 +16,7 @@ mod dipole;
 mod exponential;
 mod gather;
 mod lattice;
+mod morton;
 mod presets;
 mod samples;
 mod scattering;

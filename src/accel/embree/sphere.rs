@@ -6,21 +6,59 @@
 //! space and go lane by lane, as all other shapes.
 
 use super::cluster::{MEMBERS, SphereCluster};
-use super::lanes::{Foreign, row};
+use super::lanes::{Foreign, ray_of, row};
 use super::sieve::{Ball, Sieve};
-use super::user::Question;
+use super::user::{Question, answer};
+use crate::accel::shapes::sphere_at;
 use crate::accel::{ACTIVE, NO_HIT};
-use crate::mesh::lanes::{Isa, Work, lanes};
+use crate::mesh::lanes::{Isa, Work, dispatch, lanes};
 use crate::numeric::Ray;
 use crate::shape::Sphere;
 
+/// Tests the spheres of a cluster in f64, on the exact extension of the f32 rays; says which asked lanes were hit.
+#[inline(always)]
+pub(super) fn answer_spheres<const W: usize>(
+    (cluster, instances): (&SphereCluster, &[u32; MEMBERS]),
+    packet: Foreign,
+    asked: &[i32; W],
+    question: Question,
+) -> [i32; W] {
+    if W > 1 {
+        return dispatch(ClusterLanes {
+            cluster,
+            instances,
+            packet,
+            asked,
+            question,
+        });
+    }
+    let (origin, direction) = (
+        packet.vectors::<W>(row::ORIGIN),
+        packet.vectors::<W>(row::DIRECTION),
+    );
+    let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
+    let mut hit = [0; W];
+    for lane in (0..W).filter(|&lane| asked[lane] != 0) {
+        let ray = &ray_of(&origin, &direction, (t_near[lane], t_far[lane], 0.0), lane);
+        let work = ClusterRay {
+            cluster,
+            instances,
+            ray,
+        };
+        if let Some((instance, t)) = dispatch(work) {
+            hit[lane] = answer(packet, lane, t_far[lane], &sphere_at(instance, t), question);
+        }
+    }
+    hit
+}
+
 /// The spheres of a cluster against the asked lanes of a packet; says which were hit.
-pub(super) struct ClusterLanes<'a, const W: usize> {
-    pub(super) cluster: &'a SphereCluster,
-    pub(super) instances: &'a [u32; MEMBERS],
-    pub(super) packet: Foreign,
-    pub(super) asked: &'a [i32; W],
-    pub(super) question: Question,
+struct ClusterLanes<'a, const W: usize> {
+    cluster: &'a SphereCluster,
+    instances: &'a [u32; MEMBERS],
+    packet: Foreign,
+    asked: &'a [i32; W],
+    question: Question,
 }
 
 impl<const W: usize> Work for ClusterLanes<'_, W> {
@@ -187,10 +225,10 @@ impl<const W: usize> SphereLanes<'_, W> {
 
 /// One ray against the spheres of a cluster: which it meets first within its interval, and where; of equals the one that is the
 /// instance with the lower number.
-pub(super) struct ClusterRay<'a> {
-    pub(super) cluster: &'a SphereCluster,
-    pub(super) instances: &'a [u32; MEMBERS],
-    pub(super) ray: &'a Ray,
+struct ClusterRay<'a> {
+    cluster: &'a SphereCluster,
+    instances: &'a [u32; MEMBERS],
+    ray: &'a Ray,
 }
 
 impl Work for ClusterRay<'_> {

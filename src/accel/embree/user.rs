@@ -12,13 +12,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use embree_sys as sys;
 use glam::{DAffine3, DVec3};
 
-use super::cluster::{MEMBERS, SphereCluster, SphereClusters};
+use super::cluster::SphereClusters;
 use super::lanes::{Foreign, Lanes, ray_of, row};
 use super::native;
 use super::scene::{EmbreeScene, SceneRef, placed_mesh};
-use super::sphere::{ClusterLanes, ClusterRay, SphereLanes};
+use super::sphere::{SphereLanes, answer_spheres};
 use super::trace::{hit_of, new_query, number_of_instance};
-use crate::accel::shapes::{shape_hit, sphere_at, world_sphere};
+use crate::accel::shapes::{shape_hit, world_sphere};
 use crate::accel::{ACTIVE, Hit, Instancing, NO_HIT, RayOrder};
 use crate::mesh::lanes::{dispatch, lanes};
 use crate::numeric::{Bounds, Motion, object_ray};
@@ -356,43 +356,6 @@ impl Call {
     }
 }
 
-/// Tests the spheres of a cluster in f64, on the exact extension of the f32 rays.
-#[inline(always)]
-fn answer_spheres<const W: usize>(
-    (cluster, instances): (&SphereCluster, &[u32; MEMBERS]),
-    packet: Foreign,
-    asked: &[i32; W],
-    question: Question,
-) -> [i32; W] {
-    if W > 1 {
-        return dispatch(ClusterLanes {
-            cluster,
-            instances,
-            packet,
-            asked,
-            question,
-        });
-    }
-    let (origin, direction) = (
-        packet.vectors::<W>(row::ORIGIN),
-        packet.vectors::<W>(row::DIRECTION),
-    );
-    let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
-    let mut hit = [0; W];
-    for lane in (0..W).filter(|&lane| asked[lane] != 0) {
-        let ray = &ray_of(&origin, &direction, (t_near[lane], t_far[lane], 0.0), lane);
-        let work = ClusterRay {
-            cluster,
-            instances,
-            ray,
-        };
-        if let Some((instance, t)) = dispatch(work) {
-            hit[lane] = answer(packet, lane, t_far[lane], &sphere_at(instance, t), question);
-        }
-    }
-    hit
-}
-
 /// Tests one shape in f64, on the exact extension of the f32 rays.
 #[inline(always)]
 fn answer_shape<const W: usize>(
@@ -519,7 +482,7 @@ impl Call {
 
 /// Writes what was found into Embree's packet, unless an equally near hit has the lower number.
 #[inline(always)]
-fn answer(packet: Foreign, lane: usize, t_far: f32, found: &Hit, question: Question) -> i32 {
+pub(super) fn answer(packet: Foreign, lane: usize, t_far: f32, found: &Hit, question: Question) -> i32 {
     if question == Question::Any {
         packet.set(row::T_FAR, lane, f32::NEG_INFINITY.to_bits());
         return ACTIVE;

@@ -557,17 +557,16 @@ mod tests {
     #[test]
     #[ignore = "a measurement, of any use only in a release build on a quiet machine"]
     fn two_million_boxes_take_less_than_a_second() {
-        for count in [100_000, 1_000_000, 2_000_000] {
-            for limit in [8, 16] {
+        for limit in [8, 16] {
+            let cost = Cost { limit, ..COST };
+            let seconds = || {
                 let start = std::time::Instant::now();
-                let cost = Cost { limit, ..COST };
-                let clusters = Clusters::of(count, |i| around(in_cube(i), 0.004), &cost);
-                let seconds = start.elapsed().as_secs_f64();
-                println!(
-                    "{count} boxes by {limit}: {} clusters, {seconds:.3} s",
-                    clusters.len()
-                );
-            }
+                Clusters::of(2_000_000, |i| around(in_cube(i), 0.004), &cost);
+                start.elapsed().as_secs_f64()
+            };
+            let least = (0..5).map(|_| seconds()).fold(f64::INFINITY, f64::min);
+            println!("two million boxes by {limit}: {least:.2} s");
+            assert!(least < 1.0, "{least} s");
         }
     }
 }

@@ -218,10 +218,10 @@ mod tests {
         };
         hits(1e-30 * DVec3::X, 1e-32, Vec3::X);
         hits(1e-42 * DVec3::ONE, 1e-44, Vec3::ONE);
-        hits(1e10 * DVec3::X, 1.0, 1e-25 * Vec3::X);
-        hits(DVec3::X, 0.5, 1e-38 * Vec3::X);
+        hits(1e10 * DVec3::ONE, 1.0, 1e-25 * Vec3::ONE);
+        hits(DVec3::ONE, 0.5, 1e-38 * Vec3::ONE);
         hits(1e18 * DVec3::X, 1e10, 1e18 * Vec3::X);
-        hits(1e25 * DVec3::X, 1e20, 1e3 * Vec3::X);
+        hits(1e22 * DVec3::ONE, 1e17, 1e17 * Vec3::ONE);
         hits(1e20 * DVec3::X, 1e30, Vec3::X);
     }
 }

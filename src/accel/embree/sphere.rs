@@ -260,3 +260,81 @@ impl Work for ClusterRay<'_> {
         first
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DQuat, DVec3, Vec3};
+
+    use super::super::EmbreeAccel;
+    use super::*;
+    use crate::accel::brute::BruteAccel;
+    use crate::accel::{Accel, AccelOptions, LANES, RayOrder, RayPacket};
+    use crate::scene::{Geometry, Instance, Scene};
+    use crate::shape::Shape;
+
+    /// A number in [-1, 1) (Weyl's sequence on the golden ratio).
+    fn number(i: usize) -> f64 {
+        2.0 * (0.5 + i as f64 * 0.618_033_988_749_894_9).fract() - 1.0
+    }
+
+    fn vector(i: usize) -> DVec3 {
+        DVec3::new(number(3 * i), number(5 * i + 1), number(7 * i + 2))
+    }
+
+    /// Spheres that overlap, of every six three in the same place.
+    fn scene(count: usize) -> Scene {
+        let place = |i: usize| {
+            let at = if (i / 3).is_multiple_of(2) { i - i % 3 } else { i };
+            let scale = DVec3::splat(0.15 + 0.1 * number(at + 11));
+            let map = DAffine3::from_scale_rotation_translation(scale, DQuat::IDENTITY, vector(at));
+            Instance::new("", 0, 0, map).unwrap()
+        };
+        Scene {
+            geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
+            instances: (0..count).map(place).collect(),
+            ..Scene::default()
+        }
+    }
+
+    /// Sixteen rays, some of them not asked about, from near each other to near each other, of any length.
+    fn packet(i: usize, spread: f32) -> RayPacket {
+        let (from, to) = (2.0 * vector(i).as_vec3(), vector(2 * i + 1).as_vec3());
+        let mut packet = RayPacket::EMPTY;
+        for lane in (0..LANES).filter(|lane| !(i + lane).is_multiple_of(5)) {
+            let to = to + spread * vector(i * LANES + lane).as_vec3();
+            let mut ray = Ray::new(from + spread * Vec3::splat(number(lane) as f32), to - from);
+            if lane % 4 == 1 {
+                ray.t_far = number(lane + i).abs() as f32;
+            }
+            packet.set(lane, &ray);
+        }
+        packet
+    }
+
+    #[test]
+    fn clusters_answer_as_their_spheres_one_by_one_do_ties_by_the_lowest_instance() {
+        // Few enough for packets in any order, and so many that incoherent rays go one by one.
+        for count in [40, 400] {
+            let scene = scene(count);
+            let ours = EmbreeAccel::build(&scene, &AccelOptions::default()).unwrap();
+            let referee = BruteAccel::new(&scene);
+            for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+                for i in 0..600 {
+                    let asked = packet(i, [0.01, 0.1, 1.0][i % 3]);
+                    let mut found = [asked.clone(), asked.clone()];
+                    ours.intersect(&mut found[..1], order);
+                    referee.intersect(&mut found[1..], order);
+                    let mut blocked = [asked.clone(), asked];
+                    ours.occluded(&mut blocked[..1], order);
+                    referee.occluded(&mut blocked[1..], order);
+                    for lane in 0..LANES {
+                        let [ours, right] = [0, 1].map(|by| found[by].hit(lane));
+                        assert_eq!(ours, right, "{count} spheres, packet {i}, lane {lane}");
+                        let [ours, right] = [0, 1].map(|by| blocked[by].t_far[lane].to_bits());
+                        assert_eq!(ours, right, "{count} spheres, packet {i}, lane {lane}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -104,6 +104,7 @@ impl Sphere {
 
     /// [`Sphere::nearest`] of `N` spheres side by side for one ray, from `t_near` on; NaN where it misses, and where the
     /// radius is NaN.
+    #[cfg(feature = "embree")]
     #[inline(always)]
     pub(crate) fn nearest_of<const N: usize>(
         center: &[[f64; N]; 3],

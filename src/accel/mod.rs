@@ -14,6 +14,8 @@
 pub mod agreement;
 pub mod brute;
 pub mod bsp;
+#[cfg(feature = "embree")]
+mod clusters;
 mod contents;
 #[cfg(feature = "embree")]
 pub mod embree;

@@ -16,22 +16,42 @@ use crate::shape::{Implicit, Shape, ShapeHit, ShapeRay, Sphere};
 #[inline(always)]
 pub(super) fn shape_hit(index: u32, instance: &Instance, shape: &Shape, ray: &Ray) -> Option<Hit> {
     let pose = instance.pose(ray.time);
-    let ShapeHit { t, part } = match world_sphere(&pose, shape) {
-        Some(sphere) => {
-            let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-            let t = sphere.nearest(origin, direction, f64::from(ray.t_near), f64::INFINITY)?;
-            ShapeHit { t, part: 0 }
-        }
-        None => shape.intersect(&shape_ray(&pose, ray))?,
-    };
-    let t = t as f32;
-    (t <= ray.t_far && t < f32::INFINITY).then_some(Hit {
-        instance: index,
+    if let Some(sphere) = world_sphere(&pose, shape) {
+        return sphere_hit(&sphere, ray).map(|t| sphere_at(index, t));
+    }
+    let ShapeHit { t, part } = shape.intersect(&shape_ray(&pose, ray))?;
+    let t = within(t, ray)?;
+    Some(Hit {
         primitive: part,
+        ..sphere_at(index, t)
+    })
+}
+
+/// Where a ray meets a sphere in world space first within its interval.
+#[inline(always)]
+pub(super) fn sphere_hit(sphere: &Sphere, ray: &Ray) -> Option<f32> {
+    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let t = sphere.nearest(origin, direction, f64::from(ray.t_near), f64::INFINITY)?;
+    within(t, ray)
+}
+
+/// A parameter as a hit's, unless it is beyond the ray's end.
+#[inline(always)]
+fn within(t: f64, ray: &Ray) -> Option<f32> {
+    let t = t as f32;
+    (t <= ray.t_far && t < f32::INFINITY).then_some(t)
+}
+
+/// The hit of a sphere, which has one part.
+#[inline(always)]
+pub(super) fn sphere_at(instance: u32, t: f32) -> Hit {
+    Hit {
+        instance,
+        primitive: 0,
         t,
         u: 0.0,
         v: 0.0,
-    })
+    }
 }
 
 /// The sphere in world space that an instance is, if it is one and stands still: rays need not be carried anywhere to meet

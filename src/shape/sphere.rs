@@ -102,6 +102,27 @@ impl Sphere {
         t
     }
 
+    /// [`Sphere::nearest`] of `N` spheres side by side for one ray, from `t_near` on; NaN where it misses, and where the
+    /// radius is NaN.
+    #[cfg(feature = "embree")]
+    #[inline(always)]
+    pub(crate) fn nearest_of<const N: usize>(
+        center: &[[f64; N]; 3],
+        radius: &[f64; N],
+        (origin, direction): (DVec3, DVec3),
+        t_near: f64,
+    ) -> [f64; N] {
+        let mut t = [f64::NAN; N];
+        for i in 0..N {
+            let sphere = Sphere {
+                center: DVec3::new(center[0][i], center[1][i], center[2][i]),
+                radius: radius[i],
+            };
+            t[i] = sphere.nearest_or_nan(origin.to_array(), direction.to_array(), [t_near, f64::INFINITY]);
+        }
+        t
+    }
+
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
         let [mut t0, mut t1] = self.roots_or_nan(ray.origin.to_array(), ray.direction.to_array());

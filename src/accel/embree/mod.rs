@@ -3,8 +3,8 @@
 //! One Embree scene holds the world. A mesh whose object space is world space becomes native triangles under the
 //! instance's own number, over the scene's own arrays. Everything else is one user geometry: each shape and each placed
 //! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every
-//! further one. A placed mesh has an Embree scene of its own, built once for all its instances; the callback carries
-//! the rays into it in f64.
+//! further one; spheres that stand still are one primitive for up to eight that lie together (see `cluster`). A placed
+//! mesh has an Embree scene of its own, built once for all its instances; the callback carries the rays into it in f64.
 //!
 //! By [`Instancing::Native`](super::Instancing::Native) placed meshes are Embree's own instances instead, which carry
 //! rays in f32 by an inverse in f32 (see `native`). On 3.13.5 a coherent `rtcOccluded16` over them never returns, so
@@ -20,12 +20,14 @@
 //! a ray meets at the same `t`, at an edge they share or where they overlap in one plane, Embree decides, by the order
 //! in which it meets them.
 
+mod cluster;
 mod coincident;
 mod device;
 mod lanes;
 mod native;
 mod raw;
 mod scene;
+mod sieve;
 mod sphere;
 mod trace;
 mod user;
@@ -84,10 +86,10 @@ impl<'s> EmbreeAccel<'s> {
             device.identity().version,
             options.precision,
             scene::native_triangle_count(scene),
-            users[0].primitive_count(),
+            users[0].object_count(),
         );
-        if users[1].primitive_count() > 0 {
-            summary += &format!(", {} that move", users[1].primitive_count());
+        if users[1].object_count() > 0 {
+            summary += &format!(", {} that move", users[1].object_count());
         }
         if native_instance_count > 0 {
             summary += &format!(", {native_instance_count} placed meshes as Embree's instances");
@@ -95,7 +97,7 @@ impl<'s> EmbreeAccel<'s> {
         if held_back_count > 0 {
             summary += &format!(", {held_back_count} triangles held back that coincide with earlier ones");
         }
-        let user_count: usize = users.iter().map(|user| user.primitive_count()).sum();
+        let user_count: usize = users.iter().map(|user| user.object_count()).sum();
         let object_count = user_count + native_instance_count;
         let widths = [width, width.for_incoherent(object_count)];
         let is_placed = |instance: &&Instance| scene::placed_mesh(scene, instance).is_some();
@@ -154,7 +156,7 @@ impl Accel for EmbreeAccel<'_> {
             + moving.own_byte_count()
             + native::RECORD_BYTES * self.native_instance_count as u64;
         let placed = self.placed_bytes.min(memory.bytes());
-        let records = match still.primitive_count() + moving.primitive_count() {
+        let records = match still.object_count() + moving.object_count() {
             0 => "tree",
             _ => "user-geometry",
         };
@@ -186,7 +188,7 @@ mod tests {
     /// Objects that are asked by callbacks, and records and holders of the build.
     fn built(scene: &Scene) -> (usize, AccelReport) {
         let accel = EmbreeAccel::build(scene, &AccelOptions::default()).unwrap();
-        (accel.users[0].primitive_count(), accel.report())
+        (accel.users[0].object_count(), accel.report())
     }
 
     #[test]

@@ -1,18 +1,122 @@
-//! Spheres in callbacks: all lanes of a packet at once, for the instruction set at hand.
+//! Spheres in callbacks: the lanes of a packet against one sphere of a cluster after the other, or one ray against all of
+//! them at once, for the instruction set at hand.
 //!
-//! Only for spheres that are spheres in the world; ellipsoids carry each ray into object space and go lane by lane, as
-//! all other shapes. To the bits of [`crate::accel::shapes::shape_hit`].
+//! In a packet a sphere is asked about in f64 only where not all rays surely miss it (see `sieve`). To the bits of
+//! [`crate::accel::shapes::shape_hit`]; only for spheres that are spheres in the world: ellipsoids carry each ray into object
+//! space and go lane by lane, as all other shapes.
 
-use super::lanes::{Foreign, row};
-use super::user::Question;
+use super::cluster::{MEMBERS, SphereCluster};
+use super::lanes::{Foreign, ray_of, row};
+use super::sieve::{Ball, Sieve};
+use super::user::{Question, answer};
+use crate::accel::shapes::sphere_at;
 use crate::accel::{ACTIVE, NO_HIT};
-use crate::mesh::lanes::{Isa, Work};
+use crate::mesh::lanes::{Isa, Work, dispatch, lanes};
+use crate::numeric::Ray;
 use crate::shape::Sphere;
 
-/// One sphere in world space against the asked lanes of a packet; says which were hit.
+/// Tests the spheres of a cluster in f64, on the exact extension of the f32 rays; says which asked lanes were hit.
+#[inline(always)]
+pub(super) fn answer_spheres<const W: usize>(
+    (cluster, instances): (&SphereCluster, &[u32; MEMBERS]),
+    packet: Foreign,
+    asked: &[i32; W],
+    question: Question,
+) -> [i32; W] {
+    if W > 1 {
+        return dispatch(ClusterLanes {
+            cluster,
+            instances,
+            packet,
+            asked,
+            question,
+        });
+    }
+    let (origin, direction) = (
+        packet.vectors::<W>(row::ORIGIN),
+        packet.vectors::<W>(row::DIRECTION),
+    );
+    let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
+    let mut hit = [0; W];
+    for lane in (0..W).filter(|&lane| asked[lane] != 0) {
+        let ray = &ray_of(&origin, &direction, (t_near[lane], t_far[lane], 0.0), lane);
+        let work = ClusterRay {
+            cluster,
+            instances,
+            ray,
+        };
+        if let Some((instance, t)) = dispatch(work) {
+            hit[lane] = answer(packet, lane, t_far[lane], &sphere_at(instance, t), question);
+        }
+    }
+    hit
+}
+
+/// The spheres of a cluster against the asked lanes of a packet; says which were hit.
+struct ClusterLanes<'a, const W: usize> {
+    cluster: &'a SphereCluster,
+    instances: &'a [u32; MEMBERS],
+    packet: Foreign,
+    asked: &'a [i32; W],
+    question: Question,
+}
+
+impl<const W: usize> Work for ClusterLanes<'_, W> {
+    type Output = [i32; W];
+
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) -> [i32; W] {
+        let (packet, question) = (self.packet, self.question);
+        let (origin, direction) = (packet.vectors(row::ORIGIN), packet.vectors(row::DIRECTION));
+        let mut sieve = Sieve::<W>::of(origin, direction, packet.floats(row::T_FAR));
+        let (mut asked, mut hit) = (*self.asked, [0; W]);
+        for (member, &instance) in self.instances.iter().enumerate() {
+            let Some(sphere) = &self.cluster.sphere(member) else {
+                break;
+            };
+            let missed = sieve.misses(isa, &Ball::of(sphere));
+            if asked_lanes(isa, &asked) & !missed == 0 {
+                continue;
+            }
+            let met = SphereLanes {
+                sphere,
+                instance,
+                packet,
+                asked: &asked,
+                question,
+            }
+            .run(isa);
+            for lane in 0..W {
+                hit[lane] |= met[lane];
+            }
+            match question {
+                Question::Nearest => sieve.end_at(packet.floats(row::T_FAR)),
+                Question::Any => {
+                    for lane in 0..W {
+                        asked[lane] &= !met[lane];
+                    }
+                }
+            }
+        }
+        hit
+    }
+}
+
+/// Bit `i` says whether lane `i` is asked.
+#[inline(always)]
+fn asked_lanes<I: Isa, const W: usize>(isa: I, asked: &[i32; W]) -> u32 {
+    let mut bits = [0.0; W];
+    for lane in 0..W {
+        // What is asked is all ones, as a float NaN.
+        bits[lane] = f32::from_bits(asked[lane] as u32);
+    }
+    !isa.eq(&bits, &[0.0; W]) & (u32::MAX >> (u32::BITS as usize - W))
+}
+
+/// A sphere in world space against the asked lanes of a packet; says which were hit.
 pub(super) struct SphereLanes<'a, const W: usize> {
-    pub(super) sphere: Sphere,
-    pub(super) index: u32,
+    pub(super) sphere: &'a Sphere,
+    pub(super) instance: u32,
     pub(super) packet: Foreign,
     pub(super) asked: &'a [i32; W],
     pub(super) question: Question,
@@ -44,10 +148,18 @@ impl<const W: usize> Work for SphereLanes<'_, W> {
         let packet = self.packet;
         let (origin, direction) = (load(packet, row::ORIGIN), load(packet, row::DIRECTION));
         let t_near = widened(&packet.floats(row::T_NEAR));
-        let t_far: [f32; W] = packet.floats(row::T_FAR);
         let exact = self
             .sphere
             .nearest_lanes(&origin, &direction, &t_near, &[f64::INFINITY; W]);
+        self.meet(self.instance, &exact)
+    }
+}
+
+impl<const W: usize> SphereLanes<'_, W> {
+    /// Writes what meets one sphere at the parameters `exact`; says which lanes do.
+    #[inline(always)]
+    fn meet(&self, instance: u32, exact: &[f64; W]) -> [i32; W] {
+        let t_far: [f32; W] = self.packet.floats(row::T_FAR);
         let (mut t, mut hit) = ([0.0f32; W], [0i32; W]);
         let mut any = 0;
         for lane in 0..W {
@@ -60,14 +172,12 @@ impl<const W: usize> Work for SphereLanes<'_, W> {
         if any != 0 {
             match self.question {
                 Question::Any => self.block(&t_far, &hit),
-                Question::Nearest => self.take(&t_far, &t, &mut hit),
+                Question::Nearest => self.take(instance, &t_far, &t, &mut hit),
             }
         }
         hit
     }
-}
 
-impl<const W: usize> SphereLanes<'_, W> {
     #[inline(always)]
     fn block(&self, t_far: &[f32; W], hit: &[i32; W]) {
         let mut ends = [0; W];
@@ -84,11 +194,11 @@ impl<const W: usize> SphereLanes<'_, W> {
 
     /// Writes the hits, but those of lanes whose equally near hit has a lower number.
     #[inline(always)]
-    fn take(&self, t_far: &[f32; W], t: &[f32; W], hit: &mut [i32; W]) {
+    fn take(&self, instance: u32, t_far: &[f32; W], t: &[f32; W], hit: &mut [i32; W]) {
         let held: [u32; W] = self.packet.load(row::INSTANCE);
         for lane in 0..W {
             // A lane without a hit holds the highest number.
-            let is_first = (t[lane] < t_far[lane]) | (self.index < held[lane]);
+            let is_first = (t[lane] < t_far[lane]) | (instance < held[lane]);
             hit[lane] = if is_first & (hit[lane] != 0) { ACTIVE } else { 0 };
         }
         let mut ends = [0; W];
@@ -99,7 +209,7 @@ impl<const W: usize> SphereLanes<'_, W> {
         self.set(row::U, 0, hit);
         self.set(row::V, 0, hit);
         self.set(row::PRIMITIVE, 0, hit);
-        self.set(row::INSTANCE, self.index, hit);
+        self.set(row::INSTANCE, instance, hit);
         self.set(row::LEVEL, NO_HIT, hit);
     }
 
@@ -110,5 +220,121 @@ impl<const W: usize> SphereLanes<'_, W> {
             bits[lane] = if hit[lane] != 0 { value } else { bits[lane] };
         }
         self.packet.store(row, bits);
+    }
+}
+
+/// One ray against the spheres of a cluster: which it meets first within its interval, and where; of equals the one that is the
+/// instance with the lower number.
+struct ClusterRay<'a> {
+    cluster: &'a SphereCluster,
+    instances: &'a [u32; MEMBERS],
+    ray: &'a Ray,
+}
+
+impl Work for ClusterRay<'_> {
+    /// The instance and the parameter.
+    type Output = Option<(u32, f32)>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) -> Option<(u32, f32)> {
+        let (origin, direction) = (self.ray.origin.as_dvec3(), self.ray.direction.as_dvec3());
+        let exact = Sphere::nearest_of(
+            &self.cluster.center,
+            &self.cluster.radius,
+            (origin, direction),
+            f64::from(self.ray.t_near),
+        );
+        let mut t = [0.0f32; MEMBERS];
+        for member in 0..MEMBERS {
+            t[member] = exact[member] as f32;
+        }
+        // Comparisons with NaN, which is a miss, are false.
+        let met = isa.le(&t, &[self.ray.t_far; MEMBERS]) & isa.lt(&t, &[f32::INFINITY; MEMBERS]);
+        let mut first: Option<(u32, f32)> = None;
+        for member in lanes(met) {
+            let (t, instance) = (t[member], self.instances[member]);
+            if first.is_none_or(|held| t < held.1 || (t == held.1 && instance < held.0)) {
+                first = Some((instance, t));
+            }
+        }
+        first
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DQuat, DVec3, Vec3};
+
+    use super::super::EmbreeAccel;
+    use super::*;
+    use crate::accel::brute::BruteAccel;
+    use crate::accel::{Accel, AccelOptions, LANES, RayOrder, RayPacket};
+    use crate::scene::{Geometry, Instance, Scene};
+    use crate::shape::Shape;
+
+    /// A number in [-1, 1) (Weyl's sequence on the golden ratio).
+    fn number(i: usize) -> f64 {
+        2.0 * (0.5 + i as f64 * 0.618_033_988_749_894_9).fract() - 1.0
+    }
+
+    fn vector(i: usize) -> DVec3 {
+        DVec3::new(number(3 * i), number(5 * i + 1), number(7 * i + 2))
+    }
+
+    /// Spheres that overlap, of every six three in the same place.
+    fn scene(count: usize) -> Scene {
+        let place = |i: usize| {
+            let at = if (i / 3).is_multiple_of(2) { i - i % 3 } else { i };
+            let scale = DVec3::splat(0.15 + 0.1 * number(at + 11));
+            let map = DAffine3::from_scale_rotation_translation(scale, DQuat::IDENTITY, vector(at));
+            Instance::new("", 0, 0, map).unwrap()
+        };
+        Scene {
+            geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
+            instances: (0..count).map(place).collect(),
+            ..Scene::default()
+        }
+    }
+
+    /// Sixteen rays, some of them not asked about, from near each other to near each other, of any length.
+    fn packet(i: usize, spread: f32) -> RayPacket {
+        let (from, to) = (2.0 * vector(i).as_vec3(), vector(2 * i + 1).as_vec3());
+        let mut packet = RayPacket::EMPTY;
+        for lane in (0..LANES).filter(|lane| !(i + lane).is_multiple_of(5)) {
+            let to = to + spread * vector(i * LANES + lane).as_vec3();
+            let mut ray = Ray::new(from + spread * Vec3::splat(number(lane) as f32), to - from);
+            if lane % 4 == 1 {
+                ray.t_far = number(lane + i).abs() as f32;
+            }
+            packet.set(lane, &ray);
+        }
+        packet
+    }
+
+    #[test]
+    fn clusters_answer_as_their_spheres_one_by_one_do_ties_by_the_lowest_instance() {
+        // Few enough for packets in any order, and so many that incoherent rays go one by one.
+        for count in [40, 400] {
+            let scene = scene(count);
+            let ours = EmbreeAccel::build(&scene, &AccelOptions::default()).unwrap();
+            let referee = BruteAccel::new(&scene);
+            for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+                for i in 0..600 {
+                    let asked = packet(i, [0.01, 0.1, 1.0][i % 3]);
+                    let mut found = [asked.clone(), asked.clone()];
+                    ours.intersect(&mut found[..1], order);
+                    referee.intersect(&mut found[1..], order);
+                    let mut blocked = [asked.clone(), asked];
+                    ours.occluded(&mut blocked[..1], order);
+                    referee.occluded(&mut blocked[1..], order);
+                    for lane in 0..LANES {
+                        let [ours, right] = [0, 1].map(|by| found[by].hit(lane));
+                        assert_eq!(ours, right, "{count} spheres, packet {i}, lane {lane}");
+                        let [ours, right] = [0, 1].map(|by| blocked[by].t_far[lane].to_bits());
+                        assert_eq!(ours, right, "{count} spheres, packet {i}, lane {lane}");
+                    }
+                }
+            }
+        }
     }
 }

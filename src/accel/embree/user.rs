@@ -1,5 +1,6 @@
-//! The user geometry: shapes and placed meshes, each one primitive, tested by callbacks from Embree. What moves is a second
-//! one, as Embree walks trees of boxes that move more slowly than those of boxes that do not.
+//! The user geometry: clusters of spheres, and all other shapes and placed meshes, each one primitive, tested by callbacks
+//! from Embree. What moves is a second one, as Embree walks trees of boxes that move more slowly than those of boxes that do
+//! not.
 //!
 //! A callback gets the rays of one Embree packet, of any width, and the number of one primitive. It writes hits into the
 //! packet itself, under the number of the scene's instance.
@@ -11,22 +12,25 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use embree_sys as sys;
 use glam::{DAffine3, DVec3};
 
+use super::cluster::SphereClusters;
 use super::lanes::{Foreign, Lanes, ray_of, row};
 use super::native;
 use super::scene::{EmbreeScene, SceneRef, placed_mesh};
-use super::sphere::SphereLanes;
+use super::sphere::{SphereLanes, answer_spheres};
 use super::trace::{hit_of, new_query, number_of_instance};
 use crate::accel::shapes::{shape_hit, world_sphere};
 use crate::accel::{ACTIVE, Hit, Instancing, NO_HIT, RayOrder};
 use crate::mesh::lanes::{dispatch, lanes};
 use crate::numeric::{Bounds, Motion, object_ray};
 use crate::scene::{Geometry, Instance, Scene};
-use crate::shape::Shape;
+use crate::shape::{Shape, Sphere};
 
 /// Everything that Embree asks our callbacks about.
 pub(super) struct UserGeometry<'s> {
     scene: &'s Scene,
-    /// The instance that each primitive is.
+    /// The first primitives: spheres that are asked about together.
+    clusters: SphereClusters,
+    /// The instance that each primitive after them is.
     instances: Vec<u32>,
     /// By geometry; absent where it is no placed mesh.
     parts: Arc<[Option<Box<Part<'s>>>]>,
@@ -39,6 +43,22 @@ pub(super) struct UserGeometry<'s> {
 struct Part<'s> {
     scene: EmbreeScene<'s>,
     bounds: Bounds,
+}
+
+/// Spheres of the world, each with the number of its instance, and the numbers of all other `instances`.
+fn apart(scene: &Scene, instances: &[(u32, &Instance)]) -> (Vec<(u32, Sphere)>, Vec<u32>) {
+    let (mut spheres, mut others) = (Vec::new(), Vec::new());
+    for &(index, instance) in instances {
+        let sphere = match &scene.geometries[instance.geometry as usize] {
+            Geometry::Shape(shape) => world_sphere(&instance.pose(0.0), shape),
+            Geometry::Mesh(_) => None,
+        };
+        match sphere {
+            Some(sphere) => spheres.push((index, sphere)),
+            None => others.push(index),
+        }
+    }
+    (spheres, others)
 }
 
 /// Whether an instance is a primitive of the user geometry.
@@ -59,7 +79,10 @@ impl<'s> UserGeometry<'s> {
         let instances = (0u32..)
             .zip(&scene.instances)
             .filter(|(_, instance)| is_user(scene, instance, instancing));
-        let (moving, still): (Vec<_>, Vec<_>) = instances.partition(|(_, instance)| instance.is_moving());
+        let (moving, others): (Vec<_>, Vec<_>) = instances.partition(|(_, instance)| instance.is_moving());
+        let (spheres, mut still) = apart(scene, &others);
+        let (clusters, alone) = SphereClusters::of(&spheres);
+        still.extend(alone);
         let motions = moving.iter().filter_map(|(_, instance)| instance.motion());
         let step_count = motions.map(Motion::step_count).max().unwrap_or(0);
         let parts = parts.into_iter().zip(&scene.geometries).map(|(part, geometry)| {
@@ -72,9 +95,15 @@ impl<'s> UserGeometry<'s> {
             part.map(with_bounds)
         });
         let parts: Arc<[_]> = parts.collect();
-        [(still, 0), (moving, step_count)].map(|(instances, step_count)| UserGeometry {
+        let moving = moving.iter().map(|(index, _)| *index).collect();
+        [
+            (clusters, still, 0),
+            (SphereClusters::default(), moving, step_count),
+        ]
+        .map(|(clusters, instances, step_count)| UserGeometry {
             scene,
-            instances: instances.into_iter().map(|(index, _)| index).collect(),
+            clusters,
+            instances,
             parts: parts.clone(),
             step_count,
             panic_count: AtomicU64::new(0),
@@ -87,14 +116,19 @@ impl<'s> UserGeometry<'s> {
     }
 
     /// Shapes and placed meshes.
-    pub(super) fn primitive_count(&self) -> usize {
-        self.instances.len()
+    pub(super) fn object_count(&self) -> usize {
+        self.clusters.sphere_count() + self.instances.len()
     }
 
-    /// The instance that a primitive is, with its number.
+    /// What Embree keeps boxes of.
+    pub(super) fn primitive_count(&self) -> usize {
+        self.clusters.len() + self.instances.len()
+    }
+
+    /// The instance that a primitive is, with its number; none where it is a cluster.
     #[inline(always)]
     fn instance(&self, primitive: usize) -> Option<(u32, &'s Instance)> {
-        let index = *self.instances.get(primitive)?;
+        let index = *self.instances.get(primitive.checked_sub(self.clusters.len())?)?;
         Some((index, self.scene.instances.get(index as usize)?))
     }
 
@@ -103,6 +137,10 @@ impl<'s> UserGeometry<'s> {
     /// Embree interpolates boxes in f32, by a part of a step that is off by 2^-24 of all steps, over which a box moves by
     /// twice the largest coordinate at most.
     fn bounds(&self, primitive: usize, step: u32) -> Option<([f32; 3], [f32; 3])> {
+        if let Some((cluster, _)) = self.clusters.get(primitive) {
+            let world = cluster.bounds();
+            return Some(padded(&world, PLACEMENT_PADDING * world.magnitude()));
+        }
         let (_, instance) = self.instance(primitive)?;
         let geometry = &self.scene.geometries[instance.geometry as usize];
         let object = match (&self.parts[instance.geometry as usize], geometry) {
@@ -127,7 +165,7 @@ impl<'s> UserGeometry<'s> {
 
     /// Bytes that it takes itself.
     pub(super) fn own_byte_count(&self) -> u64 {
-        size_of_val(&*self.instances) as u64
+        size_of_val(&*self.instances) as u64 + self.clusters.byte_count()
     }
 
     /// Callbacks that have panicked.
@@ -297,7 +335,9 @@ impl Call {
         let packet = unsafe { Foreign::new(self.rays, self.count, first) };
         let mut hit = [0; W];
         let done = user.guarded(|| {
-            if let Some(primitive) = user.instance(self.primitive) {
+            if let Some(cluster) = user.clusters.get(self.primitive) {
+                hit = answer_spheres::<W>(cluster, packet, &asked, question);
+            } else if let Some(primitive) = user.instance(self.primitive) {
                 hit = match &user.scene.geometries[primitive.1.geometry as usize] {
                     Geometry::Shape(shape) => answer_shape::<W>(primitive, shape, packet, &asked, question),
                     Geometry::Mesh(_) => match user.part(primitive.1.geometry) {
@@ -330,8 +370,8 @@ fn answer_shape<const W: usize>(
         && let Some(sphere) = world_sphere(&instance.pose(0.0), shape)
     {
         return dispatch(SphereLanes {
-            sphere,
-            index,
+            sphere: &sphere,
+            instance: index,
             packet,
             asked,
             question,
@@ -442,7 +482,7 @@ impl Call {
 
 /// Writes what was found into Embree's packet, unless an equally near hit has the lower number.
 #[inline(always)]
-fn answer(packet: Foreign, lane: usize, t_far: f32, found: &Hit, question: Question) -> i32 {
+pub(super) fn answer(packet: Foreign, lane: usize, t_far: f32, found: &Hit, question: Question) -> i32 {
     if question == Question::Any {
         packet.set(row::T_FAR, lane, f32::NEG_INFINITY.to_bits());
         return ACTIVE;
@@ -471,7 +511,6 @@ mod tests {
     use super::*;
     use crate::accel::{Accel, AccelOptions, RayPacket};
     use crate::numeric::Ray;
-    use crate::shape::Sphere;
     use glam::Vec3;
 
     thread_local! {

@@ -1,0 +1,572 @@
+//! Primitives that are asked about together: runs of a few whose boxes a ray had better meet as one.
+//!
+//! From the top down, by the surface area heuristic (Goldsmith and Salmon 1987): a set is cut in two across one axis, by the
+//! midpoints of its boxes, where the halves' areas times the cost of asking about them sum to the least; a set that fits into
+//! a cluster stays whole where that costs no more. A large set is cut at the borders of bins (Wald, "On fast construction
+//! of SAH-based bounding volume hierarchies", 2007), a small one wherever it can be. Asking costs by the cluster and by the
+//! member, which alone makes clusters full: a set of seventeen is better cut into eight and nine than into one and sixteen.
+
+use rayon::prelude::*;
+
+use crate::numeric::Bounds;
+
+/// What it costs to ask a ray's question.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cost {
+    /// Most members of a cluster; not 0.
+    pub(super) limit: usize,
+    /// Of reaching a cluster.
+    pub(super) visit: f64,
+    /// Of each of its members.
+    pub(super) member: f64,
+    /// Of one more cut in the tree.
+    pub(super) cut: f64,
+}
+
+/// Which primitives go together.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Clusters {
+    /// All primitives, cluster by cluster, near ones near each other.
+    members: Vec<u32>,
+    /// Where the clusters end in there, ascending.
+    ends: Vec<u32>,
+}
+
+/// Sets of at least so many are cut by several threads.
+const PARALLEL_COUNT: usize = 1 << 12;
+/// Boxes that a thread bins at once.
+const CHUNK: usize = 1 << 14;
+/// Places to cut a large set across an axis, and one.
+const BINS: usize = 16;
+/// Sets of at most so many are cut wherever it costs least.
+const SWEEP_COUNT: usize = 32;
+/// After so many cuts sets are halved by number: however the boxes lie, the work stays in proportion to n log n.
+const CUT_LIMIT: u32 = 64;
+
+impl Clusters {
+    /// Clusters of the primitives in the boxes `bounds(0..count)`, for which any number is taken; `count` is below 2^32.
+    ///
+    /// The same whatever the number of threads.
+    pub(super) fn of(count: usize, bounds: impl Fn(u32) -> Bounds + Sync, cost: &Cost) -> Clusters {
+        let mut items: Vec<Item> = (0..count as u32)
+            .into_par_iter()
+            .map(|index| Item::new(index, &bounds(index)))
+            .collect();
+        if count > 0 {
+            divide(&mut items, cost, CUT_LIMIT);
+        }
+        Clusters {
+            members: items.iter().map(|item| item.index).collect(),
+            ends: (1u32..)
+                .zip(&items)
+                .filter_map(|(end, item)| item.is_last().then_some(end))
+                .collect(),
+        }
+    }
+
+    /// How many there are.
+    pub(super) fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// The members of each, in an order in which near ones are near each other.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &[u32]> {
+        let mut start = 0;
+        self.ends.iter().map(move |&end| {
+            let members = &self.members[start..end as usize];
+            start = end as usize;
+            members
+        })
+    }
+}
+
+/// A box in f32, as much as a heuristic needs, with its primitive.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+struct Item {
+    min: [f32; 3],
+    index: u32,
+    max: [f32; 3],
+    /// Not 0 where a cluster ends.
+    last: u32,
+}
+
+impl Item {
+    fn new(index: u32, bounds: &Bounds) -> Item {
+        // Differences of such numbers are finite.
+        const MOST: f64 = f32::MAX as f64 / 4.0;
+        let number = |x: f64| {
+            if x.is_nan() {
+                0.0
+            } else {
+                x.clamp(-MOST, MOST) as f32
+            }
+        };
+        Item {
+            min: bounds.min.to_array().map(number),
+            index,
+            max: bounds.max.to_array().map(number),
+            last: 0,
+        }
+    }
+
+    fn is_last(&self) -> bool {
+        self.last != 0
+    }
+
+    /// The midpoint of the box along an axis.
+    #[inline(always)]
+    fn center(&self, axis: usize) -> f32 {
+        0.5 * (self.min[axis] + self.max[axis])
+    }
+}
+
+/// Marks the last member of every cluster of a set that is not empty, which it sorts.
+fn divide(items: &mut [Item], cost: &Cost, cuts: u32) {
+    let Some(cut) = cut(items, cost, cuts) else {
+        if let Some(last) = items.last_mut() {
+            last.last = 1;
+        }
+        return;
+    };
+    let is_large = items.len() >= PARALLEL_COUNT;
+    let (low, high) = items.split_at_mut(cut);
+    let cuts = cuts.saturating_sub(1);
+    if is_large {
+        rayon::join(|| divide(low, cost, cuts), || divide(high, cost, cuts));
+    } else {
+        divide(low, cost, cuts);
+        divide(high, cost, cuts);
+    }
+}
+
+/// Sorts a set into two and says how many are in the first; `None` where it is a cluster.
+fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
+    let count = items.len();
+    let fits = count <= cost.limit;
+    if count == 1 {
+        return None;
+    }
+    let found = match cuts {
+        0 => None,
+        _ if count <= SWEEP_COUNT => sweep(items, cost),
+        _ => bin(items, cost),
+    };
+    match found {
+        Some((_, at)) if !fits => Some(at),
+        Some((halves, at)) => (halves < (cost.of(count) - cost.cut) * area_of(items)).then_some(at),
+        None => (!fits).then(|| (count / 2).next_multiple_of(cost.limit).min(count - 1)),
+    }
+}
+
+impl Cost {
+    /// Of asking about so many, over the chance of reaching them.
+    #[inline(always)]
+    fn of(&self, count: usize) -> f64 {
+        count.div_ceil(self.limit) as f64 * self.visit + count as f64 * self.member
+    }
+}
+
+/// A box that grows. The fourth numbers are unused.
+#[derive(Clone, Copy)]
+struct Extent {
+    min: [f32; 4],
+    max: [f32; 4],
+}
+
+impl Extent {
+    const EMPTY: Extent = Extent {
+        min: [f32::INFINITY; 4],
+        max: [f32::NEG_INFINITY; 4],
+    };
+
+    fn of(item: &Item) -> Extent {
+        let [min, max] = [item.min, item.max].map(|[x, y, z]| [x, y, z, 0.0]);
+        Extent { min, max }
+    }
+
+    fn of_centers(item: &Item) -> Extent {
+        let center = [item.center(0), item.center(1), item.center(2), 0.0];
+        Extent {
+            min: center,
+            max: center,
+        }
+    }
+
+    #[inline(always)]
+    fn with(mut self, other: &Extent) -> Extent {
+        for i in 0..4 {
+            self.min[i] = if other.min[i] < self.min[i] {
+                other.min[i]
+            } else {
+                self.min[i]
+            };
+            self.max[i] = if other.max[i] > self.max[i] {
+                other.max[i]
+            } else {
+                self.max[i]
+            };
+        }
+        self
+    }
+
+    /// Half its area; 0 of an empty one.
+    #[inline(always)]
+    fn half_area(&self) -> f64 {
+        let [x, y, z] =
+            [0, 1, 2].map(|axis| (f64::from(self.max[axis]) - f64::from(self.min[axis])).max(0.0));
+        x * y + y * z + z * x
+    }
+}
+
+fn area_of(items: &[Item]) -> f64 {
+    let whole = items
+        .iter()
+        .fold(Extent::EMPTY, |whole, item| whole.with(&Extent::of(item)));
+    whole.half_area()
+}
+
+/// Sorts a small set by the axis across which it is best cut; says what the halves cost and where the cut is.
+fn sweep(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
+    let count = items.len();
+    if area_of(items) == 0.0 {
+        return None;
+    }
+    let mut best: Option<(f64, usize)> = None;
+    let mut best_order = [(0.0f32, 0u32); SWEEP_COUNT];
+    for axis in 0..3 {
+        let mut order = [(0.0f32, 0u32); SWEEP_COUNT];
+        for (number, (place, item)) in (0u32..).zip(order.iter_mut().zip(&*items)) {
+            *place = (item.center(axis), number);
+        }
+        order[..count].sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let extent = |i: usize| Extent::of(&items[order[i].1 as usize]);
+        let mut above = [0.0; SWEEP_COUNT];
+        let mut grown = Extent::EMPTY;
+        for i in (1..count).rev() {
+            grown = grown.with(&extent(i));
+            above[i] = grown.half_area() * cost.of(count - i);
+        }
+        grown = Extent::EMPTY;
+        for i in 1..count {
+            grown = grown.with(&extent(i - 1));
+            let halves = grown.half_area() * cost.of(i) + above[i];
+            if best.is_none_or(|(least, _)| halves < least) {
+                best = Some((halves, i));
+                best_order = order;
+            }
+        }
+    }
+    let mut sorted = [items[0]; SWEEP_COUNT];
+    for (to, &(_, number)) in sorted.iter_mut().zip(&best_order[..count]) {
+        *to = items[number as usize];
+    }
+    if best.is_some() {
+        items.copy_from_slice(&sorted[..count]);
+    }
+    best
+}
+
+/// What lies in the bins of each axis.
+#[derive(Clone)]
+struct Bins {
+    extents: [[Extent; BINS]; 3],
+    counts: [[u32; BINS]; 3],
+}
+
+/// Where the bins are along each axis.
+#[derive(Clone, Copy)]
+struct Scale {
+    start: [f32; 3],
+    bins_per_unit: [f32; 3],
+}
+
+impl Scale {
+    fn over(centers: &Extent) -> Scale {
+        let [x, y, z, _] = centers.min;
+        Scale {
+            start: [x, y, z],
+            // Infinite where all centers are one: 0 · infinity, which is NaN, goes to the first bin, as does all else.
+            bins_per_unit: [0, 1, 2].map(|axis| BINS as f32 / (centers.max[axis] - centers.min[axis])),
+        }
+    }
+
+    #[inline(always)]
+    fn bin(&self, item: &Item, axis: usize) -> usize {
+        (((item.center(axis) - self.start[axis]) * self.bins_per_unit[axis]) as usize).min(BINS - 1)
+    }
+}
+
+impl Bins {
+    const EMPTY: Bins = Bins {
+        extents: [[Extent::EMPTY; BINS]; 3],
+        counts: [[0; BINS]; 3],
+    };
+
+    fn of(items: &[Item], scale: &Scale) -> Bins {
+        let mut bins = Bins::EMPTY;
+        for item in items {
+            let extent = Extent::of(item);
+            for axis in 0..3 {
+                let bin = scale.bin(item, axis);
+                bins.extents[axis][bin] = bins.extents[axis][bin].with(&extent);
+                bins.counts[axis][bin] += 1;
+            }
+        }
+        bins
+    }
+
+    fn sum(mut self, other: Bins) -> Bins {
+        for axis in 0..3 {
+            for bin in 0..BINS {
+                self.extents[axis][bin] = self.extents[axis][bin].with(&other.extents[axis][bin]);
+                self.counts[axis][bin] += other.counts[axis][bin];
+            }
+        }
+        self
+    }
+
+    /// The axis and the bin before which the halves cost least, with that cost.
+    fn best(&self, cost: &Cost) -> Option<(f64, usize, usize)> {
+        let mut best: Option<(f64, usize, usize)> = None;
+        for axis in 0..3 {
+            let (extents, counts) = (&self.extents[axis], &self.counts[axis]);
+            let half = |extent: &Extent, count: u32| extent.half_area() * cost.of(count as usize);
+            let mut above = [(0.0, 0); BINS];
+            let (mut grown, mut count) = (Extent::EMPTY, 0);
+            for bin in (1..BINS).rev() {
+                grown = grown.with(&extents[bin]);
+                count += counts[bin];
+                above[bin] = (half(&grown, count), count);
+            }
+            (grown, count) = (Extent::EMPTY, 0);
+            for bin in 1..BINS {
+                grown = grown.with(&extents[bin - 1]);
+                count += counts[bin - 1];
+                let halves = half(&grown, count) + above[bin].0;
+                let is_cut = count > 0 && above[bin].1 > 0;
+                if is_cut && best.is_none_or(|(least, ..)| halves < least) {
+                    best = Some((halves, axis, bin));
+                }
+            }
+        }
+        best
+    }
+}
+
+/// Parts a large set at the border of a bin where it is best cut; says what the halves cost and where the cut is.
+fn bin(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
+    let centers = |items: &[Item]| {
+        let all = items.iter().map(Extent::of_centers);
+        all.fold(Extent::EMPTY, |whole, center| whole.with(&center))
+    };
+    let is_large = items.len() >= 2 * CHUNK;
+    let both = |a: Extent, b: Extent| a.with(&b);
+    let centers = if is_large {
+        items
+            .par_chunks(CHUNK)
+            .map(centers)
+            .reduce(|| Extent::EMPTY, both)
+    } else {
+        centers(items)
+    };
+    let scale = Scale::over(&centers);
+    let bins = if is_large {
+        let chunks = items.par_chunks(CHUNK);
+        chunks
+            .map(|chunk| Bins::of(chunk, &scale))
+            .reduce(|| Bins::EMPTY, Bins::sum)
+    } else {
+        Bins::of(items, &scale)
+    };
+    let (halves, axis, border) = bins.best(cost)?;
+    Some((halves, part(items, |item| scale.bin(item, axis) < border)))
+}
+
+/// Puts those first of which it is so, and counts them.
+fn part(items: &mut [Item], is_first: impl Fn(&Item) -> bool) -> usize {
+    let (mut low, mut high) = (0, items.len());
+    loop {
+        while low < high && is_first(&items[low]) {
+            low += 1;
+        }
+        while low < high && !is_first(&items[high - 1]) {
+            high -= 1;
+        }
+        if low >= high {
+            return low;
+        }
+        items.swap(low, high - 1);
+        low += 1;
+        high -= 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    const COST: Cost = Cost {
+        limit: 8,
+        visit: 1.0,
+        member: 0.05,
+        cut: 1.0,
+    };
+
+    /// Numbers in [0, 1) that fill the cube evenly (Weyl's sequence on the plastic number's powers).
+    fn in_cube(i: u32) -> DVec3 {
+        let fraction = |step: f64| (f64::from(i) * step).fract();
+        DVec3::new(
+            fraction(0.819_172_513_396_164_4),
+            fraction(0.671_043_606_703_789_2),
+            fraction(0.549_700_477_901_970_2),
+        )
+    }
+
+    fn around(center: DVec3, radius: f64) -> Bounds {
+        Bounds {
+            min: center - DVec3::splat(radius),
+            max: center + DVec3::splat(radius),
+        }
+    }
+
+    fn of_boxes(boxes: &[Bounds], cost: &Cost) -> Clusters {
+        Clusters::of(boxes.len(), |i| boxes[i as usize], cost)
+    }
+
+    /// Holds that every primitive is in one cluster and no cluster is empty or too large.
+    fn assert_parted(clusters: &Clusters, count: usize, limit: usize) {
+        let mut members = clusters.members.clone();
+        members.sort_unstable();
+        assert!(members.into_iter().eq(0..count as u32));
+        assert!(
+            clusters
+                .iter()
+                .all(|members| (1..=limit).contains(&members.len()))
+        );
+        assert_eq!(clusters.iter().map(<[u32]>::len).sum::<usize>(), count);
+        assert_eq!(clusters.iter().count(), clusters.len());
+    }
+
+    #[test]
+    fn every_primitive_is_in_one_cluster_of_at_most_as_many_as_asked_for() {
+        for limit in [1, 3, 8, 16, 100] {
+            for count in [0, 1, 2, 7, 8, 9, 31, 32, 33, 1000, 40_000] {
+                let boxes: Vec<Bounds> = (0..count).map(|i| around(in_cube(i), 0.01)).collect();
+                let clusters = of_boxes(&boxes, &Cost { limit, ..COST });
+                assert_parted(&clusters, boxes.len(), limit);
+            }
+        }
+    }
+
+    #[test]
+    fn the_number_of_threads_changes_nothing() {
+        let boxes: Vec<Bounds> = (0..100_000).map(|i| around(in_cube(i), 0.01)).collect();
+        let by = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| of_boxes(&boxes, &COST))
+        };
+        let alone = by(1);
+        assert_eq!(alone, by(2));
+        assert_eq!(alone, by(5));
+    }
+
+    #[test]
+    fn what_lies_together_is_asked_about_together() {
+        // Eight beside the origin and eight a hundred away, by turns.
+        let at = |i: u32| DVec3::new(100.0 * f64::from(i % 2) + 0.1 * f64::from(i / 2), 0.0, 0.0);
+        let boxes: Vec<Bounds> = (0..16).map(|i| around(at(i), 0.1)).collect();
+        let clusters = of_boxes(&boxes, &COST);
+        let found: Vec<&[u32]> = clusters.iter().collect();
+        assert_eq!(found, [[0, 2, 4, 6, 8, 10, 12, 14], [1, 3, 5, 7, 9, 11, 13, 15]]);
+    }
+
+    #[test]
+    fn what_is_cheaper_to_ask_about_apart_is_apart() {
+        // Half areas: 12 of each cube, 4 + 2 · 204 = 412 of both. Together (1 + 0.1 - 1) 412 = 41.2, apart 2 · 1.05 · 12 = 25.2.
+        let boxes = [0.0, 100.0].map(|x| around(DVec3::new(x, 0.0, 0.0), 1.0));
+        assert_eq!(of_boxes(&boxes, &COST).len(), 2);
+        // Where members cost nothing there is no end to it.
+        let free = Cost { member: 0.0, ..COST };
+        assert_eq!(of_boxes(&boxes, &free).len(), 1);
+    }
+
+    #[test]
+    fn clusters_are_nearly_full() {
+        let boxes: Vec<Bounds> = (0..20_000).map(|i| around(in_cube(i), 0.02)).collect();
+        let mean = 20_000.0 / of_boxes(&boxes, &COST).len() as f64;
+        assert!(mean > 0.85 * 8.0, "{mean}");
+    }
+
+    #[test]
+    fn boxes_that_tell_nothing_are_shared_out_by_number() {
+        let everything = Bounds {
+            min: DVec3::NEG_INFINITY,
+            max: DVec3::INFINITY,
+        };
+        let unknown = Bounds {
+            min: DVec3::NAN,
+            max: DVec3::NAN,
+        };
+        let point = around(DVec3::splat(3.0), 0.0);
+        for bounds in [
+            everything,
+            unknown,
+            point,
+            Bounds::EMPTY,
+            around(DVec3::ZERO, 1e300),
+        ] {
+            let clusters = of_boxes(&vec![bounds; 1000], &COST);
+            assert_parted(&clusters, 1000, 8);
+            assert_eq!(clusters.len(), 125);
+        }
+    }
+
+    #[test]
+    fn a_few_boxes_without_an_end_do_not_spoil_the_others() {
+        let mut boxes: Vec<Bounds> = (0..10_000).map(|i| around(in_cube(i), 0.01)).collect();
+        boxes[77].max.x = f64::INFINITY;
+        boxes[777].min = DVec3::NEG_INFINITY;
+        boxes[7777].min = DVec3::NAN;
+        let clusters = of_boxes(&boxes, &COST);
+        assert_parted(&clusters, boxes.len(), 8);
+        let diagonal = |members: &[u32]| {
+            let all = members.iter().map(|&i| boxes[i as usize]);
+            all.fold(Bounds::EMPTY, Bounds::union).extent().length()
+        };
+        let large = clusters
+            .iter()
+            .filter(|members| !(diagonal(members) < 0.5))
+            .count();
+        assert!(large <= 8, "{large}");
+    }
+
+    #[test]
+    fn places_that_shrink_without_end_are_cut_a_limited_number_of_times() {
+        let boxes: Vec<Bounds> = (0..5000)
+            .map(|i| around(DVec3::splat(0.99f64.powi(i)), 0.5 * 0.99f64.powi(i)))
+            .collect();
+        assert_parted(&of_boxes(&boxes, &COST), boxes.len(), 8);
+    }
+
+    #[test]
+    #[ignore = "a measurement, of any use only in a release build on a quiet machine"]
+    fn two_million_boxes_take_less_than_a_second() {
+        for limit in [8, 16] {
+            let cost = Cost { limit, ..COST };
+            let seconds = || {
+                let start = std::time::Instant::now();
+                Clusters::of(2_000_000, |i| around(in_cube(i), 0.004), &cost);
+                start.elapsed().as_secs_f64()
+            };
+            let least = (0..5).map(|_| seconds()).fold(f64::INFINITY, f64::min);
+            println!("two million boxes by {limit}: {least:.2} s");
+            assert!(least < 1.0, "{least} s");
+        }
+    }
+}

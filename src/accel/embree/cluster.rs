@@ -1,0 +1,183 @@
+//! Spheres of the world that are asked about together, up to eight to a primitive of the user geometry.
+//!
+//! A callback's time goes by being called and by waiting for memory, and Embree's by walking down to it: eight times fewer
+//! primitives make a tree that is a level lower and eight times smaller, and the spheres of a cluster are loaded together.
+//! Clusters are numbered in the order of a tree, as their boxes will be in Embree's.
+
+use glam::DVec3;
+
+use crate::accel::NO_HIT;
+use crate::accel::clusters::{self, Cost};
+use crate::numeric::Bounds;
+use crate::shape::Sphere;
+
+/// Most spheres of a cluster.
+pub(super) const MEMBERS: usize = 8;
+/// What it costs Embree's walk to come to a cluster and to call, to ask about one more sphere, and to find its box under one
+/// more node: a ray is asked about all eight in a few vectors, so eight spheres to a call is best nearly everywhere (measured
+/// in `scene::speed`: anything from 0 to 0.15 for a member is within the noise).
+const COST: Cost = Cost {
+    limit: MEMBERS,
+    visit: 1.0,
+    member: 0.05,
+    cut: 1.0,
+};
+/// Fewer spheres stay alone: they would take more memory than as primitives of their own.
+const LEAST_MEMBERS: usize = 3;
+
+/// Spheres side by side, in four lines of the cache.
+#[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub(super) struct SphereCluster {
+    /// By axis.
+    pub(super) center: [[f64; MEMBERS]; 3],
+    /// NaN, which nothing meets, where there is no sphere; these are the last.
+    pub(super) radius: [f64; MEMBERS],
+}
+
+impl SphereCluster {
+    /// Of at most [`MEMBERS`] spheres.
+    fn of(spheres: impl Iterator<Item = Sphere>) -> SphereCluster {
+        let mut cluster = SphereCluster {
+            center: [[0.0; MEMBERS]; 3],
+            radius: [f64::NAN; MEMBERS],
+        };
+        for (member, sphere) in spheres.enumerate() {
+            for axis in 0..3 {
+                cluster.center[axis][member] = sphere.center[axis];
+            }
+            cluster.radius[member] = sphere.radius;
+        }
+        cluster
+    }
+
+    /// One of its spheres, if there are so many.
+    #[inline(always)]
+    pub(super) fn sphere(&self, member: usize) -> Option<Sphere> {
+        let radius = self.radius[member];
+        let center = DVec3::from_array([0, 1, 2].map(|axis| self.center[axis][member]));
+        (!radius.is_nan()).then_some(Sphere { center, radius })
+    }
+
+    /// The box around its spheres.
+    pub(super) fn bounds(&self) -> Bounds {
+        let spheres = (0..MEMBERS).filter_map(|member| self.sphere(member));
+        spheres.fold(Bounds::EMPTY, |bounds, sphere| bounds.union(sphere.bounds()))
+    }
+}
+
+/// Spheres that are asked about together, and those that are not.
+#[derive(Debug, Default)]
+pub(super) struct SphereClusters {
+    clusters: Vec<SphereCluster>,
+    /// The instances that the members of each are; [`NO_HIT`] where there is none.
+    instances: Vec<[u32; MEMBERS]>,
+}
+
+impl SphereClusters {
+    /// Gathers spheres of the world, each with the number of its instance; the second is who stays alone.
+    pub(super) fn of(spheres: &[(u32, Sphere)]) -> (SphereClusters, Vec<u32>) {
+        let bounds = |i: u32| spheres[i as usize].1.bounds();
+        let found = clusters::Clusters::of(spheres.len(), bounds, &COST);
+        let mut alone = Vec::new();
+        let mut clusters = SphereClusters {
+            clusters: Vec::with_capacity(found.len()),
+            instances: Vec::with_capacity(found.len()),
+        };
+        for members in found.iter() {
+            let members = members.iter().map(|&i| spheres[i as usize]);
+            if members.len() < LEAST_MEMBERS {
+                alone.extend(members.map(|(instance, _)| instance));
+                continue;
+            }
+            let mut instances = [NO_HIT; MEMBERS];
+            for (to, (instance, _)) in instances.iter_mut().zip(members.clone()) {
+                *to = instance;
+            }
+            clusters.instances.push(instances);
+            clusters
+                .clusters
+                .push(SphereCluster::of(members.map(|(_, sphere)| sphere)));
+        }
+        (clusters, alone)
+    }
+
+    /// How many there are.
+    pub(super) fn len(&self) -> usize {
+        self.clusters.len()
+    }
+
+    /// A cluster, and the instances that its members are.
+    #[inline(always)]
+    pub(super) fn get(&self, index: usize) -> Option<(&SphereCluster, &[u32; MEMBERS])> {
+        // Only the cluster is looked at where nothing is met.
+        Some((self.clusters.get(index)?, self.instances.get(index)?))
+    }
+
+    /// How many spheres they hold.
+    pub(super) fn sphere_count(&self) -> usize {
+        let instances = self.instances.as_flattened().iter();
+        instances.filter(|&&instance| instance != NO_HIT).count()
+    }
+
+    /// Bytes on the heap.
+    pub(super) fn byte_count(&self) -> u64 {
+        (size_of_val(&self.clusters[..]) + size_of_val(&self.instances[..])) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sphere(x: f64, radius: f64) -> Sphere {
+        Sphere {
+            center: DVec3::new(x, 0.0, 0.0),
+            radius,
+        }
+    }
+
+    #[test]
+    fn spheres_that_lie_close_are_asked_about_together_and_the_others_alone() {
+        let far = 1e6;
+        let at = [0.0, 1.0, 2.0, far, 2e5, far + 1.0, far + 2.0, far + 3.0];
+        let spheres: Vec<(u32, Sphere)> = (10u32..).zip(at.map(|x| sphere(x, 1.0))).collect();
+        let (clusters, alone) = SphereClusters::of(&spheres);
+        let none = NO_HIT;
+        assert_eq!(
+            clusters.instances,
+            [
+                [10, 11, 12, none, none, none, none, none],
+                [13, 15, 16, 17, none, none, none, none]
+            ]
+        );
+        assert_eq!(alone, [14]);
+        assert_eq!((clusters.len(), clusters.sphere_count()), (2, 7));
+        let (last, _) = clusters.get(1).unwrap();
+        assert_eq!(last.sphere(1), Some(sphere(far + 1.0, 1.0)));
+        assert_eq!(last.sphere(4), None);
+        assert_eq!(last.bounds().min, DVec3::new(far - 1.0, -1.0, -1.0));
+        assert_eq!(last.bounds().max, DVec3::new(far + 4.0, 1.0, 1.0));
+    }
+
+    #[test]
+    fn every_sphere_is_in_one_place() {
+        // A large one among small ones, some of them concentric.
+        let spheres: Vec<(u32, Sphere)> = (0..1000)
+            .map(|i| (i, sphere(f64::from(i % 97), if i == 500 { 50.0 } else { 0.3 })))
+            .collect();
+        let (clusters, alone) = SphereClusters::of(&spheres);
+        let mut all: Vec<u32> = clusters.instances.as_flattened().to_vec();
+        all.retain(|&instance| instance != NO_HIT);
+        assert_eq!(all.len(), clusters.sphere_count());
+        all.extend(alone);
+        all.sort_unstable();
+        assert!(all.into_iter().eq(0..1000));
+    }
+
+    #[test]
+    fn no_spheres_make_no_clusters() {
+        let (clusters, alone) = SphereClusters::of(&[]);
+        assert_eq!((clusters.len(), alone.len()), (0, 0));
+    }
+}

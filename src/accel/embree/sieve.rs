@@ -1,0 +1,227 @@
+//! Which rays of a packet surely miss a sphere: all of them at once, in f32.
+//!
+//! Of the sphere around `c` with radius `r` and the ray `o + t d`, let `f = o - c`, `s = -f·d / d·d` where the ray is nearest
+//! to the centre, and `p = f + s d` the way from the centre to there. The ray misses where `|p| > r`, where `s + r / |d| < 0`,
+//! as it starts at 0 or after, and where `s - r / |d|` is beyond its end.
+//!
+//! With the unit roundoff `u = 2^-24`, rounding the centre and `f` moves the sphere by at most `u (|c| + |f|)`; then `s |d|`
+//! is off by `8 u |f|`, by the usual bounds for products and sums (N. Higham, "Accuracy and Stability of Numerical
+//! Algorithms", 2002, ch. 3), and `p` by `11 u |f|`. The three comparisons are thus right for a radius that is larger by
+//! `u (|c| + 16 |f|)` and by `8 u r` for what they round themselves; that a root is rounded to f32 before it is compared with
+//! the end takes another `u |f|`. Here it is larger by `32 u (|c| + r + |f|)`. Roots in f64 are `2^-24` times as exact where
+//! they are asked for, and where the sphere is behind the start or beyond the end neither comes by cancellation.
+
+use crate::mesh::lanes::Isa;
+use crate::numeric::Ray;
+use crate::shape::Sphere;
+
+/// By how much radii are larger, in parts of the distances involved: 32 units of roundoff.
+const SLACK: f32 = 32.0 / (1 << 24) as f32;
+/// What is added to every radius for numbers too small for f32 to hold, 2^-60: squares are at most 2^-126 off.
+const LEAST_REACH: f64 = 1.0 / (1u64 << 60) as f64;
+/// Rays whose direction has a lesser square, 2^-100, miss nothing surely.
+const LEAST_SQUARE: f32 = 1.0 / (1u128 << 100) as f32;
+
+/// A sphere for a sieve.
+pub(super) struct Ball {
+    center: [f32; 3],
+    /// The radius, as much larger as it and the centre call for.
+    reach: f32,
+}
+
+impl Ball {
+    #[inline(always)]
+    pub(super) fn of(sphere: &Sphere) -> Ball {
+        let center = sphere.center.to_array();
+        let [x, y, z] = center.map(f64::abs);
+        // Products with what lies farther away than rays do might overflow.
+        let is_near = x.max(y).max(z) < f64::from(Ray::LIMIT);
+        let reach = sphere.radius + f64::from(SLACK) * (x + y + z + sphere.radius) + LEAST_REACH;
+        Ball {
+            center: center.map(|x| x as f32),
+            reach: if is_near { reach as f32 } else { f32::INFINITY },
+        }
+    }
+}
+
+/// Traceable rays side by side.
+pub(super) struct Sieve<const W: usize> {
+    origin: [[f32; W]; 3],
+    direction: [[f32; W]; 3],
+    t_far: [f32; W],
+    /// One over the square of the direction's length.
+    per_square: [f32; W],
+    /// One over its length.
+    per_length: [f32; W],
+}
+
+impl<const W: usize> Sieve<W> {
+    /// For rays that end at `t_far`.
+    #[inline(always)]
+    pub(super) fn of(origin: [[f32; W]; 3], direction: [[f32; W]; 3], t_far: [f32; W]) -> Sieve<W> {
+        let (mut per_square, mut per_length) = ([0.0; W], [0.0; W]);
+        for lane in 0..W {
+            let [x, y, z] = [0, 1, 2].map(|axis| direction[axis][lane]);
+            let square = x * x + y * y + z * z;
+            per_square[lane] = if square >= LEAST_SQUARE {
+                1.0 / square
+            } else {
+                f32::NAN
+            };
+            per_length[lane] = per_square[lane].sqrt();
+        }
+        Sieve {
+            origin,
+            direction,
+            t_far,
+            per_square,
+            per_length,
+        }
+    }
+
+    /// Moves the rays' ends.
+    #[inline(always)]
+    pub(super) fn end_at(&mut self, t_far: [f32; W]) {
+        self.t_far = t_far;
+    }
+
+    /// Bit `i` says that ray `i` surely misses.
+    #[inline(always)]
+    pub(super) fn misses<I: Isa>(&self, isa: I, ball: &Ball) -> u32 {
+        let (mut square, mut most) = ([0.0; W], [0.0; W]);
+        let (mut first, mut last) = ([0.0; W], [0.0; W]);
+        for lane in 0..W {
+            let [x, y, z] = [0, 1, 2].map(|axis| self.origin[axis][lane] - ball.center[axis]);
+            let [u, v, w] = [0, 1, 2].map(|axis| self.direction[axis][lane]);
+            let s = -(x * u + y * v + z * w) * self.per_square[lane];
+            let [p, q, r] = [x + s * u, y + s * v, z + s * w];
+            let reach = ball.reach + SLACK * (x.abs() + y.abs() + z.abs());
+            let half = reach * self.per_length[lane];
+            square[lane] = p * p + q * q + r * r;
+            most[lane] = reach * reach;
+            first[lane] = s - half;
+            last[lane] = s + half;
+        }
+        // Comparisons with NaN are false, so what overflows is no sure miss.
+        isa.lt(&most, &square) | isa.lt(&last, &[0.0; W]) | isa.lt(&self.t_far, &first)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DVec3, Vec3};
+
+    use super::*;
+    use crate::accel::shapes::sphere_hit;
+    use crate::mesh::lanes::{Work, dispatch};
+
+    /// SplitMix64 (Steele, Lea and Flood, 2014).
+    struct Random(u64);
+
+    impl Random {
+        fn bits(&mut self) -> u64 {
+            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            z ^ (z >> 31)
+        }
+
+        /// Uniform in [-1, 1).
+        fn number(&mut self) -> f64 {
+            (self.bits() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        }
+
+        fn vector(&mut self) -> DVec3 {
+            DVec3::new(self.number(), self.number(), self.number())
+        }
+    }
+
+    /// One ray in every lane.
+    struct Ask<'a>(&'a Ray, &'a Sphere);
+
+    impl Work for Ask<'_> {
+        type Output = u32;
+
+        #[inline(always)]
+        fn run<I: Isa>(self, isa: I) -> u32 {
+            let lanes = |v: Vec3| v.to_array().map(|x| [x; 8]);
+            let sieve = Sieve::of(lanes(self.0.origin), lanes(self.0.direction), [self.0.t_far; 8]);
+            sieve.misses(isa, &Ball::of(self.1))
+        }
+    }
+
+    fn is_sure_miss(ray: &Ray, sphere: &Sphere) -> bool {
+        match dispatch(Ask(ray, sphere)) {
+            0 => false,
+            0xff => true,
+            mask => panic!("equal lanes are answered differently: {mask:#b}"),
+        }
+    }
+
+    #[test]
+    fn no_ray_that_hits_is_a_sure_miss_however_closely_it_grazes_ends_or_starts() {
+        let seed = 11;
+        let mut random = Random(seed);
+        let mut hits = 0;
+        for i in 0..200_000 {
+            let scale = 10f64.powi((random.bits() % 25) as i32 - 12);
+            let origin = (scale * random.vector()).as_vec3();
+            let direction = (10f64.powi((random.bits() % 13) as i32 - 6) * random.vector()).as_vec3();
+            // Centres near and far, ahead and behind; radii that the ray just meets or misses, from a hair to the distance.
+            let center =
+                origin.as_dvec3() + scale * 10f64.powi(-((random.bits() % 6) as i32)) * random.vector();
+            let (f, d) = (origin.as_dvec3() - center, direction.as_dvec3().normalize());
+            let distance = (f - f.dot(d) * d).length();
+            let near = [0.0, 1e-15, 1e-9, 1e-7, 1e-5, 0.5][i % 6];
+            let radius = distance * (1.0 + near * random.number());
+            let sphere = Sphere { center, radius };
+            let mut ray = Ray::new(origin, direction);
+            let Some(t) = sphere_hit(&sphere, &ray) else {
+                continue;
+            };
+            hits += 1;
+            for t_far in [f32::INFINITY, t.next_up(), t] {
+                ray.t_far = t_far;
+                assert!(sphere_hit(&sphere, &ray).is_some());
+                assert!(!is_sure_miss(&ray, &sphere), "seed {seed}: {ray:?} {sphere:?}");
+            }
+        }
+        assert!(hits > 50_000, "{hits}");
+    }
+
+    #[test]
+    fn rays_that_pass_by_start_behind_or_end_before_are_sure_misses() {
+        let sphere = Sphere {
+            center: DVec3::new(3.0, 4.0, 12.0),
+            radius: 1.0,
+        };
+        // The distance of the centre is 13; all radii are larger by less than 32 · 2^-24 · (19 + 1 + 19) = 7.5e-5.
+        let toward = |center: DVec3| Ray::new(Vec3::ZERO, center.as_vec3());
+        let past = |x: f32| Ray::new(Vec3::new(3.0 + x, 4.0, 0.0), Vec3::Z);
+        assert!(is_sure_miss(&past(1.0001), &sphere) && !is_sure_miss(&past(0.9999), &sphere));
+        assert!(
+            is_sure_miss(&toward(-sphere.center), &sphere) && !is_sure_miss(&toward(sphere.center), &sphere)
+        );
+        let until = |t_far: f32| Ray { t_far, ..past(0.0) };
+        // From (3, 4, 0) along z it is met at 11.
+        assert!(is_sure_miss(&until(10.9999), &sphere) && !is_sure_miss(&until(11.0), &sphere));
+        let from = |z: f32| Ray::new(Vec3::new(3.0, 4.0, z), Vec3::Z);
+        assert!(is_sure_miss(&from(13.0001), &sphere) && !is_sure_miss(&from(13.0), &sphere));
+    }
+
+    #[test]
+    fn numbers_that_f32_does_not_hold_are_no_sure_misses() {
+        let hits = |center: DVec3, radius: f64, direction: Vec3| {
+            let (ray, sphere) = (Ray::new(Vec3::ZERO, direction), Sphere { center, radius });
+            assert!(sphere_hit(&sphere, &ray).is_some(), "{ray:?} {sphere:?}");
+            assert!(!is_sure_miss(&ray, &sphere), "{ray:?} {sphere:?}");
+        };
+        hits(1e-30 * DVec3::X, 1e-32, Vec3::X);
+        hits(1e-42 * DVec3::ONE, 1e-44, Vec3::ONE);
+        hits(1e10 * DVec3::ONE, 1.0, 1e-25 * Vec3::ONE);
+        hits(DVec3::ONE, 0.5, 1e-38 * Vec3::ONE);
+        hits(1e18 * DVec3::X, 1e10, 1e18 * Vec3::X);
+        hits(1e22 * DVec3::ONE, 1e17, 1e17 * Vec3::ONE);
+        hits(1e20 * DVec3::X, 1e30, Vec3::X);
+    }
+}

@@ -4,7 +4,8 @@
 //! highest, widened by what the interpolation can round. Samples there add exactly nothing, so that leaving them out
 //! changes no bit. Sixteen samples are asked about at once. Every empty block knows how far the nearest matter is, in
 //! blocks in the maximum norm (Zuiderveld, Koning & Viergever, "Acceleration of ray-casting using 3-D distance
-//! transforms", 1992), so that a ray leaps through a whole cube of them.
+//! transforms", 1992), so that a ray leaps through a whole cube of them. It knows that for each octant of directions, as
+//! what lies behind a ray is no matter of it: a ray that has left the last matter before it leaps out of the volume.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -23,13 +24,17 @@ pub struct EmptySpace {
     count: [usize; 3],
     /// Highest cell along x, y, z.
     last_cell: DVec3,
-    /// Blocks to the nearest with matter, at most 255; 0 in those that have it; x fastest.
+    /// Blocks to the nearest with matter, at most 255; 0 in those that have it; x fastest. One after the other for rays
+    /// of each octant: what they leave behind does not count.
     distance: Vec<u8>,
     /// Share of the blocks that are empty.
     share: f64,
     /// A box in voxel space around all matter; it has no end where matter lies at the grid's border, as it goes on there.
     around_matter: [DVec3; 2],
 }
+
+/// Octants of directions: bit `axis` says that rays go down along that axis.
+const OCTANTS: usize = 8;
 
 /// A ray in voxel space.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +43,22 @@ pub(super) struct VoxelRay {
     pub(super) direction: DVec3,
     /// 1 / direction.
     pub(super) inverse: DVec3,
+    /// Of the direction.
+    octant: usize,
+}
+
+impl VoxelRay {
+    /// The ray from `origin` in `direction`.
+    #[inline(always)]
+    pub(super) fn new(origin: DVec3, direction: DVec3) -> VoxelRay {
+        let down = |axis: usize| usize::from(direction[axis] < 0.0) << axis;
+        VoxelRay {
+            origin,
+            direction,
+            inverse: direction.recip(),
+            octant: down(0) | down(1) | down(2),
+        }
+    }
 }
 
 impl EmptySpace {
@@ -46,7 +67,7 @@ impl EmptySpace {
         let cells = grid.cells();
         let count = cells.map(|cells| cells.div_ceil(SIDE));
         let [nx, ny, nz] = count;
-        let mut distance: Vec<u8> = (0..nx * ny * nz)
+        let matter: Vec<u8> = (0..nx * ny * nz)
             .into_par_iter()
             .map(|i| {
                 let block = [i % nx, i / nx % ny, i / nx / ny];
@@ -58,15 +79,18 @@ impl EmptySpace {
                 if is_empty { u8::MAX } else { 0 }
             })
             .collect();
-        let around_matter = around_matter(&distance, count);
-        let empty_count = distance.iter().filter(|&&distance| distance > 0).count();
-        spread(&mut distance, count);
+        let empty_count = matter.iter().filter(|&&distance| distance > 0).count();
+        let mut distance = matter.repeat(OCTANTS);
+        distance
+            .par_chunks_exact_mut(matter.len())
+            .enumerate()
+            .for_each(|(octant, distance)| spread(distance, count, octant));
         EmptySpace {
             count,
             last_cell: DVec3::from_array(cells.map(|cells| (cells - 1) as f64)),
-            share: empty_count as f64 / distance.len() as f64,
+            share: empty_count as f64 / matter.len() as f64,
             distance,
-            around_matter,
+            around_matter: around_matter(&matter, count),
         }
     }
 
@@ -102,24 +126,24 @@ impl EmptySpace {
         size_of_val(&self.distance[..])
     }
 
-    /// Which of sixteen points of voxel space may have matter: bit `l` says so of point `l`.
+    /// Which of sixteen points of voxel space may have matter: bit `l` says so of point `l`, which lies on `ray`.
     #[inline(always)]
-    pub(super) fn matter(&self, places: &Lanes3<f64>) -> u16 {
-        let mut index = [0.0; LANES];
-        let row = self.count[0] as f64;
+    pub(super) fn matter(&self, ray: &VoxelRay, places: &Lanes3<f64>) -> u16 {
+        let [nx, ny, nz] = self.count.map(|count| count as f64);
+        // Any octant knows; that of the leaps is in the cache.
+        let mut index = [nx * ny * nz * ray.octant as f64; LANES];
         self.block_lanes(&places[0], self.last_cell.x, 1.0, &mut index);
-        self.block_lanes(&places[1], self.last_cell.y, row, &mut index);
-        self.block_lanes(
-            &places[2],
-            self.last_cell.z,
-            row * self.count[1] as f64,
-            &mut index,
-        );
+        self.block_lanes(&places[1], self.last_cell.y, nx, &mut index);
+        self.block_lanes(&places[2], self.last_cell.z, nx * ny, &mut index);
+        let mut number = [0; LANES];
+        for l in 0..LANES {
+            number[l] = whole(index[l]);
+        }
         // Through memory: a compiler that takes the sixteen apart here does so all the way up.
-        std::hint::black_box(&mut index);
+        std::hint::black_box(&mut number);
         let mut mask = 0;
         for l in 0..LANES {
-            mask |= u16::from(self.distance[whole(index[l]) as usize] == 0) << l;
+            mask |= u16::from(self.distance[number[l] as usize] == 0) << l;
         }
         mask
     }
@@ -142,8 +166,9 @@ impl EmptySpace {
         let cell = p.max(DVec3::ZERO).min(self.last_cell);
         let block = (cell * (1.0 / SIZE)).floor();
         let [x, y, z] = [block.x as usize, block.y as usize, block.z as usize];
-        let distance = self.distance[(z * self.count[1] + y) * self.count[0] + x];
-        // A cube of blocks around this one that is all empty.
+        let [nx, ny, nz] = self.count;
+        let distance = self.distance[((ray.octant * nz + z) * ny + y) * nx + x];
+        // A cube of blocks from this one on that is all empty.
         let reach = f64::from(distance) - 1.0;
         let mut until = f64::INFINITY;
         for axis in 0..3 {
@@ -183,31 +208,29 @@ fn around_matter(distance: &[u8], [nx, ny, nz]: [usize; 3]) -> [DVec3; 2] {
     [low, high]
 }
 
-/// Brings every distance down to one more than the lowest among its 26 neighbours, in two sweeps: exact for the maximum
-/// norm (Rosenfeld & Pfaltz, "Distance functions on digital pictures", 1968).
-fn spread(distance: &mut [u8], count: [usize; 3]) {
-    let [nx, ny, _] = count;
-    let relax = |distance: &mut [u8], i: usize, forward: bool| {
-        let place = [i % nx, i / nx % ny, i / nx / ny];
-        let near = |axis: usize| place[axis].saturating_sub(1)..(place[axis] + 2).min(count[axis]);
-        let mut least = distance[i];
-        for z in near(2) {
-            for y in near(1) {
-                for x in near(0) {
-                    let j = (z * ny + y) * nx + x;
-                    if (j < i) == forward {
-                        least = least.min(distance[j].saturating_add(1));
-                    }
-                }
+/// Brings every distance down to one more than the lowest among the seven neighbours that a ray of the octant may go to:
+/// exact for the maximum norm, as a way to a block goes diagonally first.
+fn spread(distance: &mut [u8], [nx, ny, nz]: [usize; 3], octant: usize) {
+    // From the last block that a ray comes to on, back to the first.
+    let order = |axis: usize, count: usize| {
+        let is_down = octant >> axis & 1 == 1;
+        (0..count).map(move |i| if is_down { i } else { count - 1 - i })
+    };
+    let ahead = |axis: usize, i: usize, count: usize| match octant >> axis & 1 {
+        0 => (i + 1).min(count - 1),
+        _ => i.saturating_sub(1),
+    };
+    for z in order(2, nz) {
+        for y in order(1, ny) {
+            let rows = [y, ahead(1, y, ny)].map(|y| [z, ahead(2, z, nz)].map(|z| (z * ny + y) * nx));
+            for x in order(0, nx) {
+                let i = rows[0][0] + x;
+                // At the border a neighbour is the block itself, or another one of them.
+                let lowest = |x: usize| rows.as_flattened().iter().map(|row| distance[row + x]).min();
+                let others = lowest(x).min(lowest(ahead(0, x, nx))).unwrap_or(0);
+                distance[i] = distance[i].min(others.saturating_add(1));
             }
         }
-        distance[i] = least;
-    };
-    for i in 0..distance.len() {
-        relax(distance, i, true);
-    }
-    for i in (0..distance.len()).rev() {
-        relax(distance, i, false);
     }
 }
 
@@ -245,18 +268,32 @@ mod tests {
         let space = EmptySpace::new(&grid(&matter, 1.0), &transfer(0.0));
         assert_eq!(space.count, [13; 3]);
         // No sample lies on a border of blocks, so each is in one.
-        for i in 0..BLOCKS {
-            let block: [usize; 3] = [i % 13, i / 13 % 13, i / 169];
-            let away = |sample: &[usize; 3]| (0..3).map(|a: usize| block[a].abs_diff(sample[a] / 4)).max();
-            let nearest = matter.iter().map(|sample| away(sample).unwrap()).min().unwrap();
-            assert_eq!(usize::from(space.distance[i]), nearest, "{block:?}");
+        for (i, &distance) in space.distance.iter().enumerate() {
+            let (octant, block) = (i / BLOCKS, [i % 13, i / 13 % 13, i % BLOCKS / 169]);
+            let away = |axis: usize, sample: &[usize; 3]| match octant >> axis & 1 {
+                0 => (sample[axis] / 4).checked_sub(block[axis]),
+                _ => block[axis].checked_sub(sample[axis] / 4),
+            };
+            // None of what is behind along any axis.
+            let ways = matter.iter().filter_map(|sample| {
+                let [x, y, z] = [0, 1, 2].map(|axis| away(axis, sample));
+                Some(x?.max(y?).max(z?))
+            });
+            assert_eq!(
+                usize::from(distance),
+                ways.min().unwrap_or(255),
+                "{octant} {block:?}"
+            );
         }
     }
 
     #[test]
     fn a_sample_on_a_border_belongs_to_the_cells_on_both_sides() {
         let space = EmptySpace::new(&grid(&[[8, 8, 8]], 1.0), &transfer(0.0));
-        let full = space.distance.iter().filter(|&&distance| distance == 0).count();
+        let full = space.distance[..BLOCKS]
+            .iter()
+            .filter(|&&distance| distance == 0)
+            .count();
         assert_eq!(full, 8);
     }
 
@@ -273,16 +310,14 @@ mod tests {
     #[test]
     fn a_leap_ends_before_the_first_block_with_matter() {
         let space = EmptySpace::new(&grid(&[[42, 5, 5]], 1.0), &transfer(0.0));
-        let direction = DVec3::new(2.0, 0.0, 0.0);
-        let ray = VoxelRay {
-            origin: DVec3::new(-1.0, 5.0, 5.0),
-            direction,
-            inverse: direction.recip(),
-        };
+        let along_x =
+            |x: f64, speed: f64| VoxelRay::new(DVec3::new(x, 5.0, 5.0), DVec3::new(speed, 0.0, 0.0));
         // Matter is in block 10, cells 40 to 43; block 0 has a distance of 10: it sees to the end of block 9, x = 40.
-        assert_eq!(space.leap(&ray, 0.5), 20.5);
-        // Block 11 has a distance of 1: to its own end, x = 48.
-        assert_eq!(space.leap(&ray, 23.0), 24.5);
+        assert_eq!(space.leap(&along_x(-1.0, 2.0), 0.5), 20.5);
+        // From block 11 on there is none: to the end of 255 blocks, x = 44 + 1020.
+        assert_eq!(space.leap(&along_x(-1.0, 2.0), 23.0), 532.5);
+        // The other way there is: to the end of block 11, x = 44.
+        assert_eq!(space.leap(&along_x(49.0, -2.0), 0.5), 2.5);
     }
 
     #[test]
@@ -295,12 +330,7 @@ mod tests {
         ];
         assert_eq!(space.around_matter, [low, high]);
         let span = |origin: [f64; 3], direction: [f64; 3]| {
-            let direction = DVec3::from_array(direction);
-            space.span(&VoxelRay {
-                origin: DVec3::from_array(origin),
-                direction,
-                inverse: direction.recip(),
-            })
+            space.span(&VoxelRay::new(origin.into(), direction.into()))
         };
         assert_eq!(span([4.0, -1.0, 44.0], [0.0, 2.0, 0.0]), [10.0, 15.0]);
         assert_eq!(span([9.0, 29.0, 44.0], [0.0, -2.0, 0.0]), [0.0, 5.0]);
@@ -313,11 +343,7 @@ mod tests {
             assert!(end < start, "{start} {end}");
         }
         let clear = EmptySpace::new(&grid(&[], 1.0), &transfer(0.0));
-        let [start, end] = clear.span(&VoxelRay {
-            origin: DVec3::ZERO,
-            direction: DVec3::ONE,
-            inverse: DVec3::ONE,
-        });
+        let [start, end] = clear.span(&VoxelRay::new(DVec3::ZERO, DVec3::ONE));
         assert!(end < start);
     }
 
@@ -338,6 +364,9 @@ mod tests {
                 places[axis][l] = place[axis];
             }
         }
-        assert_eq!(space.matter(&places), 1 | 1 << 2 | 1 << 9 | 1 << 15);
+        for direction in [DVec3::ONE, DVec3::NEG_ONE, DVec3::new(1.0, -1.0, 0.0)] {
+            let ray = VoxelRay::new(DVec3::ZERO, direction);
+            assert_eq!(space.matter(&ray, &places), 1 | 1 << 2 | 1 << 9 | 1 << 15);
+        }
     }
 }

@@ -76,12 +76,10 @@ impl Volume {
     /// The ray with this origin and direction in the cube's space, in voxel space.
     #[inline(always)]
     fn voxel_ray(&self, origin: DVec3, direction: DVec3) -> VoxelRay {
-        let direction = self.voxel_from_cube.transform_vector3(direction);
-        VoxelRay {
-            origin: self.voxel_from_cube.transform_point3(origin),
-            direction,
-            inverse: direction.recip(),
-        }
+        VoxelRay::new(
+            self.voxel_from_cube.transform_point3(origin),
+            self.voxel_from_cube.transform_vector3(direction),
+        )
     }
 }
 

@@ -40,7 +40,7 @@ impl Survey {
         // No closures here: one that is not inlined would be compiled for the lowest instruction set.
         let mut matter = 0;
         for met in met {
-            matter |= met.volume.empty.matter(&places(&met.ray, &t));
+            matter |= met.volume.empty.matter(&met.ray, &places(&met.ray, &t));
         }
         matter &= u16::MAX >> (LANES as u64 - count);
         // Empty steps between others are taken: to pick out the others costs more.

@@ -25,6 +25,7 @@ mod sample;
 mod steps;
 mod survey;
 mod transfer;
+mod unlit;
 
 #[cfg(test)]
 mod tests;

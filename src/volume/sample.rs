@@ -123,6 +123,8 @@ pub(super) struct Seen {
     pub(super) alpha: Lanes<f64>,
     /// (1 - exp(-depth)) / depth: how much of the source is seen through its own matter.
     pub(super) share: Lanes<f64>,
+    /// Bit `l` says whether sample `l` takes or sends light; the others add exactly nothing.
+    pub(super) adds: u16,
 }
 
 /// Samples all volumes and fog at the places of a batch.
@@ -148,15 +150,24 @@ pub(super) fn sample(met: &[Met], fog: Option<&Fog>, batch: &Batch) -> Seen {
     }
     let mut alpha = [0.0; LANES];
     let mut share = [0.0; LANES];
+    let mut amount = [0.0; LANES];
     for l in 0..LANES {
         let depth = sum.depth[l];
         alpha[l] = opacity(depth);
         share[l] = if depth > 0.0 { alpha[l] / depth } else { 1.0 };
+        let [red, green, blue] = [0, 1, 2].map(|channel| sum.emission[channel][l]);
+        // None is negative.
+        amount[l] = depth + (red + green + blue);
+    }
+    let mut adds = 0;
+    for l in 0..LANES {
+        adds |= u16::from(amount[l] > 0.0) << l;
     }
     Seen {
         matter: sum,
         alpha,
         share,
+        adds,
     }
 }
 

@@ -51,11 +51,17 @@ impl VoxelRay {
     /// The ray from `origin` in `direction`.
     #[inline(always)]
     pub(super) fn new(origin: DVec3, direction: DVec3) -> VoxelRay {
+        VoxelRay::with_inverse(origin, direction, direction.recip())
+    }
+
+    /// The same where the `inverse` of the direction is known.
+    #[inline(always)]
+    pub(super) fn with_inverse(origin: DVec3, direction: DVec3, inverse: DVec3) -> VoxelRay {
         let down = |axis: usize| usize::from(direction[axis] < 0.0) << axis;
         VoxelRay {
             origin,
             direction,
-            inverse: direction.recip(),
+            inverse,
             octant: down(0) | down(1) | down(2),
         }
     }
@@ -97,23 +103,18 @@ impl EmptySpace {
     /// From where to where along the ray there may be matter; the end lies before the start if there is none.
     #[inline(always)]
     pub(super) fn span(&self, ray: &VoxelRay) -> [f64; 2] {
-        let [low, high] = &self.around_matter;
-        let [mut start, mut end] = [f64::NEG_INFINITY, f64::INFINITY];
+        let mut span = [f64::NEG_INFINITY, f64::INFINITY];
         for axis in 0..3 {
-            if ray.direction[axis] == 0.0 {
-                if ray.origin[axis] < low[axis] || ray.origin[axis] > high[axis] {
-                    end = f64::NEG_INFINITY;
-                }
-                continue;
-            }
-            let a = (low[axis] - ray.origin[axis]) * ray.inverse[axis];
-            let b = (high[axis] - ray.origin[axis]) * ray.inverse[axis];
-            // By the direction, as the box of no matter is inside out.
-            let (near, far) = if ray.direction[axis] > 0.0 { (a, b) } else { (b, a) };
-            start = if near > start { near } else { start };
-            end = if far < end { far } else { end };
+            let line = [ray.origin[axis], ray.direction[axis], ray.inverse[axis]];
+            span = clipped(span, line, self.around_matter.map(|corner| corner[axis]));
         }
-        [start, end]
+        span
+    }
+
+    /// The lowest and the highest corner of a box in voxel space outside which there is no matter.
+    #[inline(always)]
+    pub(super) fn around_matter(&self) -> [DVec3; 2] {
+        self.around_matter
     }
 
     /// Share of the blocks that are empty.
@@ -182,6 +183,25 @@ impl EmptySpace {
         }
         until
     }
+}
+
+/// The part of the span of t in which a coordinate lies between two `sides`, whose `line` has this origin, direction and
+/// inverse of the latter. There is none if the end lies before the start.
+#[inline(always)]
+pub(super) fn clipped(
+    [start, end]: [f64; 2],
+    [origin, direction, inverse]: [f64; 3],
+    [low, high]: [f64; 2],
+) -> [f64; 2] {
+    let a = (low - origin) * inverse;
+    let b = (high - origin) * inverse;
+    // By the direction, as a box of nothing is inside out.
+    let (near, far) = if direction > 0.0 { (a, b) } else { (b, a) };
+    let crosses = direction != 0.0;
+    let is_outside = !crosses & !((origin >= low) & (origin <= high));
+    let start = if crosses & (near > start) { near } else { start };
+    let end = if crosses & (far < end) { far } else { end };
+    [start, if is_outside { f64::NEG_INFINITY } else { end }]
 }
 
 /// The box around the blocks whose distance is 0, a voxel wider than they are, which is more than any rounding of a place.

@@ -15,6 +15,7 @@
 mod blocks;
 pub mod cloud;
 pub mod composite;
+mod courses;
 mod depth;
 mod feelers;
 mod fog;

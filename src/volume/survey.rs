@@ -69,9 +69,7 @@ pub(super) fn range(met: &[Met], skip: SkipEmpty, steps: &Steps) -> Range<u64> {
     if !(start <= end) {
         return 0..0;
     }
-    // A step more at either end: much more than any rounding.
-    let end = steps.last_before(end).saturating_add(2).min(steps.count);
-    steps.last_before(start).min(end)..end
+    steps.around(steps.last_before(start), steps.last_before(end))
 }
 
 /// The step up to which there is nothing from `t` on.

@@ -1,8 +1,8 @@
 //! Where a volume is empty: lowest and highest values of blocks of cells, and how far the nearest matter is.
 //!
 //! A block is empty if the transfer function has neither opacity nor emission over all values between its lowest and its
-//! highest, widened by what the interpolation can round. Samples there add exactly nothing, so that leaving them out
-//! changes no bit. Sixteen samples are asked about at once. Every empty block knows how far the nearest matter is, in
+//! highest, widened by what the interpolation can round; so is a single cell of a block that is not. Samples there add
+//! exactly nothing, so that leaving them out changes no bit. Sixteen samples are asked about at once. Every empty block knows how far the nearest matter is, in
 //! blocks in the maximum norm (Zuiderveld, Koning & Viergever, "Acceleration of ray-casting using 3-D distance
 //! transforms", 1992), so that a ray leaps through a whole cube of them. It knows that for each octant of directions, as
 //! what lies behind a ray is no matter of it: a ray that has left the last matter before it leaps out of the volume.
@@ -17,6 +17,9 @@ use crate::numeric::{LANES, Lanes, Lanes3};
 /// Cells along a block's side: fewer make shorter leaps and take more memory, more leave less empty.
 const SIDE: usize = 4;
 
+/// Bits of a block, one a cell.
+const BITS: f64 = (SIDE * SIDE * SIDE) as f64;
+
 /// The empty space of one grid under one transfer function.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EmptySpace {
@@ -24,6 +27,8 @@ pub struct EmptySpace {
     count: [usize; 3],
     /// Highest cell along x, y, z.
     last_cell: DVec3,
+    /// Bits of each block say which of its cells may have matter: x + 4 y + 16 z; blocks are in order, x fastest.
+    matter: Vec<u64>,
     /// Blocks to the nearest with matter, at most 255; 0 in those that have it; x fastest. One after the other for rays
     /// of each octant: what they leave behind does not count.
     distance: Vec<u8>,
@@ -73,30 +78,49 @@ impl EmptySpace {
         let cells = grid.cells();
         let count = cells.map(|cells| cells.div_ceil(SIDE));
         let [nx, ny, nz] = count;
-        let matter: Vec<u8> = (0..nx * ny * nz)
-            .into_par_iter()
-            .map(|i| {
-                let block = [i % nx, i / nx % ny, i / nx / ny];
-                let from = block.map(|b| b * SIDE);
-                let to = [0, 1, 2].map(|axis| (from[axis] + SIDE).min(cells[axis]));
-                let [low, high] = grid.range(from, to).map(f64::from);
-                let slack = LERP_ERROR * low.abs().max(high.abs());
-                let is_empty = transfer.most(low - slack, high + slack) == (0.0, false);
-                if is_empty { u8::MAX } else { 0 }
-            })
+        let block_count = nx * ny * nz;
+        let is_empty = |from: [usize; 3], to: [usize; 3]| {
+            let [low, high] = grid.range(from, to).map(f64::from);
+            let slack = LERP_ERROR * low.abs().max(high.abs());
+            transfer.most(low - slack, high + slack) == (0.0, false)
+        };
+        let box_of = |i: usize| {
+            let from = [i % nx, i / nx % ny, i / nx / ny].map(|b| b * SIDE);
+            [from, [0, 1, 2].map(|axis| (from[axis] + SIDE).min(cells[axis]))]
+        };
+        let full_block = |i: usize| {
+            let [from, to] = box_of(i);
+            !is_empty(from, to)
+        };
+        // Where no block is empty nothing is leapt over: nobody asks about cells.
+        let mut matter = vec![u64::MAX; block_count];
+        if !(0..block_count).into_par_iter().all(full_block) {
+            matter.par_iter_mut().enumerate().for_each(|(i, matter)| {
+                let [from, to] = box_of(i);
+                *matter = if is_empty(from, to) {
+                    0
+                } else {
+                    full_cells(from, to, is_empty)
+                };
+            });
+        }
+        let nearest: Vec<u8> = matter
+            .iter()
+            .map(|&matter| if matter == 0 { u8::MAX } else { 0 })
             .collect();
-        let empty_count = matter.iter().filter(|&&distance| distance > 0).count();
-        let mut distance = matter.repeat(OCTANTS);
+        let empty_count = nearest.iter().filter(|&&distance| distance > 0).count();
+        let mut distance = nearest.repeat(OCTANTS);
         distance
-            .par_chunks_exact_mut(matter.len())
+            .par_chunks_exact_mut(block_count)
             .enumerate()
             .for_each(|(octant, distance)| spread(distance, count, octant));
         EmptySpace {
             count,
             last_cell: DVec3::from_array(cells.map(|cells| (cells - 1) as f64)),
-            share: empty_count as f64 / matter.len() as f64,
+            matter,
+            share: empty_count as f64 / block_count as f64,
             distance,
-            around_matter: around_matter(&matter, count),
+            around_matter: around_matter(&nearest, count),
         }
     }
 
@@ -124,37 +148,58 @@ impl EmptySpace {
 
     /// Bytes of memory that the blocks take.
     pub fn byte_count(&self) -> usize {
-        size_of_val(&self.distance[..])
+        size_of_val(&self.matter[..]) + size_of_val(&self.distance[..])
     }
 
-    /// Which of sixteen points of voxel space may have matter: bit `l` says so of point `l`, which lies on `ray`.
+    /// Which of sixteen points of voxel space may have matter: bit `l` says so of point `l`.
     #[inline(always)]
-    pub(super) fn matter(&self, ray: &VoxelRay, places: &Lanes3<f64>) -> u16 {
-        let [nx, ny, nz] = self.count.map(|count| count as f64);
-        // Any octant knows; that of the leaps is in the cache.
-        let mut index = [nx * ny * nz * ray.octant as f64; LANES];
-        self.block_lanes(&places[0], self.last_cell.x, 1.0, &mut index);
-        self.block_lanes(&places[1], self.last_cell.y, nx, &mut index);
-        self.block_lanes(&places[2], self.last_cell.z, nx * ny, &mut index);
-        let mut number = [0; LANES];
+    pub(super) fn matter(&self, places: &Lanes3<f64>) -> u16 {
+        let [nx, ny, _] = self.count.map(|count| count as f64);
+        let mut index = [0.0; LANES];
+        let side = SIDE as f64;
+        self.bit_lanes(&places[0], self.last_cell.x, [BITS, 1.0], &mut index);
+        self.bit_lanes(&places[1], self.last_cell.y, [BITS * nx, side], &mut index);
+        self.bit_lanes(
+            &places[2],
+            self.last_cell.z,
+            [BITS * nx * ny, side * side],
+            &mut index,
+        );
+        let mut bit = [0; LANES];
         for l in 0..LANES {
-            number[l] = whole(index[l]);
+            bit[l] = whole(index[l]);
         }
-        // Through memory: a compiler that takes the sixteen apart here does so all the way up.
-        std::hint::black_box(&mut number);
+        // Through memory, here and below: a compiler that takes the sixteen apart here does so all the way up, and one
+        // that puts them together again gathers, which is slower than sixteen loads.
+        std::hint::black_box(&mut bit);
+        let mut bits = [0; LANES];
+        for l in 0..LANES {
+            bits[l] = self.matter[(bit[l] / u64::from(u64::BITS)) as usize];
+        }
+        std::hint::black_box(&mut bits);
         let mut mask = 0;
         for l in 0..LANES {
-            mask |= u16::from(self.distance[number[l] as usize] == 0) << l;
+            mask |= (bits[l] >> (bit[l] % u64::from(u64::BITS)) & 1) << l;
         }
+        let mask = mask as u16;
         mask
     }
 
-    /// Adds what an axis has to do with the numbers of the blocks that sixteen points are in.
+    /// Adds what an axis has to do with the numbers of the bits of the cells that sixteen points are in: from block to
+    /// block and from cell to cell they go on by the two strides.
     #[inline(always)]
-    fn block_lanes(&self, places: &Lanes<f64>, last: f64, stride: f64, index: &mut Lanes<f64>) {
+    fn bit_lanes(
+        &self,
+        places: &Lanes<f64>,
+        last: f64,
+        [block_stride, stride]: [f64; 2],
+        index: &mut Lanes<f64>,
+    ) {
+        const SIZE: f64 = SIDE as f64;
         for l in 0..LANES {
-            let cell = clamped(places[l], last);
-            index[l] += (cell * (1.0 / SIDE as f64)).floor() * stride;
+            let cell = clamped(places[l], last).floor();
+            let block = (cell * (1.0 / SIZE)).floor();
+            index[l] += block * block_stride + (cell - block * SIZE) * stride;
         }
     }
 
@@ -202,6 +247,20 @@ pub(super) fn clipped(
     let start = if crosses & (near > start) { near } else { start };
     let end = if crosses & (far < end) { far } else { end };
     [start, if is_outside { f64::NEG_INFINITY } else { end }]
+}
+
+/// The bits of the cells `from` to `to` of a block, the latter excluded, that are not empty.
+fn full_cells(from: [usize; 3], to: [usize; 3], is_empty: impl Fn([usize; 3], [usize; 3]) -> bool) -> u64 {
+    let mut full = 0;
+    for z in from[2]..to[2] {
+        for y in from[1]..to[1] {
+            for x in from[0]..to[0] {
+                let bit = ((z % SIDE) * SIDE + y % SIDE) * SIDE + x % SIDE;
+                full |= u64::from(!is_empty([x, y, z], [x + 1, y + 1, z + 1])) << bit;
+            }
+        }
+    }
+    full
 }
 
 /// The box around the blocks whose distance is 0, a voxel wider than they are, which is more than any rounding of a place.
@@ -369,14 +428,14 @@ mod tests {
 
     #[test]
     fn points_are_asked_about_where_they_are_and_beyond_the_border() {
-        let space = EmptySpace::new(&grid(&[[2, 2, 2], [49, 49, 49]], 1.0), &transfer(0.0));
+        let space = EmptySpace::new(&grid(&[[1, 1, 1], [49, 49, 49]], 1.0), &transfer(0.0));
         let mut places = [[20.0; LANES]; 3];
         let all = |x: f64| [x; 3];
         for (l, place) in [
-            (0, all(3.9)),
-            (1, all(4.1)),
+            (0, all(1.9)),
+            (1, all(2.1)),
             (2, [-1e9, 0.0, -0.0]),
-            (5, [3.0, 3.0, 4.0]),
+            (5, [1.0, 1.0, 2.0]),
             (9, all(48.5)),
             (15, [49.5, 1e300, 60.0]),
         ] {
@@ -384,9 +443,6 @@ mod tests {
                 places[axis][l] = place[axis];
             }
         }
-        for direction in [DVec3::ONE, DVec3::NEG_ONE, DVec3::new(1.0, -1.0, 0.0)] {
-            let ray = VoxelRay::new(DVec3::ZERO, direction);
-            assert_eq!(space.matter(&ray, &places), 1 | 1 << 2 | 1 << 9 | 1 << 15);
-        }
+        assert_eq!(space.matter(&places), 1 | 1 << 2 | 1 << 9 | 1 << 15);
     }
 }

@@ -16,7 +16,8 @@ pub(super) struct Survey {
     pub(super) t: Lanes<f64>,
     /// Their lengths, in units of t.
     pub(super) length: Lanes<f64>,
-    /// How many of them, from the first on, are to be taken; the others are empty or not of the march.
+    /// How many of them, from the first on, are to be taken; the others are not of the march, or empty like what lies before
+    /// the first.
     pub(super) wanted: usize,
     /// The step to go on from when these are done; what lies between is empty.
     pub(super) next: u64,
@@ -40,14 +41,17 @@ impl Survey {
         // No closures here: one that is not inlined would be compiled for the lowest instruction set.
         let mut matter = 0;
         for met in met {
-            matter |= met.volume.empty.matter(&met.ray, &places(&met.ray, &t));
+            matter |= met.volume.empty.matter(&places(&met.ray, &t));
         }
         matter &= u16::MAX >> (LANES as u64 - count);
         // Empty steps between others are taken: to pick out the others costs more.
-        survey.wanted = LANES - matter.leading_zeros() as usize;
-        if survey.wanted < LANES && survey.next < end {
+        let beyond = LANES - matter.leading_zeros() as usize;
+        if beyond < LANES && survey.next < end {
             survey.next = leap(met, steps, t[LANES - 1]).clamp(survey.next, end);
         }
+        let first = beyond.min(matter.trailing_zeros() as usize);
+        [survey.t, survey.length] = steps.lanes(i + first as u64);
+        survey.wanted = beyond - first;
         survey
     }
 }

@@ -77,33 +77,7 @@ impl EmptySpace {
     pub fn new(grid: &Grid, transfer: &Transfer) -> EmptySpace {
         let cells = grid.cells();
         let count = cells.map(|cells| cells.div_ceil(SIDE));
-        let [nx, ny, nz] = count;
-        let block_count = nx * ny * nz;
-        let is_empty = |from: [usize; 3], to: [usize; 3]| {
-            let [low, high] = grid.range(from, to).map(f64::from);
-            let slack = LERP_ERROR * low.abs().max(high.abs());
-            transfer.most(low - slack, high + slack) == (0.0, false)
-        };
-        let box_of = |i: usize| {
-            let from = [i % nx, i / nx % ny, i / nx / ny].map(|b| b * SIDE);
-            [from, [0, 1, 2].map(|axis| (from[axis] + SIDE).min(cells[axis]))]
-        };
-        let full_block = |i: usize| {
-            let [from, to] = box_of(i);
-            !is_empty(from, to)
-        };
-        // Where no block is empty nothing is leapt over: nobody asks about cells.
-        let mut matter = vec![u64::MAX; block_count];
-        if !(0..block_count).into_par_iter().all(full_block) {
-            matter.par_iter_mut().enumerate().for_each(|(i, matter)| {
-                let [from, to] = box_of(i);
-                *matter = if is_empty(from, to) {
-                    0
-                } else {
-                    full_cells(from, to, is_empty)
-                };
-            });
-        }
+        let matter = full_bits(grid, transfer, count);
         let nearest: Vec<u8> = matter
             .iter()
             .map(|&matter| if matter == 0 { u8::MAX } else { 0 })
@@ -111,14 +85,14 @@ impl EmptySpace {
         let empty_count = nearest.iter().filter(|&&distance| distance > 0).count();
         let mut distance = nearest.repeat(OCTANTS);
         distance
-            .par_chunks_exact_mut(block_count)
+            .par_chunks_exact_mut(nearest.len())
             .enumerate()
             .for_each(|(octant, distance)| spread(distance, count, octant));
         EmptySpace {
             count,
             last_cell: DVec3::from_array(cells.map(|cells| (cells - 1) as f64)),
             matter,
-            share: empty_count as f64 / block_count as f64,
+            share: empty_count as f64 / nearest.len() as f64,
             distance,
             around_matter: around_matter(&nearest, count),
         }
@@ -181,8 +155,7 @@ impl EmptySpace {
         for l in 0..LANES {
             mask |= (bits[l] >> (bit[l] % u64::from(u64::BITS)) & 1) << l;
         }
-        let mask = mask as u16;
-        mask
+        mask as u16
     }
 
     /// Adds what an axis has to do with the numbers of the bits of the cells that sixteen points are in: from block to
@@ -247,6 +220,37 @@ pub(super) fn clipped(
     let start = if crosses & (near > start) { near } else { start };
     let end = if crosses & (far < end) { far } else { end };
     [start, if is_outside { f64::NEG_INFINITY } else { end }]
+}
+
+/// The bits of all blocks, `[nx, ny, nz]` of them: [`EmptySpace::matter`].
+fn full_bits(grid: &Grid, transfer: &Transfer, [nx, ny, nz]: [usize; 3]) -> Vec<u64> {
+    let (cells, count) = (grid.cells(), nx * ny * nz);
+    let is_empty = |from: [usize; 3], to: [usize; 3]| {
+        let [low, high] = grid.range(from, to).map(f64::from);
+        let slack = LERP_ERROR * low.abs().max(high.abs());
+        transfer.most(low - slack, high + slack) == (0.0, false)
+    };
+    let box_of = |i: usize| {
+        let from = [i % nx, i / nx % ny, i / nx / ny].map(|b| b * SIDE);
+        [from, [0, 1, 2].map(|axis| (from[axis] + SIDE).min(cells[axis]))]
+    };
+    let full_block = |i: usize| {
+        let [from, to] = box_of(i);
+        !is_empty(from, to)
+    };
+    // Where no block is empty nothing is leapt over: nobody asks about cells.
+    let mut matter = vec![u64::MAX; count];
+    if !(0..count).into_par_iter().all(full_block) {
+        matter.par_iter_mut().enumerate().for_each(|(i, matter)| {
+            let [from, to] = box_of(i);
+            *matter = if is_empty(from, to) {
+                0
+            } else {
+                full_cells(from, to, is_empty)
+            };
+        });
+    }
+    matter
 }
 
 /// The bits of the cells `from` to `to` of a block, the latter excluded, that are not empty.

@@ -7,11 +7,12 @@ use std::ops::Range;
 
 use multiversion::multiversion;
 
+use super::courses::{Courses, Rays};
 use super::depth::DepthSum;
 use super::march::{SkipEmpty, Stretch};
 use super::sample::{Met, ROOM, places};
 use super::steps::Steps;
-use super::survey::{Survey, range};
+use super::survey::Survey;
 use super::{March, Volume};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
@@ -76,44 +77,57 @@ fn follow_all<'a>(
     skip: SkipEmpty,
     stretches: &[Stretch],
 ) -> u16 {
-    let mut through_more = 0;
-    for (l, stretch) in stretches.iter().enumerate() {
-        let (mut only, mut count) = (None, 0);
+    let rays = Rays::new(stretches);
+    let (mut through_any, mut through_more) = (0, 0);
+    if volumes.len() > 1 {
         for volume in volumes {
-            if let Some(met) = volume.meet(stretch) {
-                only = Some(met);
-                count += 1;
-            }
-        }
-        match only {
-            Some(met) if count == 1 => depths.follow(&met, skip, stretch, l),
-            Some(_) => through_more |= 1 << l,
-            None => {}
+            let met = Courses::new(volume, &rays).met;
+            through_more |= through_any & met;
+            through_any |= met;
         }
     }
-    depths.take();
-    through_more
-}
-
-impl<'a> Depths<'a> {
-    /// Takes the samples of ray `l` through the one volume that it meets, and lets the last of them wait.
-    #[inline(always)]
-    fn follow(&mut self, met: &Met<'a>, skip: SkipEmpty, stretch: &Stretch, l: usize) {
-        if !self.waiting.is_in(met.volume) {
-            self.take();
-            self.waiting.volume = Some(met.volume);
+    for volume in volumes {
+        let courses = Courses::new(volume, &rays);
+        let mut left = courses.met & !through_more;
+        if left == 0 {
+            continue;
         }
-        let unit = stretch.direction.length();
-        let steps = Steps::new(met.enter, met.leave, met.volume.step / unit);
-        let skip = if met.volume.empty.share() == 0.0 {
+        let steps = courses.steps(&rays);
+        // Through memory: a compiler that takes single lanes out of loops over all no longer makes vectors of them.
+        let (courses, steps) = std::hint::black_box((&courses, &steps));
+        depths.waiting.volume = Some(volume);
+        let skip = if volume.empty.share() == 0.0 {
             SkipEmpty::Never
         } else {
             skip
         };
+        while left != 0 {
+            let l = left.trailing_zeros() as usize % LANES;
+            left &= left - 1;
+            let own = steps.of(courses, l);
+            let range = steps.range(skip, &own, l);
+            depths.follow(&courses.met(l), skip, (&own, range, rays.unit(l)), l);
+        }
+        depths.take();
+    }
+    through_more
+}
+
+impl<'a> Depths<'a> {
+    /// Takes the samples in `range` of the `steps` of ray `l` through the one volume that it meets, and lets the last of
+    /// them wait; `unit` is that of t in the world.
+    #[inline(always)]
+    fn follow(
+        &mut self,
+        met: &Met<'a>,
+        skip: SkipEmpty,
+        (steps, range, unit): (&Steps, Range<u64>, f64),
+        l: usize,
+    ) {
         let met = std::slice::from_ref(met);
-        let Range { start: mut i, end } = range(met, skip, &steps);
+        let Range { start: mut i, end } = range;
         while i < end {
-            let survey = Survey::new(met, skip, &steps, i, end);
+            let survey = Survey::new(met, skip, steps, i, end);
             self.waiting
                 .push(&places(&met[0].ray, &survey.t), &survey, unit, l as u8);
             if self.waiting.filled >= LANES {
@@ -165,11 +179,6 @@ impl Shared<'_> {
         ray: [0; ROOM],
         filled: 0,
     };
-
-    #[inline(always)]
-    fn is_in(&self, volume: &Volume) -> bool {
-        self.volume.is_some_and(|own| std::ptr::eq(own, volume))
-    }
 
     /// Puts the steps of `survey` that are wanted, which lie at `places`, to the ones that wait.
     #[inline(always)]

@@ -12,12 +12,12 @@ use glam::DVec3;
 
 use super::composite::Composite;
 use super::depth::DepthSum;
-use super::sample::{Batch, Met, Seen, Waiting, sample, sample_depth};
+use super::sample::{Batch, Met, Waiting, sample, sample_depth};
 use super::steps::Steps;
 use super::survey::{fill, range};
-use super::transfer::Matter;
+use super::unlit::Unlit;
 use super::{Fog, Volume};
-use crate::numeric::{LANES, Lanes3};
+use crate::numeric::{Lanes, Lanes3};
 
 /// The part of a ray that is marched, in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,6 +87,7 @@ pub struct March<'a> {
     pub(super) met: Vec<Met<'a>>,
     cuts: Vec<f64>,
     active: Vec<Met<'a>>,
+    unlit: Unlit,
 }
 
 /// Light on its way: what has been composited.
@@ -121,6 +122,7 @@ impl<'a> March<'a> {
             met: Vec::new(),
             cuts: Vec::new(),
             active: Vec::new(),
+            unlit: Unlit::NONE,
         }
     }
 
@@ -251,7 +253,8 @@ impl<'a> March<'a> {
         let skip = if leaps { self.skip } else { SkipEmpty::Never };
         let mut waiting = Waiting::NONE;
         let mut steps_left = range(&self.active, skip, &steps);
-        while !steps_left.is_empty() || waiting.filled > 0 {
+        let mut flow = Flow::GoOn;
+        while flow == Flow::GoOn && (!steps_left.is_empty() || waiting.filled > 0) {
             steps_left.start = fill(
                 &self.active,
                 skip,
@@ -259,88 +262,51 @@ impl<'a> March<'a> {
                 steps_left.clone(),
                 &mut waiting,
             );
-            if waiting.filled > 0 && self.take::<COLORED>(&waiting.pop(), progress) == Flow::Stop {
-                return Flow::Stop;
+            if waiting.filled > 0 {
+                flow = self.take::<COLORED>(&waiting.pop(), progress);
             }
         }
-        Flow::GoOn
+        while COLORED && !self.unlit.is_empty() {
+            progress.composite(&mut self.unlit);
+        }
+        flow
     }
 
-    /// Takes the samples of a batch and composites them.
-    fn take<const COLORED: bool>(&self, batch: &Batch, progress: &mut Progress) -> Flow {
+    /// Takes the samples of a batch; those that add something wait for their light.
+    fn take<const COLORED: bool>(&mut self, batch: &Batch, progress: &mut Progress) -> Flow {
         progress.sample_count += batch.filled as u64;
-        if COLORED {
-            let mut seen = sample(&self.active, self.fog.as_ref(), batch);
-            if progress.light.is_some() {
-                progress.light_up(&mut seen, batch);
-            }
-            progress.composite(&seen, batch.filled, self.deepest)
-        } else {
+        if !COLORED {
             let depth = sample_depth(&self.active, self.fog.as_ref(), batch);
-            progress.deepen(&depth[..batch.filled], self.deepest)
+            progress.deepen(&depth, batch.filled, self.deepest);
+            return progress.flow(self.deepest);
         }
+        let seen = sample(&self.active, self.fog.as_ref(), batch);
+        let count = progress.deepen(&seen.matter.depth, batch.filled, self.deepest);
+        self.unlit.push(&batch.t, &seen, count);
+        if self.unlit.is_full() {
+            progress.composite(&mut self.unlit);
+        }
+        progress.flow(self.deepest)
     }
 }
 
 impl Progress<'_, '_> {
-    /// Asks for the light at the samples that scatter any.
-    fn light_up(&mut self, seen: &mut Seen, batch: &Batch) {
-        let scattering = &mut seen.matter.scattering;
-        let mut active = 0;
-        for l in 0..batch.filled {
-            let scatters = (0..3).any(|channel| scattering[channel][l] > 0.0);
-            active |= u16::from(scatters) << l;
-        }
-        let Some(light) = self.light.as_mut().filter(|_| active != 0) else {
-            return;
-        };
-        let mut points = [[0.0; LANES]; 3];
-        for axis in 0..3 {
-            for l in 0..LANES {
-                points[axis][l] = self.stretch.origin[axis] + batch.t[l] * self.stretch.direction[axis];
-            }
-        }
-        let arriving = light(&PointLanes { points, active });
-        for channel in 0..3 {
-            for l in 0..LANES {
-                if active >> l & 1 == 1 {
-                    scattering[channel][l] *= arriving[channel][l];
-                }
-            }
-        }
-    }
-
-    /// Puts the samples behind what has been met before, nearest first.
+    /// Adds the depths of the first `filled` samples up to the one that ends the march. Returns how many these are.
     #[inline(always)]
-    fn composite(&mut self, seen: &Seen, filled: usize, deepest: f64) -> Flow {
-        let Matter {
-            depth,
-            scattering,
-            emission,
-        } = &seen.matter;
-        for l in 0..filled {
-            let source = |channel: usize| seen.share[l] * (scattering[channel][l] + emission[channel][l]);
-            self.composite
-                .add([source(0), source(1), source(2)], seen.alpha[l]);
-            self.depth.add(depth[l]);
+    fn deepen(&mut self, depths: &Lanes<f64>, filled: usize, deepest: f64) -> usize {
+        for (l, depth) in depths[..filled].iter().enumerate() {
+            self.depth.add(*depth);
             // After the sample that did it, wherever a batch ends.
             if self.depth.rounded() >= deepest {
-                return Flow::Stop;
+                return l + 1;
             }
         }
-        Flow::GoOn
+        filled
     }
 
-    /// The same of depths alone.
-    #[inline(always)]
-    fn deepen(&mut self, depths: &[f64], deepest: f64) -> Flow {
-        for depth in depths {
-            self.depth.add(*depth);
-            if self.depth.rounded() >= deepest {
-                return Flow::Stop;
-            }
-        }
-        Flow::GoOn
+    /// Lights up to sixteen samples and puts them behind what has been met before.
+    fn composite(&mut self, unlit: &mut Unlit) {
+        unlit.composite(self.stretch, self.light.as_mut(), &mut self.composite);
     }
 
     /// Whether anything more could be seen.

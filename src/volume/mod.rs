@@ -15,6 +15,7 @@
 mod blocks;
 pub mod cloud;
 pub mod composite;
+mod courses;
 mod depth;
 mod feelers;
 mod fog;
@@ -25,6 +26,7 @@ mod sample;
 mod steps;
 mod survey;
 mod transfer;
+mod unlit;
 
 #[cfg(test)]
 mod tests;

@@ -2,10 +2,9 @@
 //!
 //! Straight loops over lanes, compiled for several instruction sets: the same arithmetic in each, hence the same bits.
 
-use glam::DVec3;
 use multiversion::multiversion;
 
-use super::blocks::VoxelRay;
+use super::blocks::{VoxelRay, clipped};
 use super::depth::opacity;
 use super::grid::Grid;
 use super::march::Stretch;
@@ -21,6 +20,9 @@ pub(super) struct Met<'a> {
     pub(super) enter: f64,
     pub(super) leave: f64,
 }
+
+/// Where the cube of a volume lies along each axis.
+pub(super) const CUBE: [f64; 2] = [-1.0, 1.0];
 
 /// Less than a batch may wait when sixteen more come.
 pub(super) const ROOM: usize = 2 * LANES;
@@ -51,37 +53,23 @@ impl Volume {
         let origin = self.cube_from_world.transform_point3(stretch.origin);
         let direction = self.cube_from_world.transform_vector3(stretch.direction);
         let inverse = direction.recip();
-        let (mut enter, mut leave) = (stretch.t_near, stretch.t_far);
+        let mut span = [stretch.t_near, stretch.t_far];
         for axis in 0..3 {
-            if direction[axis] == 0.0 {
-                if !(origin[axis].abs() <= 1.0) {
-                    return None;
-                }
-                continue;
-            }
-            let [a, b] = [-1.0, 1.0].map(|side| (side - origin[axis]) * inverse[axis]);
-            enter = enter.max(a.min(b));
-            leave = leave.min(a.max(b));
+            span = clipped(span, [origin[axis], direction[axis], inverse[axis]], CUBE);
         }
+        let [enter, leave] = span;
         if !(enter < leave && leave < f64::INFINITY) {
             return None;
         }
         Some(Met {
             volume: self,
-            ray: self.voxel_ray(origin, direction),
+            ray: VoxelRay::new(
+                self.voxel_from_cube.transform_point3(origin),
+                self.voxel_from_cube.transform_vector3(direction),
+            ),
             enter,
             leave,
         })
-    }
-    /// The ray with this origin and direction in the cube's space, in voxel space.
-    #[inline(always)]
-    fn voxel_ray(&self, origin: DVec3, direction: DVec3) -> VoxelRay {
-        let direction = self.voxel_from_cube.transform_vector3(direction);
-        VoxelRay {
-            origin: self.voxel_from_cube.transform_point3(origin),
-            direction,
-            inverse: direction.recip(),
-        }
     }
 }
 
@@ -125,6 +113,8 @@ pub(super) struct Seen {
     pub(super) alpha: Lanes<f64>,
     /// (1 - exp(-depth)) / depth: how much of the source is seen through its own matter.
     pub(super) share: Lanes<f64>,
+    /// Bit `l` says whether sample `l` takes or sends light; the others add exactly nothing.
+    pub(super) adds: u16,
 }
 
 /// Samples all volumes and fog at the places of a batch.
@@ -150,15 +140,24 @@ pub(super) fn sample(met: &[Met], fog: Option<&Fog>, batch: &Batch) -> Seen {
     }
     let mut alpha = [0.0; LANES];
     let mut share = [0.0; LANES];
+    let mut amount = [0.0; LANES];
     for l in 0..LANES {
         let depth = sum.depth[l];
         alpha[l] = opacity(depth);
         share[l] = if depth > 0.0 { alpha[l] / depth } else { 1.0 };
+        let [red, green, blue] = [0, 1, 2].map(|channel| sum.emission[channel][l]);
+        // None is negative.
+        amount[l] = depth + (red + green + blue);
+    }
+    let mut adds = 0;
+    for l in 0..LANES {
+        adds |= u16::from(amount[l] > 0.0) << l;
     }
     Seen {
         matter: sum,
         alpha,
         share,
+        adds,
     }
 }
 

@@ -4,6 +4,8 @@
 //! Each is represented by its middle. A sum of sizes in f32 is off by 0.9 % after a million steps; the product is within
 //! 1 ulp at any.
 
+use std::ops::Range;
+
 use crate::numeric::{LANES, Lanes};
 
 /// A stretch of a ray, cut into steps.
@@ -22,19 +24,32 @@ const SLACK: f64 = f64::EPSILON;
 
 impl Steps {
     /// Cuts `start` to `end` into steps of `size`; all finite, `end` beyond `start`, `size` positive.
+    #[inline(always)]
+    pub(super) fn new(start: f64, end: f64, size: f64) -> Steps {
+        Steps::of_cut(start, size, Steps::cut(start, end, size))
+    }
+
+    /// How many steps [`Steps::new`] makes, and the middle and the length of the last.
     ///
     /// A length that is a whole number of steps but for rounding gets no sliver of a step after the last.
     #[inline(always)]
-    pub(super) fn new(start: f64, end: f64, size: f64) -> Steps {
+    pub(super) fn cut(start: f64, end: f64, size: f64) -> [f64; 3] {
         let length = (end - start) * (1.0 - 2.0 * SLACK) - SLACK * (start.abs() + end.abs());
-        let count = (length / size).ceil().max(1.0);
+        let count = (length / size).ceil();
+        let count = if count > 1.0 { count } else { 1.0 };
         let begin = start + (count - 1.0) * size;
+        [count, 0.5 * (begin + end), end - begin]
+    }
+
+    /// The steps that a cut has found.
+    #[inline(always)]
+    pub(super) fn of_cut(start: f64, size: f64, [count, middle, length]: [f64; 3]) -> Steps {
         Steps {
             start,
             size,
             // Saturates far beyond what anybody would wait for.
             count: count as u64,
-            last: [0.5 * (begin + end), end - begin],
+            last: [middle, length],
         }
     }
 
@@ -59,7 +74,20 @@ impl Steps {
     #[inline(always)]
     pub(super) fn last_before(&self, t: f64) -> u64 {
         // A negative quotient becomes 0.
-        ((t - self.start) / self.size - 0.5) as u64
+        Steps::number(self.start, self.size, t) as u64
+    }
+
+    /// The number of the step whose middle is at `t`, in steps of `size` from `start` on.
+    #[inline(always)]
+    pub(super) fn number(start: f64, size: f64, t: f64) -> f64 {
+        (t - start) / size - 0.5
+    }
+
+    /// The steps from `first` to `last`, and one more at either end: much more than any rounding.
+    #[inline(always)]
+    pub(super) fn around(&self, first: u64, last: u64) -> Range<u64> {
+        let end = last.saturating_add(2).min(self.count);
+        first.min(end)..end
     }
 }
 

@@ -16,7 +16,8 @@ pub(super) struct Survey {
     pub(super) t: Lanes<f64>,
     /// Their lengths, in units of t.
     pub(super) length: Lanes<f64>,
-    /// How many of them, from the first on, are to be taken; the others are empty or not of the march.
+    /// How many of them, from the first on, are to be taken; the others are not of the march, or empty like what lies before
+    /// the first.
     pub(super) wanted: usize,
     /// The step to go on from when these are done; what lies between is empty.
     pub(super) next: u64,
@@ -44,10 +45,13 @@ impl Survey {
         }
         matter &= u16::MAX >> (LANES as u64 - count);
         // Empty steps between others are taken: to pick out the others costs more.
-        survey.wanted = LANES - matter.leading_zeros() as usize;
-        if survey.wanted < LANES && survey.next < end {
+        let beyond = LANES - matter.leading_zeros() as usize;
+        if beyond < LANES && survey.next < end {
             survey.next = leap(met, steps, t[LANES - 1]).clamp(survey.next, end);
         }
+        let first = beyond.min(matter.trailing_zeros() as usize);
+        [survey.t, survey.length] = steps.lanes(i + first as u64);
+        survey.wanted = beyond - first;
         survey
     }
 }
@@ -69,9 +73,7 @@ pub(super) fn range(met: &[Met], skip: SkipEmpty, steps: &Steps) -> Range<u64> {
     if !(start <= end) {
         return 0..0;
     }
-    // A step more at either end: much more than any rounding.
-    let end = steps.last_before(end).saturating_add(2).min(steps.count);
-    steps.last_before(start).min(end)..end
+    steps.around(steps.last_before(start), steps.last_before(end))
 }
 
 /// The step up to which there is nothing from `t` on.

@@ -396,12 +396,19 @@ impl Picture {
 
     /// Sees all pixels anew.
     fn look(&mut self) {
-        let look_at = |row: usize| {
-            let estimates = &self.estimates[row * self.width..(row + 1) * self.width];
-            let looks = estimates.iter().zip(self.noises(row));
-            looks.map(|(estimate, noise)| Look::of(estimate, noise, self.target.gain))
-        };
-        self.looks = (0..self.height).into_par_iter().flat_map_iter(look_at).collect();
+        let mut looks = std::mem::take(&mut self.looks);
+        looks.resize(self.estimates.len(), Look::default());
+        looks
+            .par_chunks_mut(self.width)
+            .zip(self.estimates.par_chunks(self.width))
+            .enumerate()
+            .for_each(|(row, (looks, estimates))| {
+                let seen = estimates.iter().zip(self.noises(row));
+                for (look, (estimate, noise)) in looks.iter_mut().zip(seen) {
+                    *look = Look::of(estimate, noise, self.target.gain);
+                }
+            });
+        self.looks = looks;
         let missed_in = |row: usize| {
             let mut missed = [Missed::default(); LEVELS];
             for column in 0..self.width {

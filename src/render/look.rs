@@ -5,7 +5,7 @@
 use super::estimate::Estimate;
 
 /// A pixel as the display shows it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Look {
     /// Display value of one standard error of the mean.
     pub(super) error: f64,

@@ -2,10 +2,11 @@
 //!
 //! A block is empty if the transfer function has neither opacity nor emission over all values between its lowest and its
 //! highest, widened by what the interpolation can round; so is a single cell of a block that is not. Samples there add
-//! exactly nothing, so that leaving them out changes no bit. Sixteen samples are asked about at once. Every empty block knows how far the nearest matter is, in
-//! blocks in the maximum norm (Zuiderveld, Koning & Viergever, "Acceleration of ray-casting using 3-D distance
-//! transforms", 1992), so that a ray leaps through a whole cube of them. It knows that for each octant of directions, as
-//! what lies behind a ray is no matter of it: a ray that has left the last matter before it leaps out of the volume.
+//! exactly nothing, so that leaving them out changes no bit. Sixteen samples are asked about at once. Every empty block
+//! knows how far the nearest matter is, in blocks in the maximum norm (Zuiderveld, Koning & Viergever, "Acceleration of
+//! ray-casting using 3-D distance transforms", 1992), so that a ray leaps through a whole cube of them. It knows that for
+//! each octant of directions, as what lies behind a ray is no matter of it: a ray that has left the last matter before it
+//! leaps out of the volume.
 
 use glam::DVec3;
 use rayon::prelude::*;

@@ -61,30 +61,37 @@ impl<'s> Judge<'s> {
         .unwrap()
     }
 
-    /// Root mean square error of sRGB values, black 0 and white 1.
+    /// Root mean square error of sRGB values, black 0 and white 1, and how uncertain its square is, as a part of it.
     ///
     /// With x the picture, a and b the references, each the truth and an error of its own, the mean of (x - a)(x - b)
-    /// is that of the picture's squared error alone: no error of the references is left but by chance.
-    pub fn error(&self, image: &LinearImage) -> f64 {
+    /// is that of the picture's squared error alone: no error of the references is left but by chance. How much that is,
+    /// the scatter of the products tells.
+    pub fn error(&self, image: &LinearImage) -> [f64; 2] {
         let [a, b] = &self.references;
         let [x, a, b] = [image, a, b].map(|image| image.pixels.as_flattened());
         let products = x.iter().zip(a).zip(b).map(|((x, a), b)| {
             let x = srgb(*x);
             (x - srgb(*a)) * (x - srgb(*b))
         });
-        (products.sum::<f64>() / x.len() as f64).max(0.0).sqrt()
+        let count = x.len() as f64;
+        let [sum, squares] = products.fold([0.0; 2], |[sum, squares], product| {
+            [sum + product, squares + product * product]
+        });
+        let mean = sum / count;
+        let scatter = (squares / count - mean * mean).max(0.0) / count;
+        [mean.max(0.0).sqrt(), scatter.sqrt() / mean.max(0.0)]
     }
 
-    /// How many samples a pixel adaptive sampling took for `settings`, its error, and how many uniform ones have the
-    /// same.
-    pub fn compare(&mut self, settings: RenderSettings) -> [f64; 3] {
+    /// Adaptive sampling with `settings` beside uniform sampling.
+    pub fn compare(&mut self, settings: RenderSettings) -> Comparison {
         let rendering = self.rendered(settings);
-        let error = self.error(&rendering.image);
-        [
-            rendering.ledger.camera_rays() as f64 / rendering.image.pixels.len() as f64,
+        let [error, uncertainty] = self.error(&rendering.image);
+        Comparison {
+            samples: rendering.ledger.camera_rays() as f64 / rendering.image.pixels.len() as f64,
             error,
-            self.uniform_spp(error, settings.spp),
-        ]
+            uncertainty,
+            uniform: self.uniform_spp(error, settings.spp),
+        }
     }
 
     /// The uniform number of samples that has this error, by the power law between the measured powers of two.
@@ -95,7 +102,7 @@ impl<'s> Judge<'s> {
                 break;
             }
             let settings = RenderSettings { spp, ..self.settings };
-            let error = self.error(&self.rendered(settings).image);
+            let [error, _] = self.error(&self.rendered(settings).image);
             self.uniform.push((f64::from(spp), error));
         }
         let curve = &self.uniform;
@@ -105,6 +112,18 @@ impl<'s> Judge<'s> {
         let slope = (n1 / n0).ln() / (e1 / e0).ln();
         n0 * ((error / e0).ln() * slope).exp()
     }
+}
+
+/// What adaptive sampling took.
+pub struct Comparison {
+    /// Of the camera, for each pixel.
+    pub samples: f64,
+    /// As [`Judge::error`] tells.
+    pub error: f64,
+    /// Of the error's square, as a part of it.
+    pub uncertainty: f64,
+    /// How many uniform samples have the same error.
+    pub uniform: f64,
 }
 
 fn srgb(radiance: f32) -> f64 {

@@ -3,8 +3,8 @@
 /// Rec. 709 luminance of linear RGB.
 pub(super) const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Lengths of runs of samples whose means are compared.
-pub(super) const RUNS: [u32; 2] = [4, 16];
+/// Samples in a row whose means are compared as long as all samples came at once.
+pub(super) const RUN: u32 = 4;
 
 /// What the samples of a pixel tell.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,19 +13,34 @@ pub(super) struct Estimate {
     pub(super) sum: [f64; 3],
     /// Sum of squared radiance, channels weighted by luminance.
     squares: f64,
-    /// Sums of squared sums of so many samples in a row as [`RUNS`] tell, channels weighted by luminance.
-    squares_of_runs: [f64; 2],
+    /// Sum of squared sums of [`RUN`] samples in a row, channels weighted by luminance.
+    squares_of_runs: f64,
+    /// How far apart the halves were that were merged last.
+    halves: Halves,
     /// Least and greatest luminance of a sample.
     pub(super) extremes: [f32; 2],
     /// Samples.
     pub(super) count: u32,
 }
 
+/// Two estimates of as many samples each.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Halves {
+    /// Variance of their means, channels weighted by luminance.
+    variance: f64,
+    /// Samples of one of them; 0 where there were none.
+    count: u32,
+}
+
 impl Estimate {
     pub(super) const NONE: Estimate = Estimate {
         sum: [0.0; 3],
         squares: 0.0,
-        squares_of_runs: [0.0; 2],
+        squares_of_runs: 0.0,
+        halves: Halves {
+            variance: 0.0,
+            count: 0,
+        },
         extremes: [f32::INFINITY, f32::NEG_INFINITY],
         count: 0,
     };
@@ -45,21 +60,30 @@ impl Estimate {
         self.count += 1;
     }
 
-    /// Takes note of the sum of `RUNS[run]` samples in a row, which have been counted.
+    /// Takes note of the sum of [`RUN`] samples in a row, which have been counted.
     #[inline(always)]
-    pub(super) fn note_run(&mut self, run: usize, sum: [f64; 3]) {
+    pub(super) fn note_run(&mut self, sum: [f64; 3]) {
         for channel in 0..3 {
-            self.squares_of_runs[run] += LUMINANCE[channel] * sum[channel] * sum[channel];
+            self.squares_of_runs += LUMINANCE[channel] * sum[channel] * sum[channel];
         }
     }
 
-    /// Counts the samples of `other` too.
+    /// Counts the samples of `other` too, which came later.
     pub(super) fn merge(&mut self, other: &Estimate) {
+        if self.count == other.count && self.count > 0 {
+            let [mean, other_mean] = [self.mean(), other.mean()];
+            // Of two values the variance is half of their squared difference.
+            let part = |c: usize| 0.5 * LUMINANCE[c] * (mean[c] - other_mean[c]).powi(2);
+            self.halves = Halves {
+                variance: (0..3).map(part).sum(),
+                count: self.count,
+            };
+        }
         for channel in 0..3 {
             self.sum[channel] += other.sum[channel];
         }
         self.squares += other.squares;
-        (0..2).for_each(|run| self.squares_of_runs[run] += other.squares_of_runs[run]);
+        self.squares_of_runs += other.squares_of_runs;
         self.extremes[0] = self.extremes[0].min(other.extremes[0]);
         self.extremes[1] = self.extremes[1].max(other.extremes[1]);
         self.count += other.count;
@@ -89,19 +113,24 @@ impl Estimate {
     /// How much of the variance is noise; the rest is that of edges. Uncertain, for a single pixel: it may be less than
     /// nothing or more than all.
     ///
-    /// The mean of r evenly spread samples has a variance of 1 / r that of noise, and 1 / r^1.5 that of edges. So the means
-    /// of runs of r samples, among themselves, tell which it is. The longest that there are two of are asked: what
-    /// looks like noise to four samples may be an edge to sixteen.
+    /// The mean of r evenly spread samples has a variance of 1 / r that of noise, and 1 / r^1.5 that of edges. So the
+    /// means of runs of r samples, among themselves, tell which it is. The longest that there are two of are asked, the
+    /// halves that were merged last: what looks like noise to few samples may be an edge to more, and the other way round,
+    /// where a texture is finer than they can tell.
     pub(super) fn noise_variance(&self) -> f64 {
-        let Some(run) = (0..2).rev().find(|&run| self.count >= 2 * RUNS[run]) else {
+        let (length, of_means) = if self.halves.count > 0 {
+            let length = f64::from(self.halves.count);
+            (length, length * self.halves.variance)
+        } else if self.count >= 2 * RUN {
+            let length = f64::from(RUN);
+            let squares = self.squares_of_runs / length - self.mean_squares();
+            (length, squares.max(0.0) / f64::from(self.count / RUN - 1))
+        } else {
             return 0.0;
         };
-        let length = f64::from(RUNS[run]);
-        let of_means = (self.squares_of_runs[run] / length - self.mean_squares())
-            / f64::from(self.count / RUNS[run] - 1);
         // 1 / √r of that of edges is left.
         let of_edges = length.sqrt().recip();
-        (of_means.max(0.0) - of_edges * self.variance()) / (1.0 - of_edges)
+        (of_means - of_edges * self.variance()) / (1.0 - of_edges)
     }
 
     /// The squared mean of all channels, weighted by luminance, times the number of samples.
@@ -117,17 +146,30 @@ impl Default for Estimate {
     }
 }
 
-/// That of these gray samples.
+/// That of these gray samples: of sixteen, to which as many again have been merged as long as there are more.
 #[cfg(test)]
 pub(super) fn estimate(samples: &[f64]) -> Estimate {
+    const ROUND: usize = 16;
+    let (first, later) = samples.split_at(samples.len().min(ROUND));
+    let mut estimate = estimate_of_round(first);
+    let mut later = later;
+    while !later.is_empty() {
+        let (round, rest) = later.split_at(later.len().min(estimate.count as usize));
+        estimate.merge(&estimate_of_round(round));
+        later = rest;
+    }
+    estimate
+}
+
+/// That of gray samples that came at once.
+#[cfg(test)]
+fn estimate_of_round(samples: &[f64]) -> Estimate {
     let mut estimate = Estimate::NONE;
     for &gray in samples {
         estimate.add([gray; 3]);
     }
-    for (run, length) in RUNS.iter().enumerate() {
-        for run_of in samples.chunks_exact(*length as usize) {
-            estimate.note_run(run, [run_of.iter().sum(); 3]);
-        }
+    for run in samples.chunks_exact(RUN as usize) {
+        estimate.note_run([run.iter().sum(); 3]);
     }
     estimate
 }
@@ -148,7 +190,6 @@ mod tests {
         let eight = estimate(&[1.0, 2.0, 3.0, 6.0, 5.0, 0.0, 2.0, 1.0]);
         assert_eq!((merged.sum, merged.count), (eight.sum, eight.count));
         assert!((merged.variance() - eight.variance()).abs() < 1e-14);
-        assert!((merged.noise_variance() - eight.noise_variance()).abs() < 1e-13);
     }
 
     #[test]
@@ -160,11 +201,24 @@ mod tests {
         // And runs that agree.
         let alike = estimate(&[0.0, 2.0, 0.0, 2.0, 0.0, 2.0, 0.0, 2.0]);
         assert!((alike.noise_variance() + 8.0 / 7.0).abs() < 1e-14);
-        // Runs of sixteen have the word as soon as there are two: of edges a quarter would be left.
-        let longer = estimate(&[[0.0; 16], [2.0; 16]].concat());
-        let variance = 32.0 / 31.0;
-        assert!((longer.noise_variance() - (32.0 - 0.25 * variance) / 0.75).abs() < 1e-12);
         assert_eq!(estimate(&[0.0, 2.0, 1.0, 5.0]).noise_variance(), 0.0);
+    }
+
+    #[test]
+    fn halves_have_the_word_as_soon_as_there_are_two() {
+        // Of 32 / 31 for the samples, means of sixteen have 2, which is 32 for sixteen of them; a quarter would be left of
+        // edges.
+        let variance = 32.0 / 31.0;
+        let halves = estimate(&[[0.0; 16], [2.0; 16]].concat());
+        let expected = (32.0 - 0.25 * variance) / 0.75;
+        assert!((halves.noise_variance() - expected).abs() < 1e-12);
+        // Halves of 32 that agree, of which edges would have left 1 / √32. A round that is cut short says nothing.
+        let mut agreeing = estimate(&[[0.0; 16], [2.0; 16], [0.0; 16], [2.0; 16]].concat());
+        let left = 32.0f64.sqrt().recip();
+        let expected = -left * (64.0 / 63.0) / (1.0 - left);
+        assert!((agreeing.noise_variance() - expected).abs() < 1e-12);
+        agreeing.merge(&estimate(&[1.0; 10]));
+        assert_eq!(agreeing.halves.count, 32);
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! reconstruction filter. Samples are weighed in the order of their numbers.
 
 use super::RenderSettings;
-use super::estimate::{Estimate, RUNS};
+use super::estimate::{Estimate, RUN};
 use super::film::TILE;
 use super::filter::{PixelFilter, Splat};
 use super::wave::WAVE;
@@ -150,15 +150,13 @@ impl SampleFilm {
     /// Weighs the wave's samples, to which nothing will be added any more.
     pub(super) fn weigh(&mut self) {
         for (packet, radiances) in self.places.chunks(LANES).zip(self.radiance.chunks_mut(LANES)) {
-            for (run, length) in RUNS.iter().enumerate() {
-                let length = *length as usize;
-                for (places, radiances) in packet.chunks(length).zip(radiances.chunks(length)) {
-                    // A packet holds sixteen samples in a row of a pixel, four of each of four, or one of each of sixteen.
-                    let pixel = places[0].pixel;
-                    if places.iter().all(|place| place.exists && place.pixel == pixel) {
-                        let sum = |channel: usize| radiances.iter().map(|radiance| radiance[channel]).sum();
-                        self.estimates[pixel as usize].note_run(run, [sum(0), sum(1), sum(2)]);
-                    }
+            let runs = packet.chunks(RUN as usize).zip(radiances.chunks(RUN as usize));
+            for (places, radiances) in runs {
+                // A packet holds sixteen samples in a row of a pixel, four of each of four, or one of each of sixteen.
+                let pixel = places[0].pixel;
+                if places.iter().all(|place| place.exists && place.pixel == pixel) {
+                    let sum = |channel: usize| radiances.iter().map(|radiance| radiance[channel]).sum();
+                    self.estimates[pixel as usize].note_run([sum(0), sum(1), sum(2)]);
                 }
             }
             for (place, radiance) in packet.iter().zip(radiances) {
@@ -215,15 +213,10 @@ mod tests {
     #[test]
     fn runs_of_a_pixels_samples_are_noted_and_those_with_gaps_are_not() {
         let mut film = SampleFilm::new(PixelFilter::default());
-        let values: Vec<f32> = (0..2 * LANES)
-            .map(|sample| (sample * sample % 13) as f32)
-            .collect();
-        for packet in 0..2 {
-            let mut labels = [7; LANES];
-            film.expect(&mut labels, &[[0.5; LANES]; 2], &[-1; LANES]);
-            let values = std::array::from_fn(|l| values[packet * LANES + l]);
-            film.add(&labels, &[values; 3]);
-        }
+        let values: Lanes<f32> = std::array::from_fn(|sample| (sample * sample % 13) as f32);
+        let mut labels = [7; LANES];
+        film.expect(&mut labels, &[[0.5; LANES]; 2], &[-1; LANES]);
+        film.add(&labels, &[values; 3]);
         film.weigh();
         let gray: Vec<f64> = values.iter().map(|&value| f64::from(value)).collect();
         let expected = estimate(&gray);

@@ -33,19 +33,25 @@ pub(crate) fn bake_mesh(mesh: &Mesh, map: &DAffine3) -> Mesh {
             mesh.triangles.clone()
         },
         normals: match &mesh.normals {
-            Some(normals) if map.matrix3 != DMat3::IDENTITY => {
+            Some(normals) if !is_scaling(&map.matrix3) => {
                 Some(Slab::from(normals.par_iter().map(normal).collect::<Vec<_>>()))
             }
             kept => kept.clone(),
         },
         tangents: match &mesh.tangents {
-            Some(tangents) if map.matrix3 != DMat3::IDENTITY => {
+            Some(tangents) if !is_scaling(&map.matrix3) => {
                 Some(Slab::from(tangents.par_iter().map(tangent).collect::<Vec<_>>()))
             }
             kept => kept.clone(),
         },
         ..with_positions(mesh, |p| map.transform_point3(p))
     }
+}
+
+/// Whether a map makes things larger or smaller and no more: normals and tangents keep their very bits.
+fn is_scaling(map: &DMat3) -> bool {
+    let factor = map.x_axis.x;
+    factor > 0.0 && *map == DMat3::from_diagonal(DVec3::splat(factor))
 }
 
 /// The mesh with other positions and everything else shared.

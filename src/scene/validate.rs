@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::validate_geometry::{check_geometry, check_vertices};
-use super::validate_light::{check_environment, check_lamp, check_light};
+use super::validate_light::{check_environment, check_lamp, check_light, light_reach};
 use super::validate_material::{
     check_interior, check_model, check_procedural, check_scattering, check_texels,
 };
@@ -66,11 +66,14 @@ impl Scene {
             .map_err(|(index, fault)| error(named("volume", index, self.volumes[index].name()), fault))?;
         for (index, light) in self.lights.iter().enumerate() {
             check_light(light)
+                .and_then(|()| check_reach(light_reach(light)))
                 .and_then(|()| check_lamp(self, light))
                 .map_err(|fault| error(named("light", index, &light.name), fault))?;
         }
         for (index, camera) in self.cameras.iter().enumerate() {
-            check_camera(camera).map_err(|fault| error(named("camera", index, &camera.name), fault))?;
+            check_camera(camera)
+                .and_then(|()| check_reach(camera_reach(camera)))
+                .map_err(|fault| error(named("camera", index, &camera.name), fault))?;
         }
         if !is_radiance(&self.ambient) {
             return Err(error(
@@ -120,9 +123,7 @@ impl Scene {
             let bounds = &bounds[instance.geometry as usize];
             instance.world_bounds(geometry, bounds).magnitude()
         };
-        if !in_range(reach) {
-            return Err("leaves the range of coordinates: normalise the scene or make it smaller".into());
-        }
+        check_reach(reach)?;
         if geometry.is_unbounded() && material.scatters().is_some() {
             return Err(format!(
                 "its material `{}` scatters light within, for which a plane has no end: give a disk or a quad",
@@ -227,6 +228,8 @@ impl Scene {
 }
 
 /// What is wrong with a camera.
+///
+/// Not whether it leaves the range of coordinates, which a scene that is not yet normalised may do.
 pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     for map in [Some(camera.world_from_camera), camera.world_from_camera_end]
         .into_iter()
@@ -234,8 +237,7 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     {
         let (place, axes) = (map.translation, map.matrix3);
         let gram = axes.transpose() * axes - DMat3::IDENTITY;
-        let is_near = place.is_finite() && in_range(place.abs().max_element());
-        if !(is_near && row_sum(&gram) <= 3.0 * UNIT_TOLERANCE) {
+        if !(place.is_finite() && row_sum(&gram) <= 3.0 * UNIT_TOLERANCE) {
             return Err(
                 "its place is not finite or its axes are not orthonormal: correct its transform".into(),
             );
@@ -268,10 +270,16 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     if !(camera.z_near >= 0.0 && camera.z_near < f64::INFINITY && camera.z_far > camera.z_near) {
         return Err("its near plane is not before its far plane: correct the planes".into());
     }
-    if !in_range(camera.lens_radius()) {
-        return Err("its lens is larger than any scene: correct the radius".into());
-    }
     Ok(())
+}
+
+/// The largest coordinate of a camera's places, or the radius of its lens.
+fn camera_reach(camera: &Camera) -> f64 {
+    [Some(camera.world_from_camera), camera.world_from_camera_end]
+        .into_iter()
+        .flatten()
+        .map(|map| map.translation.abs().max_element())
+        .fold(camera.lens_radius(), f64::max)
 }
 
 pub(super) fn is_size(x: f64) -> bool {
@@ -286,9 +294,13 @@ pub(super) fn is_radiance(rgb: &[f32; 3]) -> bool {
     rgb.iter().all(|x| (0.0..f32::INFINITY).contains(x))
 }
 
-/// Whether a coordinate may cross into a backend.
-pub(super) fn in_range(magnitude: f64) -> bool {
-    magnitude < f64::from(Ray::LIMIT)
+/// What is wrong with something whose largest coordinate is this: it may not cross into a backend.
+pub(super) fn check_reach(magnitude: f64) -> Result<(), String> {
+    if magnitude < f64::from(Ray::LIMIT) {
+        Ok(())
+    } else {
+        Err("leaves the range of coordinates: normalise the scene or make it smaller".into())
+    }
 }
 
 fn row_sum(m: &DMat3) -> f64 {

@@ -2,7 +2,7 @@
 
 use super::Geometry;
 use super::survey::{all_finite, survey};
-use super::validate::{in_range, is_size};
+use super::validate::{check_reach, is_size};
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::shape::{Shape, Sphere, Torus};
@@ -55,13 +55,7 @@ fn check_shape(shape: &Shape) -> Result<(), String> {
 
 /// Everything else about a geometry of these bounds.
 pub(super) fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
-    let vertex_range = || {
-        if in_range(bounds.magnitude()) {
-            Ok(())
-        } else {
-            Err("leaves the range of coordinates: normalise the scene or make it smaller".into())
-        }
-    };
+    let vertex_range = || check_reach(bounds.magnitude());
     match geometry {
         Geometry::Shape(Shape::Plane) => Ok(()),
         Geometry::Shape(shape) => {

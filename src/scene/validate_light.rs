@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::validate::{in_range, is_radiance, is_unit};
+use super::validate::{is_radiance, is_unit};
 use super::{AreaShape, Falloff, Image, Light, LightKind, Scene, Texels};
 use crate::shading::{DiskLight, QuadLight, SphereLight};
 
@@ -10,11 +10,13 @@ use crate::shading::{DiskLight, QuadLight, SphereLight};
 pub(crate) const MAX_LIGHT_SAMPLES: u32 = 4096;
 
 /// What is wrong with a light.
+///
+/// Not whether it leaves the range of coordinates, which a scene that is not yet normalised may do.
 pub(crate) fn check_light(light: &Light) -> Result<(), String> {
     if !is_radiance(&light.intensity) {
         return Err("its intensity is negative or not finite: correct the intensity".into());
     }
-    let is_place = |p: DVec3| in_range(p.abs().max_element()) && p.is_finite();
+    let is_place = |p: DVec3| p.is_finite();
     let is_coefficient = |x: f64| (0.0..f64::INFINITY).contains(&x);
     let is_falloff = |falloff: Falloff| match falloff {
         Falloff::InverseSquare { range } => range.is_none_or(|r| r > 0.0),
@@ -49,11 +51,20 @@ pub(crate) fn check_light(light: &Light) -> Result<(), String> {
     }
 }
 
+/// The largest coordinate of a light's place; 0 where it has none of its own.
+pub(super) fn light_reach(light: &Light) -> f64 {
+    match &light.kind {
+        LightKind::Directional { .. } => 0.0,
+        LightKind::Point { position, .. } | LightKind::Spot { position, .. } => position.abs().max_element(),
+        LightKind::Area { shape, .. } => shape.bounds().map_or(0.0, |bounds| bounds.magnitude()),
+    }
+}
+
 /// What is wrong with a light that has an extent.
 fn check_area(shape: &AreaShape, samples: u32) -> Result<(), String> {
     if let Some(bounds) = shape.bounds() {
         let reach = bounds.min.abs().max(bounds.max.abs());
-        if !(reach.is_finite() && in_range(reach.max_element())) {
+        if !reach.is_finite() {
             return Err("its place makes no sense: correct it".into());
         }
     }

@@ -2,8 +2,9 @@
 
 use glam::DAffine3;
 
+use super::validate::check_reach;
 use super::{Normalisation, Scene};
-use crate::numeric::{Bounds, Ray};
+use crate::numeric::Bounds;
 use crate::volume::Volume;
 
 impl Scene {
@@ -43,14 +44,9 @@ impl Scene {
 
     /// What is wrong with the place of a volume, with the volume's number.
     pub(super) fn check_volumes(&self) -> Result<(), (usize, String)> {
-        let is_near = |volume: &Volume| volume.bounds().magnitude() < f64::from(Ray::LIMIT);
-        match self.volumes.iter().position(|volume| !is_near(volume)) {
-            None => Ok(()),
-            Some(far) => Err((
-                far,
-                "leaves the range of coordinates: normalise the scene or make it smaller".into(),
-            )),
-        }
+        self.volumes.iter().enumerate().try_for_each(|(index, volume)| {
+            check_reach(volume.bounds().magnitude()).map_err(|fault| (index, fault))
+        })
     }
 }
 

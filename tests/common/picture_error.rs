@@ -61,25 +61,30 @@ impl<'s> Judge<'s> {
         .unwrap()
     }
 
-    /// Root mean square error of sRGB values, black 0 and white 1, and how uncertain its square is, as a part of it.
+    /// Root mean square error of sRGB values, black 0 and white 1, and how uncertain the references leave its square, as a
+    /// part of it.
     ///
     /// With x the picture, a and b the references, each the truth and an error of its own, the mean of (x - a)(x - b)
-    /// is that of the picture's squared error alone: no error of the references is left but by chance. How much that is,
-    /// the scatter of the products tells.
+    /// is that of the picture's squared error alone: no error of the references is left but by chance. With the variance v
+    /// of a reference, of which (a - b)² / 2 is an estimate, a product has by chance a variance of 2 v times the picture's
+    /// squared error, and v² for the product of both. Of a normal error, the squared estimate of v is 3 v². The
+    /// channels of a pixel are taken to err together.
     pub fn error(&self, image: &LinearImage) -> [f64; 2] {
         let [a, b] = &self.references;
-        let [x, a, b] = [image, a, b].map(|image| image.pixels.as_flattened());
-        let products = x.iter().zip(a).zip(b).map(|((x, a), b)| {
-            let x = srgb(*x);
-            (x - srgb(*a)) * (x - srgb(*b))
+        let pixels = image.pixels.iter().zip(&a.pixels).zip(&b.pixels);
+        let [sum, chance] = pixels.fold([0.0; 2], |[mut sum, chance], ((x, a), b)| {
+            let mut deviation = 0.0;
+            for channel in 0..3 {
+                let [x, a, b] = [x, a, b].map(|pixel| srgb(pixel[channel]));
+                let product = (x - a) * (x - b);
+                let variance = 0.5 * (a - b) * (a - b);
+                deviation += (2.0 * variance * product.max(0.0) + variance * variance / 3.0).sqrt();
+                sum += product;
+            }
+            [sum, chance + deviation * deviation]
         });
-        let count = x.len() as f64;
-        let [sum, squares] = products.fold([0.0; 2], |[sum, squares], product| {
-            [sum + product, squares + product * product]
-        });
-        let mean = sum / count;
-        let scatter = (squares / count - mean * mean).max(0.0) / count;
-        [mean.max(0.0).sqrt(), scatter.sqrt() / mean.max(0.0)]
+        let mean = sum.max(0.0) / (3 * image.pixels.len()) as f64;
+        [mean.sqrt(), chance.sqrt() / sum.max(0.0)]
     }
 
     /// Adaptive sampling with `settings` beside uniform sampling.

@@ -5,10 +5,10 @@
 //! [`crate::accel::shapes::shape_hit`]; only for spheres that are spheres in the world: ellipsoids carry each ray into object
 //! space and go lane by lane, as all other shapes.
 
+use super::call::{Question, answer};
 use super::cluster::{MEMBERS, SphereCluster};
 use super::lanes::{Foreign, ray_of, row};
 use super::sieve::{Ball, Sieve};
-use super::user::{Question, answer};
 use crate::accel::shapes::sphere_at;
 use crate::accel::{ACTIVE, NO_HIT};
 use crate::mesh::lanes::{Isa, Work, dispatch, lanes};

@@ -1,0 +1,203 @@
+//! The test in two steps, for triangles that share corners: each corner is projected once, then each triangle is tested
+//! by the corners that it has.
+//!
+//! The arithmetic is that of [`Shear::intersect`], operation by operation, so the answers have its bits.
+
+use super::{LaneHits, Shear, ShearLanes, TriangleHit, project};
+use crate::mesh::lanes::{Isa, add, div, lanes, max, min, mul, sub};
+
+/// Projected corners side by side: x and y in the sheared frame, where the ray is the origin.
+pub(crate) type Flat<const N: usize> = [[f32; N]; 2];
+
+/// Bit `i` says whether the `i`-th of `N` triangles may hold the origin; it is clear only where two edge functions have
+/// opposite signs, so that [`Shear::intersect`] misses whatever the interval.
+#[inline(always)]
+pub(crate) fn may_hold_origin<I: Isa, const N: usize>(isa: I, corners: [&Flat<N>; 3]) -> u32 {
+    let [u, v, w] = edges(corners);
+    let zero = [0.0; N];
+    let [mut least, mut greatest] = [zero; 2];
+    for i in 0..N {
+        least[i] = min(min(u[i], v[i]), w[i]);
+        greatest[i] = max(max(u[i], v[i]), w[i]);
+    }
+    !(isa.lt(&least, &zero) & isa.lt(&zero, &greatest)) & (u32::MAX >> (u32::BITS as usize - N))
+}
+
+/// The edge functions opposite to each corner.
+#[inline(always)]
+fn edges<const N: usize>([a, b, c]: [&Flat<N>; 3]) -> [[f32; N]; 3] {
+    [
+        sub(&mul(&c[0], &b[1]), &mul(&c[1], &b[0])),
+        sub(&mul(&a[0], &c[1]), &mul(&a[1], &c[0])),
+        sub(&mul(&b[0], &a[1]), &mul(&b[1], &a[0])),
+    ]
+}
+
+impl Shear {
+    /// Projects `N` points, given by axis.
+    #[inline(always)]
+    pub(crate) fn flatten<const N: usize>(&self, points: &[[f32; N]; 3]) -> Flat<N> {
+        let [kx, ky, kz] = self.axes;
+        let [ox, oy, oz] = self.origin;
+        let [sx, sy, _] = self.shear;
+        let origin = [[ox; N], [oy; N], [oz; N]];
+        let points = [&points[kx], &points[ky], &points[kz]];
+        let [x, y, _] = project(points, &origin, &[[sx; N], [sy; N]]);
+        [x, y]
+    }
+}
+
+impl<const N: usize> ShearLanes<N> {
+    /// Projects one point for each ray.
+    #[inline(always)]
+    pub(crate) fn flatten(&self, point: [f32; 3]) -> Flat<N> {
+        let [kx, ky, kz] = self.axes;
+        let [sx, sy, _] = self.shear;
+        let point = [&[point[kx]; N], &[point[ky]; N], &[point[kz]; N]];
+        let [x, y, _] = project(point, &self.origin, &[sx, sy]);
+        [x, y]
+    }
+
+    /// Tests a triangle against the rays of `asked`, which all [may hold](may_hold_origin) it, each as
+    /// [`Shear::intersect`] does; `flat` are its corners as [`ShearLanes::flatten`] projects them, and the interval is
+    /// nearest and farthest parameters.
+    #[inline(always)]
+    pub(crate) fn meet(
+        &self,
+        isa: impl Isa,
+        (flat, corners): ([&Flat<N>; 3], [[f32; 3]; 3]),
+        asked: u32,
+        interval: [&[f32; N]; 2],
+    ) -> LaneHits<N> {
+        let [u, v, w] = edges(flat);
+        let mut smallest = [0.0; N];
+        for i in 0..N {
+            smallest[i] = min(min(u[i].abs(), v[i].abs()), w[i].abs());
+        }
+        let on_edge = isa.eq(&smallest, &[0.0; N]) & asked;
+        let [za, zb, zc] = [0, 1, 2].map(|corner| {
+            let z = [corners[corner][self.axes[2]]; N];
+            mul(&self.shear[2], &sub(&z, &self.origin[2]))
+        });
+        let det = add(&add(&u, &v), &w);
+        let t = div(&add(&add(&mul(&u, &za), &mul(&v, &zb)), &mul(&w, &zc)), &det);
+        let [t_near, t_far] = interval;
+        let within = isa.le(t_near, &t) & isa.le(&t, t_far) & isa.lt(&t, &[f32::INFINITY; N]);
+        let hits = LaneHits {
+            mask: asked & !on_edge & within,
+            t,
+            u: div(&v, &det),
+            v: div(&w, &det),
+        };
+        if on_edge == 0 {
+            return hits;
+        }
+        self.with_edges(hits, on_edge, (corners, [*t_near, *t_far]))
+    }
+
+    // By value, so that the arrays of the common path can stay in registers.
+    #[cold]
+    #[inline(never)]
+    fn with_edges(
+        &self,
+        mut hits: LaneHits<N>,
+        on_edge: u32,
+        (corners, [t_near, t_far]): ([[f32; 3]; 3], [[f32; N]; 2]),
+    ) -> LaneHits<N> {
+        for lane in lanes(on_edge) {
+            let hit = self.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
+            if let Some(TriangleHit { t, u, v }) = hit {
+                hits.mask |= 1 << lane;
+                (hits.t[lane], hits.u[lane], hits.v[lane]) = (t, u, v);
+            }
+        }
+        hits
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::dominant_axis;
+    use super::*;
+    use crate::mesh::lanes::{AnyIsa, Work, dispatch};
+    use crate::numeric::Ray;
+
+    /// Whole numbers from -2 to 2 (Weyl's sequence on the golden ratio), so that edges and corners are met often.
+    fn small(i: usize) -> f32 {
+        ((i as f64 * 0.618_033_988_749_894_9).fract() * 5.0).floor() as f32 - 2.0
+    }
+
+    fn point(i: usize) -> [f32; 3] {
+        [small(3 * i), small(5 * i + 1), small(7 * i + 2)]
+    }
+
+    /// Eight rays along the axis `dominant`, and their interval.
+    fn rays(i: usize, dominant: usize) -> [Ray; 8] {
+        std::array::from_fn(|lane| {
+            let mut direction = point(i * 8 + lane).map(|x| 0.25 * x);
+            direction[dominant] = if (i + lane).is_multiple_of(2) { 1.0 } else { -2.0 };
+            let mut ray = Ray::new(point(i + 11 * lane).into(), direction.into());
+            ray.t_far = [f32::INFINITY, 1.0, 0.0][lane % 3];
+            ray
+        })
+    }
+
+    /// The hits of eight rays on one triangle.
+    struct Meet([Ray; 8], usize, [[f32; 3]; 3]);
+
+    impl Work for Meet {
+        type Output = [Option<TriangleHit>; 8];
+
+        #[inline(always)]
+        fn run<I: Isa>(self, isa: I) -> [Option<TriangleHit>; 8] {
+            let Meet(rays, dominant, corners) = self;
+            let rows = |of: fn(&Ray) -> Vec3| {
+                [0, 1, 2].map(|axis| std::array::from_fn(|lane| of(&rays[lane])[axis]))
+            };
+            let shears = ShearLanes::<8>::new(dominant, &rows(|r| r.origin), &rows(|r| r.direction));
+            let flat = corners.map(|corner| shears.flatten(corner));
+            let [a, b, c] = &flat;
+            let asked = may_hold_origin(isa, [a, b, c]);
+            let interval = [rays.map(|r| r.t_near), rays.map(|r| r.t_far)];
+            let hits = shears.meet(isa, ([a, b, c], corners), asked, [&interval[0], &interval[1]]);
+            std::array::from_fn(|lane| {
+                (hits.mask >> lane & 1 != 0).then(|| TriangleHit {
+                    t: hits.t[lane],
+                    u: hits.u[lane],
+                    v: hits.v[lane],
+                })
+            })
+        }
+    }
+
+    #[test]
+    fn corners_that_are_projected_once_give_the_bits_of_the_whole_test() {
+        let (mut hits, mut edge_hits) = (0, 0);
+        for i in 0..20_000 {
+            let dominant = i % 3;
+            let corners = [point(i), point(i + 1), point(i + 3)];
+            let rays = rays(i, dominant);
+            assert!(
+                rays.iter()
+                    .all(|r| dominant_axis(r.direction.to_array()) == dominant)
+            );
+            let expected = rays.map(|ray| Shear::new(&ray).intersect(corners, ray.t_near, ray.t_far));
+            assert_eq!(Meet(rays, dominant, corners).run(AnyIsa), expected);
+            assert_eq!(dispatch(Meet(rays, dominant, corners)), expected);
+            for ray in rays {
+                let shear = Shear::new(&ray);
+                let flat = corners.map(|corner| shear.flatten::<8>(&corner.map(|x| [x; 8])));
+                let [a, b, c] = &flat;
+                let may_meet = may_hold_origin(AnyIsa, [a, b, c]);
+                assert!(may_meet == 0 || may_meet == 0xff);
+                assert!(may_meet != 0 || shear.intersect(corners, 0.0, f32::INFINITY).is_none());
+            }
+            hits += expected.iter().flatten().count();
+            let is_edge = |hit: &&TriangleHit| hit.u == 0.0 || hit.v == 0.0 || hit.u + hit.v == 1.0;
+            edge_hits += expected.iter().flatten().filter(is_edge).count();
+        }
+        assert!(hits > 2000 && edge_hits > 500, "{hits}, {edge_hits}");
+    }
+}

@@ -65,7 +65,7 @@ pub(super) fn mul<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
 
 /// The quotients, lane by lane.
 #[inline(always)]
-pub(super) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+pub(crate) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     let mut out = [0.0; N];
     for i in 0..N {
         out[i] = a[i] / b[i];

@@ -20,7 +20,7 @@ use glam::Vec3;
 use super::lanes::{Isa, add, div, lanes, max, min, mul, sub};
 use crate::numeric::Ray;
 #[cfg(feature = "embree")]
-pub(crate) use shared::{Flat, may_hold_origin};
+pub(crate) use shared::{Flat, Met, may_hold_origin};
 
 /// Triangles in a [`TrianglePack`].
 pub const PACK: usize = 8;

@@ -330,8 +330,9 @@ pub(super) fn answer(packet: Foreign, lane: usize, t_far: f32, found: &Hit, ques
 /// Instance and primitive of a lane's hit; the highest numbers if it has none.
 #[inline(always)]
 pub(super) fn number_of(packet: Foreign, lane: usize) -> [u32; 2] {
-    let [geometry, level, primitive] =
-        [row::INSTANCE, row::LEVEL, row::PRIMITIVE].map(|row| packet.load_one(row, lane));
+    let geometry = packet.load_one(row::INSTANCE, lane);
+    let level = packet.load_one(row::LEVEL, lane);
+    let primitive = packet.load_one(row::PRIMITIVE, lane);
     [number_of_instance([geometry, level]), primitive]
 }
 

@@ -133,7 +133,8 @@ impl Patch {
     /// One corner.
     #[inline(always)]
     pub(super) fn corner(&self, index: usize) -> [f32; 3] {
-        [0, 1, 2].map(|axis| self.corners[axis][index])
+        let [x, y, z] = &self.corners;
+        [x[index], y[index], z[index]]
     }
 
     /// For each of a triangle's corners, by triangle: which it is. Triangles that there are not have the first thrice.
@@ -145,7 +146,13 @@ impl Patch {
     /// Which corners a triangle has.
     #[inline(always)]
     pub(super) fn triangle(&self, member: usize) -> [usize; 3] {
-        [0, 1, 2].map(|row| usize::from(self.triangles[row][member % MEMBERS]))
+        let member = member % MEMBERS;
+        let [a, b, c] = &self.triangles;
+        [
+            usize::from(a[member]),
+            usize::from(b[member]),
+            usize::from(c[member]),
+        ]
     }
 
     fn bounds(&self) -> Bounds {
@@ -218,5 +225,106 @@ impl Patches {
     /// Bytes on the heap.
     pub(super) fn byte_count(&self) -> u64 {
         (self.patches.capacity() * size_of::<Patch>()) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Slab;
+
+    fn mesh(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Mesh {
+        Mesh {
+            positions: Slab::from(positions),
+            triangles: Slab::from(triangles),
+            ..Mesh::default()
+        }
+    }
+
+    /// A wavy square of `n` by `n` cells, two triangles each.
+    fn field(n: u32) -> Mesh {
+        let at = |i: u32, j: u32| {
+            [
+                i as f32,
+                j as f32,
+                (0.7 * i as f32).sin() * (0.3 * j as f32).cos(),
+            ]
+        };
+        let positions = (0..=n).flat_map(|j| (0..=n).map(move |i| at(i, j)));
+        let cells = (0..n).flat_map(|j| (0..n).map(move |i| j * (n + 1) + i));
+        let triangles = cells.flat_map(|v| [[v, v + 1, v + n + 2], [v, v + n + 2, v + n + 1]]);
+        mesh(positions.collect(), triangles.collect())
+    }
+
+    /// The same triangles, none of which shares a vertex with another.
+    fn apart(mesh_in: &Mesh, moved: impl Fn(u32, [f32; 3]) -> [f32; 3]) -> Mesh {
+        let count = mesh_in.triangles.len() as u32;
+        let corners = |i: u32| mesh_in.corners(i).map(|corner| moved(i, corner.to_array()));
+        mesh(
+            (0..count).flat_map(corners).collect(),
+            (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+        )
+    }
+
+    fn patches_of(mesh: &Mesh) -> Patches {
+        Patches::of(std::iter::once((5, mesh)), Reach::default())
+    }
+
+    fn assert_whole(patches: &Patches, mesh: &Mesh) {
+        let mut seen = vec![false; mesh.triangles.len()];
+        for patch in &patches.patches {
+            assert!(patch.corner_count() <= CORNERS && patch.instance() == 5);
+            for member in 0..patch.member_count() {
+                let primitive = patch.primitive(member);
+                assert!(!std::mem::replace(&mut seen[primitive as usize], true));
+                let corners = patch.triangle(member).map(|corner| patch.corner(corner));
+                assert_eq!(corners, mesh.corners(primitive).map(|p| p.to_array()));
+            }
+        }
+        assert!(seen.into_iter().all(|seen| seen));
+    }
+
+    #[test]
+    fn every_triangle_is_in_one_patch_with_its_own_corners() {
+        for mesh in [
+            field(1),
+            field(40),
+            apart(&field(40), |i, p| [p[0], p[1], p[2] + i as f32]),
+        ] {
+            assert_whole(&patches_of(&mesh), &mesh);
+        }
+        assert_eq!(patches_of(&Mesh::default()).len(), 0);
+    }
+
+    #[test]
+    fn a_surface_takes_less_than_forty_bytes_a_triangle() {
+        let mesh = field(100);
+        let patches = patches_of(&mesh);
+        let bytes = patches.byte_count() as f64 / mesh.triangles.len() as f64;
+        assert!(bytes < 40.0, "{bytes}");
+    }
+
+    #[test]
+    fn corners_that_coincide_are_one_whether_or_not_the_mesh_says_so() {
+        let mesh = field(20);
+        let same = apart(&mesh, |_, corner| corner);
+        assert_eq!(patches_of(&same).len(), patches_of(&mesh).len());
+    }
+
+    #[test]
+    fn triangles_that_share_no_corner_are_as_many_to_a_patch_as_have_room() {
+        // Sixteen triangles one above the other, of three corners each, for which there is room by eights.
+        let alone = apart(&field(1), |i, p| [p[0], p[1], p[2] + i as f32]);
+        let first = alone.corners(0).map(|p| p.to_array());
+        let positions = (0..16).flat_map(|i| first.map(|[x, y, z]| [x, y, z + i as f32]));
+        let triangles = (0..16).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+        let stack = mesh(positions.collect(), triangles.collect());
+        let members: Vec<u32> = (0..16).collect();
+        let (patch, taken) = Patch::of_first(&stack, 5, &members);
+        assert_eq!(
+            (taken, patch.member_count(), patch.corner_count()),
+            (8, 8, CORNERS)
+        );
+        assert_whole(&patches_of(&stack), &stack);
     }
 }

@@ -7,15 +7,16 @@
 use std::mem::MaybeUninit;
 
 use super::call::{Question, answer, number_of};
-use super::lanes::{Foreign, row};
+use super::lanes::{Foreign, asked_lanes, row};
 use super::patch::{CORNERS, MEMBERS, Patch};
 use crate::accel::{ACTIVE, Hit, NO_HIT};
-use crate::mesh::lanes::{Isa, Work, dispatch, lanes};
-use crate::mesh::triangle::{Flat, LaneHits, PACK, Shear, ShearLanes, dominant_axis, may_hold_origin};
+use crate::mesh::lanes::{Isa, Work, dispatch, div, lanes};
+use crate::mesh::triangle::{Flat, Met, PACK, Shear, ShearLanes, may_hold_origin};
 use crate::numeric::Ray;
 
-/// Up to so many rays along one axis are asked about one by one, against all triangles at once.
-const FEW_RAYS: u32 = 5;
+/// Up to this part of a packet's rays are asked about one by one, against all triangles at once: eight times as much is
+/// done at a time, after more preparation.
+const FEW_RAYS: f32 = 3.0 / 8.0;
 
 /// Tests the triangles of a patch; says which asked lanes were hit.
 #[inline(always)]
@@ -46,31 +47,50 @@ impl<const W: usize> Work for PatchLanes<'_, W> {
 
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) -> [i32; W] {
-        let packet = self.packet;
-        let (origin, direction) = (
-            packet.vectors::<W>(row::ORIGIN),
-            packet.vectors::<W>(row::DIRECTION),
-        );
-        let mut along = [0u32; 3];
-        for lane in 0..W {
-            let axis = dominant_axis([direction[0][lane], direction[1][lane], direction[2][lane]]);
-            along[axis] |= u32::from(self.asked[lane] != 0) << lane;
-        }
         let mut hit = [0; W];
+        // Comparisons are of eight numbers side by side.
+        if W < PACK {
+            for lane in (0..W).filter(|&lane| self.asked[lane] != 0) {
+                self.answer_ray(isa, lane, &mut hit);
+            }
+            return hit;
+        }
+        let asked = asked_lanes(isa, self.asked);
+        if asked.count_ones() <= const { (FEW_RAYS * W as f32) as u32 } {
+            for lane in lanes(asked) {
+                self.answer_ray(isa, lane % W, &mut hit);
+            }
+            return hit;
+        }
+        let origin = self.packet.vectors::<W>(row::ORIGIN);
+        let direction = self.packet.vectors::<W>(row::DIRECTION);
+        let along = dominant_axes(isa, &direction);
         for axis in 0..3 {
-            let group = along[axis];
-            // Comparisons are of eight numbers side by side.
-            if W < PACK || group.count_ones() <= FEW_RAYS {
-                for lane in lanes(group) {
-                    self.answer_ray(isa, lane % W, &mut hit);
-                }
-            } else {
+            let group = along[axis] & asked;
+            if group != 0 {
                 let shears = ShearLanes::new(axis, &origin, &direction);
                 self.answer_group(isa, &shears, group, &mut hit);
             }
         }
         hit
     }
+}
+
+/// Bit `i` of one of the masks says along which axis direction `i` is longest, as [`dominant_axis`] does.
+///
+/// [`dominant_axis`]: crate::mesh::triangle::dominant_axis
+#[inline(always)]
+fn dominant_axes<I: Isa, const W: usize>(isa: I, direction: &[[f32; W]; 3]) -> [u32; 3] {
+    let mut size = [[0.0; W]; 3];
+    for axis in 0..3 {
+        for lane in 0..W {
+            size[axis][lane] = direction[axis][lane].abs();
+        }
+    }
+    let [x, y, z] = &size;
+    let is_x = isa.lt(y, x) & isa.lt(z, x);
+    let is_y = isa.lt(z, y) & !is_x;
+    [is_x, is_y, !(is_x | is_y)]
 }
 
 impl<const W: usize> PatchLanes<'_, W> {
@@ -94,29 +114,43 @@ impl<const W: usize> PatchLanes<'_, W> {
     #[inline(always)]
     fn answer_group<I: Isa>(&self, isa: I, shears: &ShearLanes<W>, group: u32, hit: &mut [i32; W]) {
         let patch = self.patch;
+        let along = shears.along_axes(patch.corners());
         let mut projected = [const { MaybeUninit::<Flat<W>>::uninit() }; CORNERS];
         for index in 0..patch.corner_count() {
-            projected[index].write(shears.flatten(patch.corner(index)));
+            projected[index].write(shears.flatten([along[0][index], along[1][index], along[2][index]]));
+        }
+        let first = projected.as_ptr().cast::<Flat<W>>();
+        // SAFETY: a triangle's corners are below `corner_count`, and so many were written.
+        let flat = |corner: usize| unsafe { &*first.wrapping_add(corner) };
+        let (mut masks, mut members) = ([0u32; MEMBERS], 0u32);
+        for member in 0..patch.member_count() {
+            let [a, b, c] = patch.triangle(member);
+            let maybe = may_hold_origin(isa, [flat(a), flat(b), flat(c)]) & group;
+            masks[member] = maybe;
+            members |= u32::from(maybe != 0) << member;
+        }
+        if members == 0 {
+            return;
         }
         let mut found = Found::of(self.packet);
         let t_near: [f32; W] = self.packet.floats(row::T_NEAR);
         let mut asked = group;
-        for member in 0..patch.member_count() {
-            let corners = patch.triangle(member);
-            // SAFETY: a triangle's corners are below `corner_count`, and so many were written.
-            let flat = |corner: usize| unsafe { projected[corner].assume_init_ref() };
-            let flat = [flat(corners[0]), flat(corners[1]), flat(corners[2])];
-            let maybe = may_hold_origin(isa, flat) & asked;
-            if maybe == 0 {
-                continue;
+        for member in lanes(members) {
+            let maybe = masks[member] & asked;
+            let [a, b, c] = patch.triangle(member);
+            let triangle = (
+                [flat(a), flat(b), flat(c)],
+                [along[2][a], along[2][b], along[2][c]],
+            );
+            let (mut met, on_edge) = shears.meet(isa, triangle, maybe, [&t_near, &found.t]);
+            if on_edge != 0 {
+                settle(&mut met, on_edge, (shears, patch, member), [&t_near, &found.t]);
             }
-            let corners = [0, 1, 2].map(|i| patch.corner(corners[i]));
-            let hits = shears.meet(isa, (flat, corners), maybe, [&t_near, &found.t]);
             match self.question {
-                Question::Nearest => found.merge(&hits, patch, member),
+                Question::Nearest => found.merge(isa, &met, patch, member),
                 Question::Any => {
-                    found.changed |= hits.mask;
-                    asked &= !hits.mask;
+                    found.changed |= met.mask;
+                    asked &= !met.mask;
                     if asked == 0 {
                         break;
                     }
@@ -124,8 +158,26 @@ impl<const W: usize> PatchLanes<'_, W> {
             }
         }
         found.write(self.question);
-        for lane in lanes(found.changed) {
-            hit[lane % W] = ACTIVE;
+        for lane in 0..W {
+            hit[lane] |= if found.changed >> lane & 1 != 0 { ACTIVE } else { 0 };
+        }
+    }
+}
+
+/// Asks about the rays that meet an edge one by one.
+#[cold]
+#[inline(never)]
+fn settle<const W: usize>(
+    met: &mut Met<W>,
+    on_edge: u32,
+    (shears, patch, member): (&ShearLanes<W>, &Patch, usize),
+    [t_near, t_far]: [&[f32; W]; 2],
+) {
+    let corners = patch.triangle(member).map(|corner| patch.corner(corner));
+    for lane in lanes(on_edge) {
+        let hit = shears.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
+        if let Some(hit) = hit {
+            met.set(lane, &hit);
         }
     }
 }
@@ -134,8 +186,9 @@ impl<const W: usize> PatchLanes<'_, W> {
 struct Found<const W: usize> {
     packet: Foreign,
     t: [f32; W],
-    u: [f32; W],
-    v: [f32; W],
+    /// As of [`Met`].
+    weights: [[f32; W]; 2],
+    det: [f32; W],
     /// Instance and primitive, of lanes that have changed.
     number: [[u32; W]; 2],
     changed: u32,
@@ -147,8 +200,8 @@ impl<const W: usize> Found<W> {
         Found {
             packet,
             t: packet.floats(row::T_FAR),
-            u: [0.0; W],
-            v: [0.0; W],
+            weights: [[0.0; W]; 2],
+            det: [1.0; W],
             number: [[0; W]; 2],
             changed: 0,
         }
@@ -156,18 +209,25 @@ impl<const W: usize> Found<W> {
 
     /// Takes over hits within the intervals, but those of lanes whose equally near hit has a lower number.
     #[inline(always)]
-    fn merge(&mut self, hits: &LaneHits<W>, patch: &Patch, member: usize) {
+    fn merge<I: Isa>(&mut self, isa: I, met: &Met<W>, patch: &Patch, member: usize) {
         let number = [patch.instance(), patch.primitive(member)];
-        for lane in lanes(hits.mask) {
-            let lane = lane % W;
-            let t = hits.t[lane] + 0.0;
-            if t == self.t[lane] && self.held(lane) <= number {
-                continue;
-            }
-            (self.t[lane], self.u[lane], self.v[lane]) = (t, hits.u[lane], hits.v[lane]);
-            (self.number[0][lane], self.number[1][lane]) = (number[0], number[1]);
-            self.changed |= 1 << lane;
+        let mut taken = met.mask;
+        for lane in lanes(met.mask & isa.eq(&met.t, &self.t)) {
+            let is_lower = number < self.held(lane % W);
+            taken &= !(u32::from(!is_lower) << lane);
         }
+        for lane in 0..W {
+            let is_taken = taken >> lane & 1 != 0;
+            // The sum is +0 for a zero of either sign.
+            self.t[lane] = if is_taken { met.t[lane] + 0.0 } else { self.t[lane] };
+            self.det[lane] = if is_taken { met.det[lane] } else { self.det[lane] };
+            for i in 0..2 {
+                let (new, old) = (met.weights[i][lane], self.weights[i][lane]);
+                self.weights[i][lane] = if is_taken { new } else { old };
+                self.number[i][lane] = if is_taken { number[i] } else { self.number[i][lane] };
+            }
+        }
+        self.changed |= taken;
     }
 
     /// The number of a lane's hit; the highest if it has none.
@@ -188,9 +248,9 @@ impl<const W: usize> Found<W> {
         if question == Question::Any {
             return self.write_row(row::T_FAR, [f32::NEG_INFINITY.to_bits(); W]);
         }
-        self.write_row(row::T_FAR, self.t.map(f32::to_bits));
-        self.write_row(row::U, self.u.map(f32::to_bits));
-        self.write_row(row::V, self.v.map(f32::to_bits));
+        self.write_row(row::T_FAR, bits_of(&self.t));
+        self.write_row(row::U, bits_of(&div(&self.weights[0], &self.det)));
+        self.write_row(row::V, bits_of(&div(&self.weights[1], &self.det)));
         self.write_row(row::INSTANCE, self.number[0]);
         self.write_row(row::PRIMITIVE, self.number[1]);
         self.write_row(row::LEVEL, [NO_HIT; W]);
@@ -207,6 +267,15 @@ impl<const W: usize> Found<W> {
     }
 }
 
+#[inline(always)]
+fn bits_of<const W: usize>(values: &[f32; W]) -> [u32; W] {
+    let mut bits = [0; W];
+    for lane in 0..W {
+        bits[lane] = values[lane].to_bits();
+    }
+    bits
+}
+
 /// What a ray meets of a patch within its interval: the nearest, of equals the one with the lowest number, or anything.
 #[inline(always)]
 fn nearest_of<I: Isa>(isa: I, patch: &Patch, ray: &Ray, question: Question) -> Option<Hit> {
@@ -214,6 +283,9 @@ fn nearest_of<I: Isa>(isa: I, patch: &Patch, ray: &Ray, question: Question) -> O
     let [x, y] = shear.flatten(patch.corners());
     let mut maybe = 0;
     for first in (0..MEMBERS).step_by(PACK) {
+        if first >= patch.member_count() {
+            break;
+        }
         let mut index = [[0u32; PACK]; 3];
         for row in 0..3 {
             for i in 0..PACK {
@@ -230,7 +302,8 @@ fn nearest_of<I: Isa>(isa: I, patch: &Patch, ray: &Ray, question: Question) -> O
     maybe &= (1 << patch.member_count()) - 1;
     let mut best: Option<Hit> = None;
     for member in lanes(maybe) {
-        let corners = patch.triangle(member).map(|corner| patch.corner(corner));
+        let [a, b, c] = patch.triangle(member);
+        let corners = [patch.corner(a), patch.corner(b), patch.corner(c)];
         let t_far = best.map_or(ray.t_far, |best| best.t);
         let Some(met) = shear.intersect(corners, ray.t_near, t_far) else {
             continue;

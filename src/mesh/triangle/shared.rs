@@ -3,8 +3,8 @@
 //!
 //! The arithmetic is that of [`Shear::intersect`], operation by operation, so the answers have its bits.
 
-use super::{LaneHits, Shear, ShearLanes, TriangleHit, project};
-use crate::mesh::lanes::{Isa, add, div, lanes, max, min, mul, sub};
+use super::{Shear, ShearLanes, TriangleHit, project};
+use crate::mesh::lanes::{Isa, add, div, max, min, mul, sub};
 
 /// Projected corners side by side: x and y in the sheared frame, where the ray is the origin.
 pub(crate) type Flat<const N: usize> = [[f32; N]; 2];
@@ -15,12 +15,12 @@ pub(crate) type Flat<const N: usize> = [[f32; N]; 2];
 pub(crate) fn may_hold_origin<I: Isa, const N: usize>(isa: I, corners: [&Flat<N>; 3]) -> u32 {
     let [u, v, w] = edges(corners);
     let zero = [0.0; N];
-    let [mut least, mut greatest] = [zero; 2];
+    let mut product = zero;
     for i in 0..N {
-        least[i] = min(min(u[i], v[i]), w[i]);
-        greatest[i] = max(max(u[i], v[i]), w[i]);
+        // Negative where the signs are opposite; too small a product is zero.
+        product[i] = min(min(u[i], v[i]), w[i]) * max(max(u[i], v[i]), w[i]);
     }
-    !(isa.lt(&least, &zero) & isa.lt(&zero, &greatest)) & (u32::MAX >> (u32::BITS as usize - N))
+    !isa.lt(&product, &zero) & (u32::MAX >> (u32::BITS as usize - N))
 }
 
 /// The edge functions opposite to each corner.
@@ -47,71 +47,85 @@ impl Shear {
     }
 }
 
+/// Where rays meet one triangle. The numbers mean something where the lane's bit in `mask` is set.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Met<const N: usize> {
+    pub(crate) mask: u32,
+    /// Parameters along the rays.
+    pub(crate) t: [f32; N],
+    /// Weights of the second and the third corner, times `det`.
+    pub(crate) weights: [[f32; N]; 2],
+    pub(crate) det: [f32; N],
+}
+
 impl<const N: usize> ShearLanes<N> {
-    /// Projects one point for each ray.
+    /// The coordinates of points by axis, in the order of the rays' axes.
     #[inline(always)]
-    pub(crate) fn flatten(&self, point: [f32; 3]) -> Flat<N> {
+    pub(crate) fn along_axes<'p, const M: usize>(&self, points: &'p [[f32; M]; 3]) -> [&'p [f32; M]; 3] {
         let [kx, ky, kz] = self.axes;
+        [&points[kx], &points[ky], &points[kz]]
+    }
+
+    /// Projects one point for each ray; its coordinates are [along](ShearLanes::along_axes) the rays' axes.
+    #[inline(always)]
+    pub(crate) fn flatten(&self, [x, y, z]: [f32; 3]) -> Flat<N> {
         let [sx, sy, _] = self.shear;
-        let point = [&[point[kx]; N], &[point[ky]; N], &[point[kz]; N]];
-        let [x, y, _] = project(point, &self.origin, &[sx, sy]);
+        let [x, y, _] = project([&[x; N], &[y; N], &[z; N]], &self.origin, &[sx, sy]);
         [x, y]
     }
 
     /// Tests a triangle against the rays of `asked`, which all [may hold](may_hold_origin) it, each as
-    /// [`Shear::intersect`] does; `flat` are its corners as [`ShearLanes::flatten`] projects them, and the interval is
-    /// nearest and farthest parameters.
+    /// [`Shear::intersect`] does; `flat` are its corners as [`ShearLanes::flatten`] projects them, `depths` their last
+    /// coordinates, and the interval is nearest and farthest parameters.
+    ///
+    /// Second are the rays that meet an edge or a corner, about which only [`Shear::intersect`] can say.
     #[inline(always)]
     pub(crate) fn meet(
         &self,
         isa: impl Isa,
-        (flat, corners): ([&Flat<N>; 3], [[f32; 3]; 3]),
+        (flat, depths): ([&Flat<N>; 3], [f32; 3]),
         asked: u32,
-        interval: [&[f32; N]; 2],
-    ) -> LaneHits<N> {
+        [t_near, t_far]: [&[f32; N]; 2],
+    ) -> (Met<N>, u32) {
         let [u, v, w] = edges(flat);
-        let mut smallest = [0.0; N];
+        let zero = [0.0; N];
+        let [mut least, mut greatest, mut smallest] = [zero; 3];
         for i in 0..N {
+            least[i] = min(min(u[i], v[i]), w[i]);
+            greatest[i] = max(max(u[i], v[i]), w[i]);
             smallest[i] = min(min(u[i].abs(), v[i].abs()), w[i].abs());
         }
-        let on_edge = isa.eq(&smallest, &[0.0; N]) & asked;
-        let [za, zb, zc] = [0, 1, 2].map(|corner| {
-            let z = [corners[corner][self.axes[2]]; N];
-            mul(&self.shear[2], &sub(&z, &self.origin[2]))
-        });
+        let inside = isa.lt(&zero, &least) | isa.lt(&greatest, &zero);
+        let on_edge = isa.eq(&smallest, &zero) & asked;
+        let [a, b, c] = depths;
+        let [za, zb, zc] = [self.depth(a), self.depth(b), self.depth(c)];
         let det = add(&add(&u, &v), &w);
         let t = div(&add(&add(&mul(&u, &za), &mul(&v, &zb)), &mul(&w, &zc)), &det);
-        let [t_near, t_far] = interval;
         let within = isa.le(t_near, &t) & isa.le(&t, t_far) & isa.lt(&t, &[f32::INFINITY; N]);
-        let hits = LaneHits {
-            mask: asked & !on_edge & within,
+        let met = Met {
+            mask: asked & inside & within,
             t,
-            u: div(&v, &det),
-            v: div(&w, &det),
+            weights: [v, w],
+            det,
         };
-        if on_edge == 0 {
-            return hits;
-        }
-        self.with_edges(hits, on_edge, (corners, [*t_near, *t_far]))
+        (met, on_edge)
     }
 
-    // By value, so that the arrays of the common path can stay in registers.
-    #[cold]
-    #[inline(never)]
-    fn with_edges(
-        &self,
-        mut hits: LaneHits<N>,
-        on_edge: u32,
-        (corners, [t_near, t_far]): ([[f32; 3]; 3], [[f32; N]; 2]),
-    ) -> LaneHits<N> {
-        for lane in lanes(on_edge) {
-            let hit = self.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
-            if let Some(TriangleHit { t, u, v }) = hit {
-                hits.mask |= 1 << lane;
-                (hits.t[lane], hits.u[lane], hits.v[lane]) = (t, u, v);
-            }
-        }
-        hits
+    /// How deep points of that last coordinate lie, in units of t.
+    #[inline(always)]
+    fn depth(&self, z: f32) -> [f32; N] {
+        mul(&self.shear[2], &sub(&[z; N], &self.origin[2]))
+    }
+}
+
+impl<const N: usize> Met<N> {
+    /// Takes over what [`Shear::intersect`] says of a lane.
+    #[inline(always)]
+    pub(crate) fn set(&mut self, lane: usize, hit: &TriangleHit) {
+        self.mask |= 1 << lane;
+        self.t[lane] = hit.t;
+        (self.weights[0][lane], self.weights[1][lane]) = (hit.u, hit.v);
+        self.det[lane] = 1.0;
     }
 }
 
@@ -121,7 +135,7 @@ mod tests {
 
     use super::super::dominant_axis;
     use super::*;
-    use crate::mesh::lanes::{AnyIsa, Work, dispatch};
+    use crate::mesh::lanes::{AnyIsa, Work, dispatch, lanes};
     use crate::numeric::Ray;
 
     /// Whole numbers from -2 to 2 (Weyl's sequence on the golden ratio), so that edges and corners are met often.
@@ -157,16 +171,29 @@ mod tests {
                 [0, 1, 2].map(|axis| std::array::from_fn(|lane| of(&rays[lane])[axis]))
             };
             let shears = ShearLanes::<8>::new(dominant, &rows(|r| r.origin), &rows(|r| r.direction));
-            let flat = corners.map(|corner| shears.flatten(corner));
+            let along: [[f32; 3]; 3] = corners.map(|corner| {
+                let coordinates = corner.map(|x| [x]);
+                shears.along_axes(&coordinates).map(|x| x[0])
+            });
+            let flat = along.map(|corner| shears.flatten(corner));
             let [a, b, c] = &flat;
             let asked = may_hold_origin(isa, [a, b, c]);
             let interval = [rays.map(|r| r.t_near), rays.map(|r| r.t_far)];
-            let hits = shears.meet(isa, ([a, b, c], corners), asked, [&interval[0], &interval[1]]);
+            let flat = ([a, b, c], along.map(|corner| corner[2]));
+            let (mut met, on_edge) = shears.meet(isa, flat, asked, [&interval[0], &interval[1]]);
+            for lane in lanes(on_edge) {
+                let hit = shears
+                    .lane(lane)
+                    .intersect(corners, interval[0][lane], interval[1][lane]);
+                if let Some(hit) = hit {
+                    met.set(lane, &hit);
+                }
+            }
             std::array::from_fn(|lane| {
-                (hits.mask >> lane & 1 != 0).then(|| TriangleHit {
-                    t: hits.t[lane],
-                    u: hits.u[lane],
-                    v: hits.v[lane],
+                (met.mask >> lane & 1 != 0).then(|| TriangleHit {
+                    t: met.t[lane],
+                    u: met.weights[0][lane] / met.det[lane],
+                    v: met.weights[1][lane] / met.det[lane],
                 })
             })
         }

@@ -84,7 +84,12 @@ fn embree_backends<'s>(
     let build = |options: &AccelOptions| -> Box<dyn Accel + 's> {
         Box::new(EmbreeAccel::build(scene, options).unwrap())
     };
+    let watertight = AccelOptions {
+        precision: whit::accel::Precision::Watertight,
+        ..packet.clone()
+    };
     vec![
+        ("embree watertight", build(&watertight)),
         ("embree single", build(&single)),
         ("embree packet", build(&packet)),
         ("embree native single", build(&native(&single))),

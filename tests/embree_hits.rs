@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Accel, AccelError, AccelOptions, Hit, Kernel, LANES, Precision, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelError, AccelOptions, Hit, Kernel, LANES, RayOrder, RayPacket};
 use whit::mesh::{Mesh, Slab};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
@@ -368,16 +368,4 @@ fn a_panic_in_progress_cancels_the_build_and_goes_on() {
         EmbreeAccel::build(&scene, &options).map(|_| ())
     });
     assert!(result.is_err());
-}
-
-#[test]
-fn watertight_triangles_are_refused() {
-    let options = AccelOptions {
-        precision: Precision::Watertight,
-        ..AccelOptions::default()
-    };
-    assert_eq!(
-        EmbreeAccel::build(&Scene::default(), &options).err(),
-        Some(AccelError::NotWatertight)
-    );
 }

@@ -141,7 +141,7 @@ fn every_call_flag_kernel_and_kind_returns() {
         Kind::AllNative,
         Kind::Moving,
     ] {
-        for precision in [Precision::Fast, Precision::Robust] {
+        for precision in Precision::ALL {
             for kernel in [Kernel::Packet, Kernel::Single] {
                 for isa in [None, Some("avx2"), Some("sse2")] {
                     for order in [RayOrder::Coherent, RayOrder::Incoherent] {

@@ -66,6 +66,8 @@ fn check(scene: &Scene, rays: &[Ray]) {
             (Kernel::Single, Precision::Robust),
             (Kernel::Packet, Precision::Fast),
             (Kernel::Single, Precision::Fast),
+            (Kernel::Packet, Precision::Watertight),
+            (Kernel::Single, Precision::Watertight),
         ] {
             let options = AccelOptions {
                 isa: Some(isa.to_owned()),

@@ -40,6 +40,8 @@ const CHUNK: usize = 1 << 14;
 const BINS: usize = 16;
 /// Sets of at most so many are cut wherever it costs least.
 const SWEEP_COUNT: usize = 32;
+/// Sets of more than so many are looked at before it is worked out where it would cost least to cut what need not be cut.
+const LOOK_COUNT: usize = 8;
 /// After so many cuts sets are halved by number: however the boxes lie, the work stays in proportion to n log n.
 const CUT_LIMIT: u32 = 64;
 
@@ -144,7 +146,7 @@ fn divide(items: &mut [Item], cost: &Cost, cuts: u32) {
 fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
     let count = items.len();
     let fits = count <= cost.limit;
-    if count == 1 {
+    if count == 1 || (fits && count > LOOK_COUNT && !may_fall_apart(items, cost)) {
         return None;
     }
     let found = match cuts {
@@ -157,6 +159,26 @@ fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
         Some((halves, at)) => (halves < (cost.of(count) - cost.cut) * area_of(items)).then_some(at),
         None => (!fits).then(|| (count / 2).next_multiple_of(cost.limit).min(count - 1)),
     }
+}
+
+/// Whether it might pay to cut a set that is a cluster as it is: by how it falls apart across the middle of its longest
+/// side. The halves cost at least a visit each, over the chance of reaching them.
+fn may_fall_apart(items: &[Item], cost: &Cost) -> bool {
+    let whole = items
+        .iter()
+        .fold(Extent::EMPTY, |whole, item| whole.with(&Extent::of(item)));
+    let length = |axis: &usize| whole.max[*axis] - whole.min[*axis];
+    let Some(axis) = (0..3).max_by(|a, b| length(a).total_cmp(&length(b))) else {
+        return true;
+    };
+    let middle = 0.5 * (whole.min[axis] + whole.max[axis]);
+    let mut halves = [Extent::EMPTY; 2];
+    for item in items {
+        let half = usize::from(item.center(axis) > middle);
+        halves[half] = halves[half].with(&Extent::of(item));
+    }
+    let least = cost.visit * (halves[0].half_area() + halves[1].half_area());
+    least < (cost.of(items.len()) - cost.cut) * whole.half_area()
 }
 
 impl Cost {

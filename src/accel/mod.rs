@@ -103,6 +103,11 @@ pub enum Precision {
     Watertight,
 }
 
+impl Precision {
+    /// All, the one that may be trusted least first.
+    pub const ALL: [Precision; 3] = [Precision::Fast, Precision::Robust, Precision::Watertight];
+}
+
 impl fmt::Display for Precision {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
@@ -128,11 +133,12 @@ pub enum Instancing {
 }
 
 impl Instancing {
-    /// [`Instancing::Callback`] or [`Instancing::Native`]: what [`Instancing::Auto`] means at a precision.
+    /// [`Instancing::Callback`] or [`Instancing::Native`]: what it means at a precision. Watertight meshes are placed by
+    /// callbacks whatever is wished, as the boxes that Embree puts around its own instances are not rounded outward.
     pub fn resolved(self, precision: Precision) -> Instancing {
         match (self, precision) {
             (Instancing::Auto, Precision::Fast) => Instancing::Native,
-            (Instancing::Auto, Precision::Robust | Precision::Watertight) => Instancing::Callback,
+            (Instancing::Auto, Precision::Robust) | (_, Precision::Watertight) => Instancing::Callback,
             (chosen, _) => chosen,
         }
     }
@@ -253,9 +259,6 @@ pub enum AccelError {
         /// The library's version.
         running: String,
     },
-    /// The backend cannot give that precision.
-    #[error("Embree triangles are `fast` or `robust`: use `--backend bsp`, which is always watertight")]
-    NotWatertight,
 }
 
 /// Builds the acceleration structure of a validated scene.

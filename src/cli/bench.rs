@@ -164,42 +164,71 @@ fn bench_scene(
 
 /// The acceleration structures of a scene, once for each way of asking that needs its own.
 struct Structures<'s> {
-    /// With the kind of instancing that was chosen, and with the other where the scene has placed meshes.
+    /// With the precision and the kind of instancing that were chosen, with the other kind where the scene has placed
+    /// meshes, and with the other precisions.
     #[cfg(feature = "embree")]
     embree: Vec<EmbreeStructures<'s>>,
-    #[cfg(feature = "embree")]
-    precision: Precision,
     bsp: [(BspAccel<'s>, f64); 2],
 }
 
-/// Embree's structures for one kind of instancing, which is absent where nothing is placed.
+/// Embree's structures for one precision and one kind of instancing, which is absent where nothing is placed.
 #[cfg(feature = "embree")]
 struct EmbreeStructures<'s> {
+    precision: Precision,
     instancing: Option<Instancing>,
     packet: (EmbreeAccel<'s>, f64),
-    single: EmbreeAccel<'s>,
+    /// Absent for precisions that were not chosen.
+    single: Option<EmbreeAccel<'s>>,
 }
 
 #[cfg(feature = "embree")]
 impl<'s> EmbreeStructures<'s> {
-    fn build(
-        scene: &'s Scene,
-        instancing: Instancing,
-        options: impl Fn(Kernel) -> AccelOptions<'static>,
-    ) -> Result<EmbreeStructures<'s>, Failure> {
-        let build = |kernel| {
-            let options = AccelOptions {
-                instancing,
-                ..options(kernel)
-            };
-            timed(|| EmbreeAccel::build(scene, &options))
-        };
-        let packet = build(Kernel::Packet)?;
+    fn build_packet(scene: &'s Scene, options: &AccelOptions) -> Result<EmbreeStructures<'s>, Failure> {
+        let packet = timed(|| EmbreeAccel::build(scene, options))?;
         Ok(EmbreeStructures {
-            instancing: (packet.0.placed_mesh_count() > 0).then_some(instancing),
-            single: build(Kernel::Single)?.0,
+            precision: options.precision,
+            instancing: (packet.0.placed_mesh_count() > 0).then_some(options.instancing),
+            single: None,
             packet,
         })
+    }
+
+    fn build(scene: &'s Scene, options: &AccelOptions) -> Result<EmbreeStructures<'s>, Failure> {
+        let single = AccelOptions {
+            kernel: Kernel::Single,
+            ..options.clone()
+        };
+        Ok(EmbreeStructures {
+            single: Some(timed(|| EmbreeAccel::build(scene, &single))?.0),
+            ..EmbreeStructures::build_packet(scene, options)?
+        })
+    }
+
+    /// All that a scene is measured with.
+    fn all(scene: &'s Scene, wish: &AccelOptions) -> Result<Vec<EmbreeStructures<'s>>, Failure> {
+        let at = |precision: Precision| AccelOptions {
+            precision,
+            instancing: wish.instancing.resolved(precision),
+            ..wish.clone()
+        };
+        let chosen = at(wish.precision);
+        let first = EmbreeStructures::build(scene, &chosen)?;
+        let other = chosen.instancing.other();
+        let has_other = first.instancing.is_some() && other.resolved(wish.precision) == other;
+        let mut built = vec![first];
+        if has_other {
+            let instancing = other;
+            built.push(EmbreeStructures::build(
+                scene,
+                &AccelOptions { instancing, ..chosen },
+            )?);
+        }
+        for precision in Precision::ALL {
+            if precision != wish.precision {
+                built.push(EmbreeStructures::build_packet(scene, &at(precision))?);
+            }
+        }
+        Ok(built)
     }
 }
 
@@ -213,22 +242,10 @@ impl<'s> Structures<'s> {
             isa: job.tracing.isa.clone(),
             progress: None,
         };
-        #[cfg(feature = "embree")]
-        let embree = {
-            let chosen = job.tracing.instancing.resolved(job.tracing.precision);
-            let first = EmbreeStructures::build(scene, chosen, options)?;
-            let other = match first.instancing {
-                Some(_) => Some(EmbreeStructures::build(scene, chosen.other(), options)?),
-                None => None,
-            };
-            std::iter::once(first).chain(other).collect()
-        };
         let bsp = |kernel| timed(|| BspAccel::build(scene, &options(kernel)));
         Ok(Structures {
             #[cfg(feature = "embree")]
-            embree,
-            #[cfg(feature = "embree")]
-            precision: job.tracing.precision,
+            embree: EmbreeStructures::all(scene, &options(Kernel::Packet))?,
             bsp: [bsp(Kernel::Packet)?, bsp(Kernel::Single)?],
         })
     }
@@ -242,15 +259,17 @@ impl<'s> Structures<'s> {
             let embree = |mode, engine| Contestant {
                 backend: Backend::Embree,
                 instancing: built.instancing,
-                precision: self.precision,
+                precision: built.precision,
                 mode,
                 engine,
                 build_seconds: *seconds,
                 report: packet.report(),
             };
             contestants.push(embree(Mode::Packet, Engine::Accel(packet)));
-            contestants.push(embree(Mode::Raw, Engine::Raw(packet)));
-            contestants.push(embree(Mode::Single, Engine::Accel(&built.single)));
+            if let Some(single) = &built.single {
+                contestants.push(embree(Mode::Raw, Engine::Raw(packet)));
+                contestants.push(embree(Mode::Single, Engine::Accel(single)));
+            }
         }
         let [(packet, seconds), (single, _)] = &self.bsp;
         let bsp = |mode, accel| Contestant {
@@ -306,6 +325,13 @@ impl<'a> Contestant<'a> {
         };
         contestants.iter().find(is_referee).unwrap_or(&contestants[0])
     }
+
+    /// Whether whole frames are rendered with it: with the first one, and with Embree at each other precision.
+    fn has_frames(&self, contestants: &[Contestant<'a>]) -> bool {
+        let first = &contestants[0];
+        let is_rung = self.backend == Backend::Embree && self.precision != first.precision;
+        std::ptr::eq(self, first) || is_rung
+    }
 }
 
 /// The picture whose rays are replayed.
@@ -332,7 +358,7 @@ impl Frame<'_> {
     }
 
     /// What one render of the frame takes, on the current thread pool.
-    fn ledger(&self) -> Result<Ledger, Failure> {
+    fn ledger(&self, accel: &dyn Accel) -> Result<Ledger, Failure> {
         let monitor = Monitor {
             progress: &|_| {},
             cancel: &interrupt::CANCELLED,
@@ -341,7 +367,7 @@ impl Frame<'_> {
             ledger: true,
             ..self.settings
         };
-        render::render(self.scene, self.camera, self.accel, &settings, &monitor)
+        render::render(self.scene, self.camera, accel, &settings, &monitor)
             .map(|rendering| rendering.ledger)
             .ok_or(Failure::Interrupted)
     }
@@ -351,7 +377,8 @@ impl Frame<'_> {
 struct Times {
     /// By set, then by contestant.
     replays: Vec<Vec<Vec<f64>>>,
-    frames: Vec<Ledger>,
+    /// By contestant; empty for those without frames.
+    frames: Vec<Vec<Ledger>>,
 }
 
 impl Times {
@@ -369,7 +396,7 @@ impl Times {
             .map_err(|error| Failure::Work(format!("could not start a thread: {error}")))?;
         let mut times = Times {
             replays: vec![vec![Vec::new(); contestants.len()]; sets.len()],
-            frames: Vec::new(),
+            frames: vec![Vec::new(); contestants.len()],
         };
         for repetition in 0..repeat {
             for (set, of_set) in sets.iter().zip(&mut times.replays) {
@@ -378,18 +405,27 @@ impl Times {
                     seconds.push(replay_seconds(contestant.engine, set, contestant.mode));
                 }
             }
-            times.frames.push(single.install(|| frame.ledger())?);
+            for (contestant, ledgers) in contestants.iter().zip(&mut times.frames) {
+                if let Engine::Accel(accel) = contestant.engine
+                    && contestant.has_frames(contestants)
+                {
+                    ledgers.push(single.install(|| frame.ledger(accel))?);
+                }
+            }
             progress.fraction(f64::from(repetition + 1) / f64::from(repeat));
         }
         Ok(times)
     }
 
-    /// The render loop against the raw traces of the same rays.
-    fn frame(&self, contestants: &[Contestant], sets: &[RaySet]) -> Option<FrameTime> {
+    /// The render loop with one contestant, or with the first if it has no frames, against the first one's raw traces of
+    /// the same rays.
+    fn frame(&self, contestants: &[Contestant], sets: &[RaySet], index: usize) -> Option<FrameTime> {
         let raw = contestants
             .iter()
             .position(|contestant| contestant.mode == Mode::Raw)?;
-        let ledger = self.frames.first()?;
+        let frames = [index, 0].map(|index| &self.frames[index]);
+        let frames = frames.into_iter().find(|frames| !frames.is_empty())?;
+        let ledger = frames.first()?;
         let raw_seconds: f64 = sets
             .iter()
             .zip(&self.replays)
@@ -403,8 +439,7 @@ impl Times {
                 rays as f64 * Spread::of(&of_set[raw]).median / set.ray_count as f64
             })
             .sum();
-        let median =
-            |of: fn(&Ledger) -> f64| Spread::of(&self.frames.iter().map(of).collect::<Vec<_>>()).median;
+        let median = |of: fn(&Ledger) -> f64| Spread::of(&frames.iter().map(of).collect::<Vec<_>>()).median;
         let seconds = median(|ledger| ledger.seconds);
         Some(FrameTime {
             seconds,
@@ -424,10 +459,12 @@ fn rows(
     times: &Times,
     frame: &Frame,
 ) -> Result<Vec<BenchRow>, Failure> {
-    let frame_time = times.frame(contestants, sets);
+    let frame_times: Vec<_> = (0..contestants.len())
+        .map(|index| times.frame(contestants, sets, index))
+        .collect();
     let mut rows = Vec::with_capacity(sets.len() * contestants.len());
     for (set, of_set) in sets.iter().zip(&times.replays) {
-        for (contestant, seconds) in contestants.iter().zip(of_set) {
+        for ((contestant, seconds), frame_time) in contestants.iter().zip(of_set).zip(&frame_times) {
             interrupt::check()?;
             // The referee needs no comparison with itself.
             let differ = match rows.len() % contestants.len() {
@@ -458,7 +495,7 @@ fn rows(
                 ties: differ.ties,
                 threads: job.tracing.threads,
                 embree: contestant.report.embree.clone(),
-                frame: frame_time,
+                frame: *frame_time,
             });
         }
     }

@@ -87,7 +87,7 @@ impl From<SceneFileError> for Failure {
 impl From<AccelError> for Failure {
     fn from(error: AccelError) -> Failure {
         match error {
-            AccelError::NoEmbree | AccelError::NotWatertight => Failure::Input(error.to_string()),
+            AccelError::NoEmbree => Failure::Input(error.to_string()),
             _ => Failure::Work(error.to_string()),
         }
     }

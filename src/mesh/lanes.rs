@@ -14,6 +14,9 @@ pub trait Isa: Copy {
 
     /// Bit `i` says whether `a[i] == b[i]`; false for NaN.
     fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
+
+    /// Lane `i` of the answer is `table[index[i]]`. The table's size is a multiple of eight, and no index is beyond it.
+    fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8];
 }
 
 // No closures here: one that is not inlined would be compiled for the lowest instruction set.
@@ -62,7 +65,7 @@ pub(super) fn mul<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
 
 /// The quotients, lane by lane.
 #[inline(always)]
-pub(super) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+pub(crate) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     let mut out = [0.0; N];
     for i in 0..N {
         out[i] = a[i] / b[i];
@@ -88,6 +91,15 @@ impl Isa for AnyIsa {
     #[inline(always)]
     fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
         (0..N).fold(0, |mask, i| mask | u32::from(a[i] == b[i]) << i)
+    }
+
+    #[inline(always)]
+    fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
+        let mut out = [0.0; 8];
+        for i in 0..8 {
+            out[i] = table[(index[i] as usize).min(N - 1)];
+        }
+        out
     }
 }
 
@@ -127,6 +139,26 @@ mod x86 {
         #[inline(always)]
         fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
             compare::<_CMP_EQ_OQ, N>(self, a, b)
+        }
+
+        /// From each eight of the table by the lower bits of the index, and of these the one that the others tell.
+        #[inline(always)]
+        fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
+            let (parts, _) = table.as_chunks::<8>();
+            let index = cast(*index);
+            let mut picked = self.avx._mm256_setzero_ps();
+            for part in 0..N / 8 {
+                let here = self.avx2._mm256_permutevar8x32_ps(cast(parts[part]), index);
+                picked = match part {
+                    0 => here,
+                    _ => {
+                        let last_before = self.avx._mm256_set1_epi32(8 * part as i32 - 1);
+                        let is_from_here = self.avx2._mm256_cmpgt_epi32(index, last_before);
+                        self.avx._mm256_blendv_ps(picked, here, cast(is_from_here))
+                    }
+                };
+            }
+            cast(picked)
         }
     }
 }
@@ -216,6 +248,27 @@ mod tests {
         let expected = [equal | 1 << 14, 1 << 14, equal];
         assert_eq!(Masks(a, b).run(AnyIsa), expected);
         assert_eq!(dispatch(Masks(a, b)), expected);
+    }
+
+    struct Pick([f32; 24], [u32; 8]);
+
+    impl Work for Pick {
+        type Output = [f32; 8];
+
+        #[inline(always)]
+        fn run<I: Isa>(self, isa: I) -> [f32; 8] {
+            isa.pick(&self.0, &self.1)
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_picks_alike() {
+        let table = std::array::from_fn(|i| 100.0 + i as f32);
+        for index in [[0, 7, 8, 15, 16, 23, 3, 20], [12; 8]] {
+            let expected = index.map(|i| 100.0 + i as f32);
+            assert_eq!(Pick(table, index).run(AnyIsa), expected);
+            assert_eq!(dispatch(Pick(table, index)), expected);
+        }
     }
 
     #[test]

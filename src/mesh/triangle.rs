@@ -12,10 +12,15 @@
 //!
 //! [`Shear::intersect`] is the reference; the forms for eight triangles and for sixteen rays give the same bits.
 
+#[cfg(feature = "embree")]
+mod shared;
+
 use glam::Vec3;
 
 use super::lanes::{Isa, add, div, lanes, max, min, mul, sub};
 use crate::numeric::Ray;
+#[cfg(feature = "embree")]
+pub(crate) use shared::{Flat, Met, may_hold_origin};
 
 /// Triangles in a [`TrianglePack`].
 pub const PACK: usize = 8;

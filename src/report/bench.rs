@@ -127,7 +127,8 @@ pub struct BenchRow {
     pub threads: usize,
     /// Which Embree, where it is the backend.
     pub embree: Option<EmbreeIdentity>,
-    /// The whole frame on one thread, where raw packets were timed.
+    /// The whole frame on one thread, where raw packets were timed: with Embree at this precision, else with the first
+    /// backend.
     pub frame: Option<FrameTime>,
 }
 
@@ -138,19 +139,21 @@ pub struct FrameTime {
     pub seconds: f64,
     /// Rays of the frame.
     pub rays: u64,
-    /// `seconds` over the time that raw packets take for the same rays.
+    /// `seconds` over the time that the first backend's raw packets take for the same rays.
     pub over_raw: f64,
     /// Part of `seconds` that is spent within the backend.
     pub trace_share: f64,
 }
 
 impl BenchRow {
-    /// The backend, and how it was given placed meshes.
+    /// The backend, how far its triangles may be trusted where that may be chosen, and how it was given placed meshes.
     fn name(&self) -> String {
-        match self.instancing {
-            Some(instancing) => format!("{} {instancing}", self.backend),
-            None => self.backend.to_string(),
-        }
+        let precision = match self.backend {
+            Backend::Embree => format!(" {}", self.precision),
+            Backend::Bsp | Backend::Brute => String::new(),
+        };
+        let instancing = self.instancing.map_or(String::new(), |kind| format!(" {kind}"));
+        format!("{}{precision}{instancing}", self.backend)
     }
 
     fn precision_and_instancing(&self) -> String {
@@ -203,17 +206,34 @@ impl fmt::Display for BenchTable<'_> {
                 frame.over_raw,
                 100.0 * frame.trace_share
             )?;
+            self.write_rungs(f, frame)?;
         }
         Ok(())
     }
 }
 
 impl BenchTable<'_> {
-    /// One line a backend and kind of instancing.
+    /// One line a precision of Embree but the first: the whole frame against the first's.
+    fn write_rungs(&self, f: &mut fmt::Formatter, first: FrameTime) -> fmt::Result {
+        let mut told: Vec<Precision> = self.0.iter().take(1).map(|row| row.precision).collect();
+        for row in self.0.iter().filter(|row| row.backend == Backend::Embree) {
+            if let Some(frame) = row.frame
+                && !told.contains(&row.precision)
+            {
+                told.push(row.precision);
+                let (precision, seconds) = (row.precision, frame.seconds);
+                let ratio = seconds / first.seconds;
+                writeln!(f, "  frame, {precision}: {seconds:.3} s, {ratio:.2} times that")?;
+            }
+        }
+        Ok(())
+    }
+
+    /// One line a backend, precision and kind of instancing.
     fn write_builds(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let mut told = Vec::new();
         for row in self.0 {
-            let built = (row.backend, row.instancing);
+            let built = (row.backend, row.precision, row.instancing);
             if told.contains(&built) {
                 continue;
             }
@@ -235,8 +255,8 @@ impl BenchTable<'_> {
         Ok(())
     }
 
-    /// Speed over that of Embree in the same mode, with the kind of instancing that is listed first; a batch is
-    /// measured against packets.
+    /// Speed over that of Embree in the same mode, with the precision and the kind of instancing that are listed first;
+    /// a batch is measured against packets.
     fn over_embree(&self, row: &BenchRow) -> Option<f64> {
         let mode = if row.mode == Mode::Batch {
             Mode::Packet

@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use super::scene::SceneRef;
 use crate::accel::{ACTIVE, LANES, NO_HIT, RayPacket};
+use crate::mesh::lanes::Isa;
 use crate::numeric::Ray;
 
 /// Rows of `RTCRayHitN` in the widest version, in 4-byte words a lane. Embree 3 ends one row earlier.
@@ -203,7 +204,12 @@ impl Foreign {
     /// One row as floats.
     #[inline(always)]
     pub(super) fn floats<const W: usize>(&self, row: usize) -> [f32; W] {
-        self.load(row).map(f32::from_bits)
+        let at = self
+            .base
+            .wrapping_add(row * self.count + self.first)
+            .cast::<[f32; W]>();
+        // SAFETY: as in `load`; every word is a float.
+        unsafe { at.read_unaligned() }
     }
 
     /// Three rows as vectors' coordinates.
@@ -256,4 +262,15 @@ pub(super) fn ray_of<const W: usize>(
         t_far: interval.1,
         time: interval.2,
     }
+}
+
+/// Bit `i` says whether lane `i` is asked.
+#[inline(always)]
+pub(super) fn asked_lanes<I: Isa, const W: usize>(isa: I, asked: &[i32; W]) -> u32 {
+    let mut bits = [0.0; W];
+    for lane in 0..W {
+        // What is asked is all ones, as a float NaN.
+        bits[lane] = f32::from_bits(asked[lane] as u32);
+    }
+    !isa.eq(&bits, &[0.0; W]) & (u32::MAX >> (u32::BITS as usize - W))
 }

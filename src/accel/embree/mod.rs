@@ -1,7 +1,9 @@
 //! Finding hits with the system's Embree, 3.13 or 4.
 //!
 //! One Embree scene holds the world. A mesh whose object space is world space becomes native triangles under the
-//! instance's own number, over the scene's own arrays. Everything else is one user geometry: each shape and each placed
+//! instance's own number, over the scene's own arrays; where [`Precision::Watertight`](super::Precision::Watertight) is
+//! asked for, up to sixteen of its triangles that lie together are a primitive of the user geometry (see `patch`), and so
+//! are those of placed meshes. Everything else is one user geometry: each shape and each placed
 //! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every
 //! further one; spheres that stand still are one primitive for up to eight that lie together (see `cluster`). A placed
 //! mesh has an Embree scene of its own, built once for all its instances; the callback carries the rays into it in f64.
@@ -18,18 +20,24 @@
 //! Ties go to the smallest `t`, then instance, then primitive, wherever a callback decides. Of native triangles that
 //! coincide, in all three corners, Embree is given only the first by that rule. Between different native triangles that
 //! a ray meets at the same `t`, at an edge they share or where they overlap in one plane, Embree decides, by the order
-//! in which it meets them.
+//! in which it meets them. Watertight triangles are the callbacks' alone, which answer as brute force does.
 
+mod call;
 mod cluster;
 mod coincident;
 mod device;
 mod lanes;
 mod native;
+mod patch;
+mod plan;
+mod progress;
 mod raw;
+mod reach;
 mod scene;
 mod sieve;
 mod sphere;
 mod trace;
+mod triangle;
 mod user;
 
 use std::sync::Arc;
@@ -39,7 +47,9 @@ use self::scene::{Built, EmbreeScene};
 use self::trace::Width;
 use self::user::UserGeometry;
 use super::planes::Planes;
-use super::{Accel, AccelError, AccelOptions, AccelPart, AccelReport, RayOrder, RayPacket, holder_of_tree};
+use super::{
+    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Precision, RayOrder, RayPacket, holder_of_tree,
+};
 use crate::scene::{Instance, Scene};
 
 /// Embree's structure over a scene that it borrows: Embree reads the vertices where they are.
@@ -65,8 +75,8 @@ impl<'s> EmbreeAccel<'s> {
     ///
     /// # Errors
     ///
-    /// Where the precision is `watertight`, the instruction set is unknown here, the running library is not the one
-    /// whose headers were compiled in, or memory runs out.
+    /// Where the instruction set is unknown here, the running library is not the one whose headers were compiled in, or
+    /// memory runs out.
     ///
     /// # Panics
     ///
@@ -82,10 +92,14 @@ impl<'s> EmbreeAccel<'s> {
             placed_bytes,
         } = scene::build(scene, &device, options)?;
         let mut summary = format!(
-            "Embree {}, {}, {width}, {} triangles native, {} shapes and placed meshes as user geometry",
+            "Embree {}, {}, {width}, {} triangles {}, {} shapes and placed meshes as user geometry",
             device.identity().version,
             options.precision,
-            scene::native_triangle_count(scene),
+            plan::world_triangle_count(scene),
+            match options.precision {
+                Precision::Watertight => format!("in {} patches", users[0].patch_count()),
+                Precision::Fast | Precision::Robust => "native".to_owned(),
+            },
             users[0].object_count(),
         );
         if users[1].object_count() > 0 {
@@ -99,8 +113,9 @@ impl<'s> EmbreeAccel<'s> {
         }
         let user_count: usize = users.iter().map(|user| user.object_count()).sum();
         let object_count = user_count + native_instance_count;
-        let widths = [width, width.for_incoherent(object_count)];
-        let is_placed = |instance: &&Instance| scene::placed_mesh(scene, instance).is_some();
+        let asked_count = object_count + users[0].patch_count();
+        let widths = [width, width.for_incoherent(asked_count)];
+        let is_placed = |instance: &&Instance| plan::placed_mesh(scene, instance).is_some();
         Ok(EmbreeAccel {
             world,
             users,
@@ -109,7 +124,7 @@ impl<'s> EmbreeAccel<'s> {
             planes: Planes::of(scene),
             native_instance_count,
             placed_bytes,
-            world_holder: holder_of_tree(scene::native_triangle_count(scene), object_count),
+            world_holder: holder_of_tree(plan::world_triangle_count(scene), object_count),
             placed_mesh_count: scene.instances.iter().filter(is_placed).count(),
             summary,
         })
@@ -130,7 +145,8 @@ impl<'s> EmbreeAccel<'s> {
 
     /// How many callbacks have panicked since the build. Their lanes missed; the message is on standard error.
     pub fn panicked_callback_count(&self) -> u64 {
-        self.users.iter().map(|user| user.panic_count()).sum()
+        let [still, moving] = &self.users;
+        still.panic_count() + moving.own_panic_count()
     }
 }
 
@@ -161,14 +177,19 @@ impl Accel for EmbreeAccel<'_> {
             _ => "user-geometry",
         };
         let part = |holder, what, bytes| AccelPart { holder, what, bytes };
+        let patches = still.patch_byte_count();
+        let mut parts = vec![
+            part("triangles", "trees of placed meshes", placed),
+            part(self.world_holder, "tree of the world", memory.bytes() - placed),
+            part(records, "records", untold),
+        ];
+        if patches > 0 {
+            parts.push(part("triangles", "patches", patches));
+        }
         AccelReport {
-            parts: vec![
-                part("triangles", "trees of placed meshes", placed),
-                part(self.world_holder, "tree of the world", memory.bytes() - placed),
-                part(records, "records", untold),
-            ],
-            bytes: memory.bytes() + untold,
-            peak_bytes: memory.peak_bytes() + untold,
+            parts,
+            bytes: memory.bytes() + untold + patches,
+            peak_bytes: memory.peak_bytes() + untold + patches,
             embree: Some(self.device.identity().clone()),
             summary: self.summary.clone(),
         }
@@ -182,7 +203,7 @@ mod tests {
     use embree_sys as sys;
 
     use super::*;
-    use crate::accel::{Contents, Precision};
+    use crate::accel::Contents;
     use crate::gltf::LoadOptions;
 
     /// Objects that are asked by callbacks, and records and holders of the build.

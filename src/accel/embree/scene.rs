@@ -1,26 +1,26 @@
-//! From a scene to Embree's scenes: native triangles, scenes for placed meshes, their instances, and the user geometry.
+//! From a scene to Embree's scenes: triangles, scenes for placed meshes, their instances, and the user geometry.
 
 #[cfg(test)]
 mod speed;
 
-use std::any::Any;
 use std::collections::HashSet;
 use std::ffi::c_void;
 use std::marker::PhantomData;
-use std::panic::{self, AssertUnwindSafe};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use bytemuck::Pod;
 use embree_sys as sys;
 
-use super::coincident::later_duplicates;
+use super::call;
 use super::device::Device;
 use super::native;
+use super::plan::{Given, Placed, Plan, Triangles, placed_mesh, primitive_count, world_triangle_count};
+use super::progress::{Progress, Stage, on_progress};
 use super::user::{self, UserGeometry};
 use crate::accel::bsp::in_pool;
 use crate::accel::{AccelError, AccelOptions, Instancing, Precision, RayOrder};
 use crate::mesh::{Mesh, Slab};
-use crate::scene::{Geometry, Instance, Scene};
+use crate::scene::{Instance, Scene};
 
 /// Bytes that Embree loads to read one vertex or one row of indices.
 const LOAD_BYTES: usize = 16;
@@ -98,21 +98,19 @@ pub(super) fn build<'s>(
     device: &Device,
     options: &AccelOptions,
 ) -> Result<Built<'s>, AccelError> {
-    if options.precision == Precision::Watertight {
-        return Err(AccelError::NotWatertight);
-    }
     let instancing = options.instancing.resolved(options.precision);
-    let mut progress = Progress::new(scene, options);
-    let plan = in_pool(options.threads, || Plan::new(scene));
-    let held_back_count = plan.held_back_count(scene);
+    let mut progress = Progress::new(options.progress, primitive_count(scene));
+    let plan = in_pool(options.threads, || Plan::new(scene, options.precision));
+    let held_back_count = plan.held_back_count();
     let before = device.memory().bytes();
-    let parts = plan.build_placed(device, options, &mut progress)?;
+    let parts = build_placed(&plan, device, options, &mut progress)?;
     let placed_bytes = device.memory().bytes().saturating_sub(before);
-    let users = UserGeometry::pair(scene, parts, instancing).map(Arc::new);
+    let patches = in_pool(options.threads, || plan.patches());
+    let users = UserGeometry::pair(scene, parts, patches, instancing).map(Arc::new);
 
     let mut world = EmbreeScene::new(device, options.precision)?;
-    for (instance, part) in &plan.native {
-        world.attach_mesh(device, part, *instance)?;
+    for (instance, given) in plan.native() {
+        world.attach_mesh(device, given, *instance)?;
     }
     // Instances have the numbers below these, and their hits carry the number that the callback writes.
     for (user, id) in users.iter().zip(scene.instances.len() as u32..) {
@@ -125,7 +123,7 @@ pub(super) fn build<'s>(
     let object_count = still.primitive_count() + moving.primitive_count() + native_instance_count;
     world.commit(
         device,
-        &progress.stage(native_triangle_count(scene) + object_count),
+        &progress.stage(world_triangle_count(scene) + object_count),
     )?;
     Ok(Built {
         world,
@@ -134,6 +132,39 @@ pub(super) fn build<'s>(
         native_instance_count,
         placed_bytes,
     })
+}
+
+/// One Embree scene for each mesh with placed instances, by the number of its geometry.
+fn build_placed<'s>(
+    plan: &Plan<'s>,
+    device: &Device,
+    options: &AccelOptions,
+    progress: &mut Progress,
+) -> Result<Vec<Option<user::Part<'s>>>, AccelError> {
+    let mut build = |placed: Placed<'s>| {
+        let scene = EmbreeScene::new(device, options.precision)?;
+        let (triangles, bounds) = in_pool(options.threads, || placed.triangles());
+        let stage = progress.stage(placed.triangle_count());
+        let patches = match triangles {
+            Triangles::Native(given) => {
+                scene.attach_mesh(device, &given, 0)?;
+                None
+            }
+            Triangles::Patches(patches) => {
+                let user = Arc::new(UserGeometry::of_patches(plan.scene(), patches));
+                scene.attach_user(device, &user, 0)?;
+                Some(user)
+            }
+        };
+        scene.commit(device, &stage)?;
+        Ok(user::Part {
+            scene,
+            patches,
+            bounds,
+        })
+    };
+    let placed = plan.placed();
+    placed.map(|placed| placed.map(&mut build).transpose()).collect()
 }
 
 /// Makes every placed mesh that Embree may place itself an instance of Embree's own, under the scene's number, and
@@ -162,119 +193,6 @@ fn attach_instances(
         }
     }
     Ok(count)
-}
-
-/// Triangles that Embree tests itself at the top level.
-pub(super) fn native_triangle_count(scene: &Scene) -> usize {
-    scene
-        .instances
-        .iter()
-        .filter_map(|i| native_mesh(scene, i))
-        .map(|mesh| mesh.triangles.len())
-        .sum()
-}
-
-/// The mesh of an instance whose object space is world space.
-fn native_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
-    match &scene.geometries[instance.geometry as usize] {
-        Geometry::Mesh(mesh) if instance.is_identity() && !mesh.triangles.is_empty() => Some(mesh),
-        _ => None,
-    }
-}
-
-/// The mesh of an instance that stands elsewhere.
-pub(super) fn placed_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
-    match &scene.geometries[instance.geometry as usize] {
-        Geometry::Mesh(mesh) if !instance.is_identity() && !mesh.triangles.is_empty() => Some(mesh),
-        _ => None,
-    }
-}
-
-/// A mesh for Embree.
-struct Part<'s> {
-    mesh: &'s Mesh,
-    /// Triangles, in rising order, that coincide with an earlier one of the same Embree scene and can never be the
-    /// answer.
-    held_back: Vec<u32>,
-}
-
-/// Which meshes go where.
-struct Plan<'s> {
-    /// Meshes in the world, each with the first instance that has it there.
-    native: Vec<(u32, Part<'s>)>,
-    /// Meshes with scenes of their own, by geometry.
-    placed: Vec<Option<Part<'s>>>,
-}
-
-impl<'s> Plan<'s> {
-    fn new(scene: &'s Scene) -> Plan<'s> {
-        let mut is_native = vec![false; scene.geometries.len()];
-        let mut is_placed = vec![false; scene.geometries.len()];
-        let mut native = Vec::new();
-        for (index, instance) in (0u32..).zip(&scene.instances) {
-            let geometry = instance.geometry as usize;
-            if let Some(mesh) = native_mesh(scene, instance) {
-                // A second instance in the same place would coincide with the first in every triangle.
-                if !std::mem::replace(&mut is_native[geometry], true) {
-                    native.push((index, mesh));
-                }
-            }
-            is_placed[geometry] |= placed_mesh(scene, instance).is_some();
-        }
-        let meshes: Vec<&Mesh> = native.iter().map(|&(_, mesh)| mesh).collect();
-        let held_back = later_duplicates(&meshes);
-        let native = native.into_iter().zip(held_back);
-        let placed = scene.geometries.iter().zip(is_placed);
-        Plan {
-            native: native
-                .map(|((instance, mesh), held_back)| (instance, Part { mesh, held_back }))
-                .collect(),
-            placed: placed
-                .map(|(geometry, is_placed)| match geometry {
-                    Geometry::Mesh(mesh) if is_placed => Some(Part::alone(mesh)),
-                    _ => None,
-                })
-                .collect(),
-        }
-    }
-
-    /// Triangles that Embree is not given, those of repeated instances included.
-    fn held_back_count(&self, scene: &Scene) -> usize {
-        let native = self.native.iter().map(|(_, part)| part);
-        let given: usize = native.clone().map(|part| part.mesh.triangles.len()).sum();
-        let held_back = native.chain(self.placed.iter().flatten());
-        let held_back: usize = held_back.map(|part| part.held_back.len()).sum();
-        native_triangle_count(scene) - given + held_back
-    }
-
-    /// One Embree scene for each mesh with placed instances, by the number of its geometry.
-    fn build_placed(
-        &self,
-        device: &Device,
-        options: &AccelOptions,
-        progress: &mut Progress,
-    ) -> Result<Vec<Option<EmbreeScene<'s>>>, AccelError> {
-        let mut build = |part: &Part<'s>| {
-            let built = EmbreeScene::new(device, options.precision)?;
-            built.attach_mesh(device, part, 0)?;
-            built.commit(device, &progress.stage(part.mesh.triangles.len()))?;
-            Ok(built)
-        };
-        let parts = self.placed.iter();
-        parts
-            .map(|part| part.as_ref().map(&mut build).transpose())
-            .collect()
-    }
-}
-
-impl<'s> Part<'s> {
-    /// A mesh in a scene of its own.
-    fn alone(mesh: &'s Mesh) -> Part<'s> {
-        Part {
-            mesh,
-            held_back: later_duplicates(&[mesh]).pop().unwrap_or_default(),
-        }
-    }
 }
 
 /// What Embree is told of a scene: nothing that it need not know.
@@ -315,18 +233,18 @@ impl<'s> EmbreeScene<'s> {
         }
     }
 
-    fn attach_mesh(&self, device: &Device, part: &Part<'s>, id: u32) -> Result<(), AccelError> {
-        let mesh = part.mesh;
+    fn attach_mesh(&self, device: &Device, given: &Given<'s>, id: u32) -> Result<(), AccelError> {
+        let mesh = given.mesh;
         let geometry = NewGeometry::of_kind(device, sys::RTC_GEOMETRY_TYPE_TRIANGLE)?;
         geometry.set_array(
             &mesh.positions,
             sys::RTC_BUFFER_TYPE_VERTEX,
             sys::RTC_FORMAT_FLOAT3,
         );
-        if part.held_back.is_empty() {
+        if given.held_back.is_empty() {
             geometry.set_array(&mesh.triangles, sys::RTC_BUFFER_TYPE_INDEX, sys::RTC_FORMAT_UINT3);
         } else {
-            geometry.set_triangles_without(&mesh.triangles, &part.held_back);
+            geometry.set_triangles_without(&mesh.triangles, &given.held_back);
         }
         geometry.attach(self, id);
         device.check("take a mesh")
@@ -345,11 +263,11 @@ impl<'s> EmbreeScene<'s> {
         // SAFETY: `EmbreeAccel` keeps the `Arc` until the scene is released; callbacks only share it.
         unsafe { sys::rtcSetGeometryUserData(geometry.0, data) };
         // SAFETY: the callbacks take the data just set, and run only for this geometry.
-        unsafe { sys::rtcSetGeometryBoundsFunction(geometry.0, Some(user::on_bounds), std::ptr::null_mut()) };
+        unsafe { sys::rtcSetGeometryBoundsFunction(geometry.0, Some(call::on_bounds), std::ptr::null_mut()) };
         // SAFETY: as above.
-        unsafe { sys::rtcSetGeometryIntersectFunction(geometry.0, Some(user::on_intersect)) };
+        unsafe { sys::rtcSetGeometryIntersectFunction(geometry.0, Some(call::on_intersect)) };
         // SAFETY: as above.
-        unsafe { sys::rtcSetGeometryOccludedFunction(geometry.0, Some(user::on_occluded)) };
+        unsafe { sys::rtcSetGeometryOccludedFunction(geometry.0, Some(call::on_occluded)) };
         geometry.attach(self, id);
         device.check("take the shapes")
     }
@@ -459,97 +377,5 @@ impl Drop for NewGeometry {
     fn drop(&mut self) {
         // SAFETY: `self` owns this reference and gives it up once.
         unsafe { sys::rtcReleaseGeometry(self.0) };
-    }
-}
-
-/// How far the whole build is, over all its commits.
-struct Progress<'a> {
-    report: Option<&'a (dyn Fn(f64) + Sync)>,
-    done: usize,
-    total: usize,
-}
-
-/// One commit's part of the progress.
-struct Stage<'a> {
-    report: Option<&'a (dyn Fn(f64) + Sync)>,
-    from: f64,
-    to: f64,
-    panic: Mutex<Option<Box<dyn Any + Send>>>,
-}
-
-impl<'a> Progress<'a> {
-    fn new(scene: &Scene, options: &AccelOptions<'a>) -> Progress<'a> {
-        let mut is_placed = vec![false; scene.geometries.len()];
-        for instance in &scene.instances {
-            is_placed[instance.geometry as usize] |= placed_mesh(scene, instance).is_some();
-        }
-        let placed: usize = scene
-            .geometries
-            .iter()
-            .zip(&is_placed)
-            .map(|(geometry, &placed)| if placed { geometry.primitive_count() } else { 0 })
-            .sum();
-        let is_object = |i: &&Instance| user::is_user(scene, i, Instancing::Callback);
-        let objects = scene.instances.iter().filter(is_object).count();
-        Progress {
-            report: options.progress,
-            done: 0,
-            total: placed + native_triangle_count(scene) + objects,
-        }
-    }
-
-    /// The next commit, of `count` primitives.
-    fn stage(&mut self, count: usize) -> Stage<'a> {
-        let fraction = |done: usize| {
-            if self.total == 0 {
-                1.0
-            } else {
-                done as f64 / self.total as f64
-            }
-        };
-        let from = fraction(self.done);
-        self.done += count;
-        Stage {
-            report: self.report,
-            from,
-            to: fraction(self.done),
-            panic: Mutex::new(None),
-        }
-    }
-}
-
-impl Stage<'_> {
-    fn finish(&self) {
-        if let Some(report) = self.report {
-            report(self.to);
-        }
-    }
-
-    fn resume_panic(&self) {
-        let payload = self.panic.lock().unwrap_or_else(|e| e.into_inner()).take();
-        if let Some(payload) = payload {
-            panic::resume_unwind(payload);
-        }
-    }
-}
-
-/// Passes progress on. False cancels the build: after a panic, which must not cross into C, nothing else makes sense.
-unsafe extern "C" fn on_progress(stage: *mut c_void, fraction: f64) -> bool {
-    // SAFETY: `commit` set this pointer and takes it away before the stage goes.
-    let stage = unsafe { &*stage.cast::<Stage>() };
-    let Some(report) = stage.report else {
-        return true;
-    };
-    let fraction = stage.from + fraction.clamp(0.0, 1.0) * (stage.to - stage.from);
-    match panic::catch_unwind(AssertUnwindSafe(|| report(fraction))) {
-        Ok(()) => true,
-        Err(payload) => {
-            stage
-                .panic
-                .lock()
-                .unwrap_or_else(|e| e.into_inner())
-                .get_or_insert(payload);
-            false
-        }
     }
 }

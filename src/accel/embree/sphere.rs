@@ -5,10 +5,10 @@
 //! [`crate::accel::shapes::shape_hit`]; only for spheres that are spheres in the world: ellipsoids carry each ray into object
 //! space and go lane by lane, as all other shapes.
 
+use super::call::{Question, answer};
 use super::cluster::{MEMBERS, SphereCluster};
-use super::lanes::{Foreign, ray_of, row};
+use super::lanes::{Foreign, asked_lanes, ray_of, row};
 use super::sieve::{Ball, Sieve};
-use super::user::{Question, answer};
 use crate::accel::shapes::sphere_at;
 use crate::accel::{ACTIVE, NO_HIT};
 use crate::mesh::lanes::{Isa, Work, dispatch, lanes};
@@ -100,17 +100,6 @@ impl<const W: usize> Work for ClusterLanes<'_, W> {
         }
         hit
     }
-}
-
-/// Bit `i` says whether lane `i` is asked.
-#[inline(always)]
-fn asked_lanes<I: Isa, const W: usize>(isa: I, asked: &[i32; W]) -> u32 {
-    let mut bits = [0.0; W];
-    for lane in 0..W {
-        // What is asked is all ones, as a float NaN.
-        bits[lane] = f32::from_bits(asked[lane] as u32);
-    }
-    !isa.eq(&bits, &[0.0; W]) & (u32::MAX >> (u32::BITS as usize - W))
 }
 
 /// A sphere in world space against the asked lanes of a packet; says which were hit.

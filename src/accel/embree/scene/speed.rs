@@ -7,12 +7,14 @@ use std::time::Instant;
 use glam::{DAffine3, DVec3, Vec3};
 
 use super::super::EmbreeAccel;
+use super::super::call::Question;
+use super::super::progress::Progress;
 use super::super::trace::{self, Width};
 use super::super::trace::{intersect_packet, new_query, occluded_packet};
-use super::super::user::Question;
 use super::*;
 use crate::accel::{Accel, LANES, RayOrder, RayPacket};
 use crate::numeric::Ray;
+use crate::scene::Geometry;
 use crate::shape::{Shape, Sphere};
 
 const SPHERE_COUNT: usize = 100_000;
@@ -54,11 +56,7 @@ fn native<'s>(device: &Device, points: &'s Slab<[f32; 4]>) -> EmbreeScene<'s> {
     let geometry = NewGeometry::of_kind(device, sys::RTC_GEOMETRY_TYPE_SPHERE_POINT).unwrap();
     geometry.set_array(points, sys::RTC_BUFFER_TYPE_VERTEX, sys::RTC_FORMAT_FLOAT4);
     geometry.attach(&scene, 0);
-    let mut progress = Progress {
-        report: None,
-        done: 0,
-        total: 0,
-    };
+    let mut progress = Progress::new(None, 0);
     scene.commit(device, &progress.stage(0)).unwrap();
     scene
 }

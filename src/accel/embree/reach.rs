@@ -1,0 +1,209 @@
+//! How far from the origin rays come, and by how much the boxes of watertight triangles are larger for it.
+//!
+//! Embree asks about a box only if the ray meets it, by a test that is right for the exact ray. The triangle test is
+//! right for a ray that is a little aside: with the unit roundoff `u = 2^-24`, a ray from `o`, and `p` where it passes
+//! the triangle, a difference, a quotient and a product move a projected corner by at most `4 u |p_a - o_a|` along an
+//! axis `a`, and by `u` of the triangle's size. And its parameter, which is held against where the ray enters a box, is
+//! off by at most `10 u` of the distance: a weighted mean of depths, each of which is rounded three times, with weights
+//! that are rounded twice, over their sum. With `M` the largest coordinate of the box and `R` that of the origin, all of
+//! it is under `16 u (M + R)`, by which boxes are larger on every side.
+//!
+//! That is no bound for triangles that are seen nearly edge-on, whose weights may be anything. They are met wherever they
+//! are; but which of two that lie within their own depth of each other is the nearer, rounding decides.
+//!
+//! Where rays may start is known of a scene: at a camera, or on or in something that has an end. Rays that start on an
+//! infinite plane or in fog farther away than all of that lose a part of their place in their own coordinates, and the
+//! promise with it.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use crate::numeric::{Bounds, Ray};
+use crate::scene::{Camera, Instance, Projection, Scene};
+
+/// By how much boxes are larger, in parts of the distances involved: 16 units of roundoff.
+const PADDING: f64 = 16.0 / (1 << 24) as f64;
+
+/// The largest coordinate, along any axis, of the origins of rays in some space.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Reach {
+    distance: f64,
+    /// [`PADDING`], if no test says otherwise.
+    padding: f64,
+}
+
+impl Reach {
+    /// In the world of a validated scene, whose geometries have the bounds `object_bounds`.
+    pub(super) fn of(scene: &Scene, object_bounds: &[Bounds]) -> Reach {
+        let volumes = scene.volumes.iter().map(|volume| volume.bounds().magnitude());
+        let solid = scene.bounds_from(object_bounds).magnitude();
+        let cameras = scene.cameras.iter().map(|camera| camera_reach(camera, solid));
+        Reach::to(volumes.chain(cameras).fold(solid, f64::max))
+    }
+
+    fn to(distance: f64) -> Reach {
+        #[cfg(not(test))]
+        let padding = PADDING;
+        #[cfg(test)]
+        let padding = tests::padding();
+        Reach {
+            distance: distance.min(f64::from(Ray::LIMIT)),
+            padding,
+        }
+    }
+
+    /// In the space of a mesh that is placed by all of `instances`; `self` is the one in the world.
+    pub(super) fn in_object<'a>(self, instances: impl Iterator<Item = &'a Instance>) -> Reach {
+        let distances = instances.map(|instance| self.in_instance(instance));
+        let distance = distances.fold(0.0, f64::max);
+        Reach {
+            distance: distance.min(f64::from(Ray::LIMIT)),
+            ..self
+        }
+    }
+
+    /// A box with room for what rounding does.
+    pub(super) fn padded(self, bounds: &Bounds) -> Bounds {
+        let padding = DVec3::splat(self.padding * (bounds.magnitude() + self.distance));
+        Bounds {
+            min: bounds.min - padding,
+            max: bounds.max + padding,
+        }
+    }
+
+    /// [`Reach::padded`] as Embree takes it, which leaves out what is larger than its coordinates may be.
+    pub(super) fn boxed(self, bounds: &Bounds) -> ([f32; 3], [f32; 3]) {
+        #[cfg(test)]
+        if self.padding == 0.0 {
+            return [bounds.min, bounds.max].map(|p| p.as_vec3().to_array()).into();
+        }
+        let (low, high) = self.padded(bounds).to_f32_outward();
+        let most = Ray::LIMIT.next_down();
+        (low.map(|x| x.max(-most)), high.map(|x| x.min(most)))
+    }
+
+    /// At any time: of the stretches between two, none lengthens a vector more than the ends' do by either way, as they
+    /// are definite (see [`crate::numeric::Motion`]).
+    fn in_instance(self, instance: &Instance) -> f64 {
+        let ends = match instance.motion() {
+            Some(motion) => motion.ends(),
+            None => [instance.world_from_object(); 2],
+        };
+        let size = |m: &DMat3| m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
+        let shrink = ends
+            .iter()
+            .map(|map| size(&map.matrix3.inverse()))
+            .fold(0.0, f64::max);
+        let distance = |map: &DAffine3| DVec3::splat(self.distance).length() + map.translation.length();
+        shrink * ends.iter().map(distance).fold(0.0, f64::max)
+    }
+}
+
+/// The largest coordinate of where those of a camera's rays start that meet anything with coordinates up to `solid`.
+fn camera_reach(camera: &Camera, solid: f64) -> f64 {
+    let ends = [Some(camera.world_from_camera), camera.world_from_camera_end];
+    let eyes = ends
+        .into_iter()
+        .flatten()
+        .map(|map| map.translation.abs().max_element());
+    let eye = eyes.fold(0.0, f64::max) + camera.lens_radius();
+    match camera.projection {
+        // Seen along the rays they start where they end, and as deep as the eye is; a turned coordinate is at most the
+        // square root of 3 times as large.
+        Projection::Orthographic { .. } => 2.0 * (eye + solid),
+        Projection::Perspective { .. } | Projection::Window { .. } => eye,
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::cell::Cell;
+
+    use glam::{DQuat, Vec3};
+
+    use super::*;
+    use crate::mesh::{Mesh, Slab};
+    use crate::numeric::object_ray;
+    use crate::scene::Geometry;
+
+    thread_local! {
+        static IS_PADDED: Cell<bool> = const { Cell::new(true) };
+    }
+
+    /// [`PADDING`], or nothing within [`unpadded`].
+    pub(super) fn padding() -> f64 {
+        if IS_PADDED.get() { PADDING } else { 0.0 }
+    }
+
+    /// What `build` makes on this thread with boxes that are no larger than the triangles in them.
+    pub(in super::super) fn unpadded<T>(build: impl FnOnce() -> T) -> T {
+        IS_PADDED.set(false);
+        let built = build();
+        IS_PADDED.set(true);
+        built
+    }
+
+    #[test]
+    fn rays_of_cameras_and_of_all_that_has_an_end_start_within_reach() {
+        let mesh = Mesh {
+            positions: Slab::from(vec![[0.0; 3], [1.0, 0.0, -5.0], [0.0, 1.0, 0.0]]),
+            triangles: Slab::from(vec![[0, 1, 2]]),
+            ..Mesh::default()
+        };
+        let mut scene = Scene {
+            geometries: vec![Geometry::Mesh(mesh)],
+            instances: vec![Instance::new("", 0, 0, DAffine3::IDENTITY).unwrap()],
+            ..Scene::default()
+        };
+        let reach = |scene: &Scene| Reach::of(scene, &[scene.geometries[0].bounds()]);
+        assert_eq!(reach(&scene), Reach::to(5.0));
+        let at = |x: f64| DAffine3::from_translation(DVec3::new(0.0, x, 0.0));
+        scene.cameras = vec![Camera {
+            world_from_camera: at(-7.0),
+            world_from_camera_end: Some(at(-9.0)),
+            ..Camera::default()
+        }];
+        assert_eq!(reach(&scene), Reach::to(9.0));
+        scene.cameras[0].projection = Projection::Orthographic {
+            y_mag: 100.0,
+            x_mag: None,
+        };
+        assert_eq!(reach(&scene), Reach::to(2.0 * (9.0 + 5.0)));
+    }
+
+    #[test]
+    fn rays_start_within_reach_of_a_placed_mesh_at_all_times() {
+        let place = |scale: DVec3, turn: f64, x: f64| {
+            let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), turn);
+            DAffine3::from_scale_rotation_translation(scale, turn, DVec3::new(x, 0.5, 0.0))
+        };
+        let ends = [
+            place(DVec3::new(0.5, 2.0, 1.0), 0.0, 3.0),
+            place(DVec3::new(4.0, 0.25, 1.0), 2.0, -2.0),
+        ];
+        let moving = Instance::moving("", 0, 0, ends).unwrap();
+        let reach = Reach::to(10.0).in_object(std::iter::once(&moving)).distance;
+        let mut most = 0.0f32;
+        for i in 0..=64 {
+            for corner in 0..8 {
+                let sign = |axis: usize| if corner >> axis & 1 == 0 { 10.0 } else { -10.0 };
+                let ray = crate::numeric::Ray::new(Vec3::new(sign(0), sign(1), sign(2)), Vec3::X);
+                let map = moving.pose(i as f32 / 64.0).object_from_world();
+                most = most.max(object_ray(&map, &ray).origin.abs().max_element());
+            }
+        }
+        // At most 10 √3 + 3.05 away, lengthened by at most the norm of the larger inverse, √(1/16 + 16 + 1).
+        assert!(f64::from(most) <= reach && reach < 85.0, "{most} {reach}");
+    }
+
+    #[test]
+    fn boxes_grow_by_what_rounding_takes_and_never_beyond_what_embree_takes() {
+        let unit = Bounds::of_points([DVec3::ZERO, DVec3::ONE]);
+        let padded = Reach::to(3.0).padded(&unit);
+        // 16 units of 2^-24 times 1 + 3.
+        assert_eq!(padded.max - unit.max, DVec3::splat(4.0 / (1 << 20) as f64));
+        assert_eq!(unit.min - padded.min, DVec3::splat(4.0 / (1 << 20) as f64));
+        let far = Bounds::of_points([DVec3::splat(-1.8439e18), DVec3::ONE]);
+        let (low, high) = Reach::to(f64::INFINITY).boxed(&far);
+        assert!(low.into_iter().chain(high).all(|x| x.abs() < Ray::LIMIT));
+    }
+}

@@ -1,0 +1,414 @@
+//! Triangles in callbacks: each ray against all triangles of a patch at once, or all rays of a packet against one after
+//! the other, for the instruction set at hand.
+//!
+//! To the bits of [`Shear::intersect`], and so of brute force; only the sign of a zero parameter is always +, as Embree
+//! compares ends of rays by their bits.
+
+use std::mem::MaybeUninit;
+
+use super::call::{Question, answer, number_of};
+use super::lanes::{Foreign, asked_lanes, row};
+use super::patch::{CORNERS, MEMBERS, Patch};
+use crate::accel::{ACTIVE, Hit, NO_HIT};
+use crate::mesh::lanes::{Isa, Work, dispatch, div, lanes};
+use crate::mesh::triangle::{Flat, Met, PACK, Shear, ShearLanes, may_hold_origin};
+use crate::numeric::Ray;
+
+/// Up to this part of a packet's rays are asked about one by one, against all triangles at once: eight times as much is
+/// done at a time, after more preparation.
+const FEW_RAYS: f32 = 3.0 / 8.0;
+
+/// Tests the triangles of a patch; says which asked lanes were hit.
+#[inline(always)]
+pub(super) fn answer_patch<const W: usize>(
+    patch: &Patch,
+    packet: Foreign,
+    asked: &[i32; W],
+    question: Question,
+) -> [i32; W] {
+    dispatch(PatchLanes {
+        patch,
+        packet,
+        asked,
+        question,
+    })
+}
+
+/// The triangles of a patch against the asked lanes of a packet; says which were hit.
+struct PatchLanes<'a, const W: usize> {
+    patch: &'a Patch,
+    packet: Foreign,
+    asked: &'a [i32; W],
+    question: Question,
+}
+
+impl<const W: usize> Work for PatchLanes<'_, W> {
+    type Output = [i32; W];
+
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) -> [i32; W] {
+        let mut hit = [0; W];
+        // Comparisons are of eight numbers side by side.
+        if W < PACK {
+            for lane in (0..W).filter(|&lane| self.asked[lane] != 0) {
+                self.answer_ray(isa, lane, &mut hit);
+            }
+            return hit;
+        }
+        let asked = asked_lanes(isa, self.asked);
+        if asked.count_ones() <= const { (FEW_RAYS * W as f32) as u32 } {
+            for lane in lanes(asked) {
+                self.answer_ray(isa, lane % W, &mut hit);
+            }
+            return hit;
+        }
+        let origin = self.packet.vectors::<W>(row::ORIGIN);
+        let direction = self.packet.vectors::<W>(row::DIRECTION);
+        let along = dominant_axes(isa, &direction);
+        for axis in 0..3 {
+            let group = along[axis] & asked;
+            if group != 0 {
+                let shears = ShearLanes::new(axis, &origin, &direction);
+                self.answer_group(isa, &shears, group, &mut hit);
+            }
+        }
+        hit
+    }
+}
+
+/// Bit `i` of one of the masks says along which axis direction `i` is longest, as [`dominant_axis`] does.
+///
+/// [`dominant_axis`]: crate::mesh::triangle::dominant_axis
+#[inline(always)]
+fn dominant_axes<I: Isa, const W: usize>(isa: I, direction: &[[f32; W]; 3]) -> [u32; 3] {
+    let mut size = [[0.0; W]; 3];
+    for axis in 0..3 {
+        for lane in 0..W {
+            size[axis][lane] = direction[axis][lane].abs();
+        }
+    }
+    let [x, y, z] = &size;
+    let is_x = isa.lt(y, x) & isa.lt(z, x);
+    let is_y = isa.lt(z, y) & !is_x;
+    [is_x, is_y, !(is_x | is_y)]
+}
+
+impl<const W: usize> PatchLanes<'_, W> {
+    /// One ray against all triangles at once.
+    #[inline(always)]
+    fn answer_ray<I: Isa>(&self, isa: I, lane: usize, hit: &mut [i32; W]) {
+        let of = |row: usize| f32::from_bits(self.packet.load_one(row, lane));
+        let vector = |row: usize| glam::Vec3::new(of(row), of(row + 1), of(row + 2));
+        let ray = Ray {
+            t_near: of(row::T_NEAR),
+            t_far: of(row::T_FAR),
+            ..Ray::new(vector(row::ORIGIN), vector(row::DIRECTION))
+        };
+        let found = nearest_of(isa, self.patch, &ray, self.question);
+        if let Some(found) = found {
+            hit[lane] = answer(self.packet, lane, ray.t_far, &found, self.question);
+        }
+    }
+
+    /// The rays of `group`, all longest along the axis of `shears`, against one triangle after the other.
+    #[inline(always)]
+    fn answer_group<I: Isa>(&self, isa: I, shears: &ShearLanes<W>, group: u32, hit: &mut [i32; W]) {
+        let patch = self.patch;
+        let along = shears.along_axes(patch.corners());
+        let mut projected = [const { MaybeUninit::<Flat<W>>::uninit() }; CORNERS];
+        for index in 0..patch.corner_count() {
+            projected[index].write(shears.flatten([along[0][index], along[1][index], along[2][index]]));
+        }
+        let first = projected.as_ptr().cast::<Flat<W>>();
+        // SAFETY: a triangle's corners are below `corner_count`, and so many were written.
+        let flat = |corner: usize| unsafe { &*first.wrapping_add(corner) };
+        let (mut masks, mut members) = ([0u32; MEMBERS], 0u32);
+        for member in 0..patch.member_count() {
+            let [a, b, c] = patch.triangle(member);
+            let maybe = may_hold_origin(isa, [flat(a), flat(b), flat(c)]) & group;
+            masks[member] = maybe;
+            members |= u32::from(maybe != 0) << member;
+        }
+        if members == 0 {
+            return;
+        }
+        let mut found = Found::of(self.packet);
+        let t_near: [f32; W] = self.packet.floats(row::T_NEAR);
+        let mut asked = group;
+        for member in lanes(members) {
+            let maybe = masks[member] & asked;
+            let [a, b, c] = patch.triangle(member);
+            let triangle = (
+                [flat(a), flat(b), flat(c)],
+                [along[2][a], along[2][b], along[2][c]],
+            );
+            let (mut met, on_edge) = shears.meet(isa, triangle, maybe, [&t_near, &found.t]);
+            if on_edge != 0 {
+                settle(&mut met, on_edge, (shears, patch, member), [&t_near, &found.t]);
+            }
+            match self.question {
+                Question::Nearest => found.merge(isa, &met, patch, member),
+                Question::Any => {
+                    found.changed |= met.mask;
+                    asked &= !met.mask;
+                    if asked == 0 {
+                        break;
+                    }
+                }
+            }
+        }
+        found.write(self.question);
+        for lane in 0..W {
+            hit[lane] |= if found.changed >> lane & 1 != 0 { ACTIVE } else { 0 };
+        }
+    }
+}
+
+/// Asks about the rays that meet an edge one by one.
+#[cold]
+#[inline(never)]
+fn settle<const W: usize>(
+    met: &mut Met<W>,
+    on_edge: u32,
+    (shears, patch, member): (&ShearLanes<W>, &Patch, usize),
+    [t_near, t_far]: [&[f32; W]; 2],
+) {
+    let corners = patch.triangle(member).map(|corner| patch.corner(corner));
+    for lane in lanes(on_edge) {
+        let hit = shears.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
+        if let Some(hit) = hit {
+            met.set(lane, &hit);
+        }
+    }
+}
+
+/// The best hits of a packet so far.
+struct Found<const W: usize> {
+    packet: Foreign,
+    t: [f32; W],
+    /// As of [`Met`].
+    weights: [[f32; W]; 2],
+    det: [f32; W],
+    /// Instance and primitive, of lanes that have changed.
+    number: [[u32; W]; 2],
+    changed: u32,
+}
+
+impl<const W: usize> Found<W> {
+    #[inline(always)]
+    fn of(packet: Foreign) -> Found<W> {
+        Found {
+            packet,
+            t: packet.floats(row::T_FAR),
+            weights: [[0.0; W]; 2],
+            det: [1.0; W],
+            number: [[0; W]; 2],
+            changed: 0,
+        }
+    }
+
+    /// Takes over hits within the intervals, but those of lanes whose equally near hit has a lower number.
+    #[inline(always)]
+    fn merge<I: Isa>(&mut self, isa: I, met: &Met<W>, patch: &Patch, member: usize) {
+        let number = [patch.instance(), patch.primitive(member)];
+        let mut taken = met.mask;
+        for lane in lanes(met.mask & isa.eq(&met.t, &self.t)) {
+            let is_lower = number < self.held(lane % W);
+            taken &= !(u32::from(!is_lower) << lane);
+        }
+        for lane in 0..W {
+            let is_taken = taken >> lane & 1 != 0;
+            // The sum is +0 for a zero of either sign.
+            self.t[lane] = if is_taken { met.t[lane] + 0.0 } else { self.t[lane] };
+            self.det[lane] = if is_taken { met.det[lane] } else { self.det[lane] };
+            for i in 0..2 {
+                let (new, old) = (met.weights[i][lane], self.weights[i][lane]);
+                self.weights[i][lane] = if is_taken { new } else { old };
+                self.number[i][lane] = if is_taken { number[i] } else { self.number[i][lane] };
+            }
+        }
+        self.changed |= taken;
+    }
+
+    /// The number of a lane's hit; the highest if it has none.
+    #[inline(always)]
+    fn held(&self, lane: usize) -> [u32; 2] {
+        if self.changed >> lane & 1 == 0 {
+            return number_of(self.packet, lane);
+        }
+        [self.number[0][lane], self.number[1][lane]]
+    }
+
+    /// Writes what has changed into Embree's packet.
+    #[inline(always)]
+    fn write(&self, question: Question) {
+        if self.changed == 0 {
+            return;
+        }
+        if question == Question::Any {
+            return self.write_row(row::T_FAR, [f32::NEG_INFINITY.to_bits(); W]);
+        }
+        self.write_row(row::T_FAR, bits_of(&self.t));
+        self.write_row(row::U, bits_of(&div(&self.weights[0], &self.det)));
+        self.write_row(row::V, bits_of(&div(&self.weights[1], &self.det)));
+        self.write_row(row::INSTANCE, self.number[0]);
+        self.write_row(row::PRIMITIVE, self.number[1]);
+        self.write_row(row::LEVEL, [NO_HIT; W]);
+    }
+
+    #[inline(always)]
+    fn write_row(&self, row: usize, values: [u32; W]) {
+        let mut bits: [u32; W] = self.packet.load(row);
+        for lane in 0..W {
+            let is_new = self.changed >> lane & 1 != 0;
+            bits[lane] = if is_new { values[lane] } else { bits[lane] };
+        }
+        self.packet.store(row, bits);
+    }
+}
+
+#[inline(always)]
+fn bits_of<const W: usize>(values: &[f32; W]) -> [u32; W] {
+    let mut bits = [0; W];
+    for lane in 0..W {
+        bits[lane] = values[lane].to_bits();
+    }
+    bits
+}
+
+/// What a ray meets of a patch within its interval: the nearest, of equals the one with the lowest number, or anything.
+#[inline(always)]
+fn nearest_of<I: Isa>(isa: I, patch: &Patch, ray: &Ray, question: Question) -> Option<Hit> {
+    let shear = Shear::new(ray);
+    let [x, y] = shear.flatten(patch.corners());
+    let mut maybe = 0;
+    for first in (0..MEMBERS).step_by(PACK) {
+        if first >= patch.member_count() {
+            break;
+        }
+        let mut index = [[0u32; PACK]; 3];
+        for row in 0..3 {
+            for i in 0..PACK {
+                index[row][i] = u32::from(patch.triangles()[row][first + i]);
+            }
+        }
+        let [a, b, c] = &index;
+        let a = [isa.pick(&x, a), isa.pick(&y, a)];
+        let b = [isa.pick(&x, b), isa.pick(&y, b)];
+        let c = [isa.pick(&x, c), isa.pick(&y, c)];
+        maybe |= may_hold_origin(isa, [&a, &b, &c]) << first;
+    }
+    // Triangles that there are not are points, which are met by nothing and may be by everything.
+    maybe &= (1 << patch.member_count()) - 1;
+    let mut best: Option<Hit> = None;
+    for member in lanes(maybe) {
+        let [a, b, c] = patch.triangle(member);
+        let corners = [patch.corner(a), patch.corner(b), patch.corner(c)];
+        let t_far = best.map_or(ray.t_far, |best| best.t);
+        let Some(met) = shear.intersect(corners, ray.t_near, t_far) else {
+            continue;
+        };
+        let found = Hit {
+            instance: patch.instance(),
+            primitive: patch.primitive(member),
+            t: met.t + 0.0,
+            u: met.u,
+            v: met.v,
+        };
+        if question == Question::Any {
+            return Some(found);
+        }
+        if best.is_none_or(|best| found.t < best.t || found.primitive < best.primitive) {
+            best = Some(found);
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DVec3, Vec3};
+
+    use super::super::EmbreeAccel;
+    use super::super::reach::tests::unpadded;
+    use super::*;
+    use crate::accel::{Accel, AccelOptions, LANES, Precision, RayOrder, RayPacket};
+    use crate::mesh::{Mesh, Slab};
+    use crate::scene::{Geometry, Instance, Scene};
+
+    /// A closed ball of 8 n² triangles around a point: an octahedron whose faces are cut up and blown up.
+    fn ball(n: i32, middle: DVec3) -> Scene {
+        let mut positions = Vec::new();
+        let mut triangles = Vec::new();
+        let mut number = std::collections::HashMap::new();
+        let mut corner = |p: [i32; 3]| {
+            *number.entry(p).or_insert_with(|| {
+                let direction = DVec3::from_array(p.map(f64::from)).normalize();
+                let height = 1.0 + 0.1 * (9.0 * direction.x + 4.0 * direction.y - 7.0 * direction.z).sin();
+                positions.push((middle + height * direction).as_vec3().to_array());
+                positions.len() as u32 - 1
+            })
+        };
+        for octant in 0..8 {
+            let sign = |axis: i32| if octant >> axis & 1 == 0 { 1 } else { -1 };
+            let mut at = |i: i32, j: i32| corner([sign(0) * i, sign(1) * j, sign(2) * (n - i - j)]);
+            for i in 0..n {
+                for j in 0..n - i {
+                    triangles.push([at(i, j), at(i + 1, j), at(i, j + 1)]);
+                    if i + j < n - 1 {
+                        triangles.push([at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]);
+                    }
+                }
+            }
+        }
+        let mesh = Mesh {
+            positions: Slab::from(positions),
+            triangles: Slab::from(triangles),
+            ..Mesh::default()
+        };
+        Scene {
+            geometries: vec![Geometry::Mesh(mesh)],
+            instances: vec![Instance::new("", 0, 0, DAffine3::IDENTITY).unwrap()],
+            ..Scene::default()
+        }
+    }
+
+    /// How many of the rays from near the middle to each corner, so many to each, meet nothing.
+    fn leaks(accel: &EmbreeAccel, scene: &Scene, (middle, rounds): (DVec3, usize)) -> usize {
+        let Geometry::Mesh(mesh) = &scene.geometries[0] else {
+            unreachable!("the scene is of a mesh")
+        };
+        let mut leaks = 0;
+        for (number, targets) in mesh.positions.repeat(rounds).chunks(LANES).enumerate() {
+            let mut packet = RayPacket::EMPTY;
+            for (lane, &target) in targets.iter().enumerate() {
+                let part = |i: usize| {
+                    0.2 * ((number * LANES + lane) as f64 * [0.819_172, 0.671_044, 0.549_700][i]).fract()
+                        - 0.1
+                };
+                let origin = (middle + DVec3::new(part(0), part(1), part(2))).as_vec3();
+                let direction = Vec3::from(target).as_dvec3() - origin.as_dvec3();
+                packet.set(lane, &Ray::new(origin, direction.as_vec3()));
+            }
+            let mut packets = [packet];
+            accel.intersect(&mut packets, RayOrder::Coherent);
+            leaks += (0..targets.len())
+                .filter(|&lane| packets[0].hit(lane).is_none())
+                .count();
+        }
+        leaks
+    }
+
+    #[test]
+    fn rays_slip_through_where_boxes_are_not_padded_and_nowhere_else() {
+        let options = AccelOptions {
+            precision: Precision::Watertight,
+            ..AccelOptions::default()
+        };
+        let middle = DVec3::new(10.0, 3.7, -5.5);
+        let scene = ball(40, middle);
+        let build = || EmbreeAccel::build(&scene, &options).unwrap();
+        assert!(leaks(&unpadded(build), &scene, (middle, 4)) > 0);
+        assert_eq!(leaks(&build(), &scene, (middle, 4)), 0);
+    }
+}

@@ -1,0 +1,230 @@
+//! The test in two steps, for triangles that share corners: each corner is projected once, then each triangle is tested
+//! by the corners that it has.
+//!
+//! The arithmetic is that of [`Shear::intersect`], operation by operation, so the answers have its bits.
+
+use super::{Shear, ShearLanes, TriangleHit, project};
+use crate::mesh::lanes::{Isa, add, div, max, min, mul, sub};
+
+/// Projected corners side by side: x and y in the sheared frame, where the ray is the origin.
+pub(crate) type Flat<const N: usize> = [[f32; N]; 2];
+
+/// Bit `i` says whether the `i`-th of `N` triangles may hold the origin; it is clear only where two edge functions have
+/// opposite signs, so that [`Shear::intersect`] misses whatever the interval.
+#[inline(always)]
+pub(crate) fn may_hold_origin<I: Isa, const N: usize>(isa: I, corners: [&Flat<N>; 3]) -> u32 {
+    let [u, v, w] = edges(corners);
+    let zero = [0.0; N];
+    let mut product = zero;
+    for i in 0..N {
+        // Negative where the signs are opposite; too small a product is zero.
+        product[i] = min(min(u[i], v[i]), w[i]) * max(max(u[i], v[i]), w[i]);
+    }
+    !isa.lt(&product, &zero) & (u32::MAX >> (u32::BITS as usize - N))
+}
+
+/// The edge functions opposite to each corner.
+#[inline(always)]
+fn edges<const N: usize>([a, b, c]: [&Flat<N>; 3]) -> [[f32; N]; 3] {
+    [
+        sub(&mul(&c[0], &b[1]), &mul(&c[1], &b[0])),
+        sub(&mul(&a[0], &c[1]), &mul(&a[1], &c[0])),
+        sub(&mul(&b[0], &a[1]), &mul(&b[1], &a[0])),
+    ]
+}
+
+impl Shear {
+    /// Projects `N` points, given by axis.
+    #[inline(always)]
+    pub(crate) fn flatten<const N: usize>(&self, points: &[[f32; N]; 3]) -> Flat<N> {
+        let [kx, ky, kz] = self.axes;
+        let [ox, oy, oz] = self.origin;
+        let [sx, sy, _] = self.shear;
+        let origin = [[ox; N], [oy; N], [oz; N]];
+        let points = [&points[kx], &points[ky], &points[kz]];
+        let [x, y, _] = project(points, &origin, &[[sx; N], [sy; N]]);
+        [x, y]
+    }
+}
+
+/// Where rays meet one triangle. The numbers mean something where the lane's bit in `mask` is set.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Met<const N: usize> {
+    pub(crate) mask: u32,
+    /// Parameters along the rays.
+    pub(crate) t: [f32; N],
+    /// Weights of the second and the third corner, times `det`.
+    pub(crate) weights: [[f32; N]; 2],
+    pub(crate) det: [f32; N],
+}
+
+impl<const N: usize> ShearLanes<N> {
+    /// The coordinates of points by axis, in the order of the rays' axes.
+    #[inline(always)]
+    pub(crate) fn along_axes<'p, const M: usize>(&self, points: &'p [[f32; M]; 3]) -> [&'p [f32; M]; 3] {
+        let [kx, ky, kz] = self.axes;
+        [&points[kx], &points[ky], &points[kz]]
+    }
+
+    /// Projects one point for each ray; its coordinates are [along](ShearLanes::along_axes) the rays' axes.
+    #[inline(always)]
+    pub(crate) fn flatten(&self, [x, y, z]: [f32; 3]) -> Flat<N> {
+        let [sx, sy, _] = self.shear;
+        let [x, y, _] = project([&[x; N], &[y; N], &[z; N]], &self.origin, &[sx, sy]);
+        [x, y]
+    }
+
+    /// Tests a triangle against the rays of `asked`, which all [may hold](may_hold_origin) it, each as
+    /// [`Shear::intersect`] does; `flat` are its corners as [`ShearLanes::flatten`] projects them, `depths` their last
+    /// coordinates, and the interval is nearest and farthest parameters.
+    ///
+    /// Second are the rays that meet an edge or a corner, about which only [`Shear::intersect`] can say.
+    #[inline(always)]
+    pub(crate) fn meet(
+        &self,
+        isa: impl Isa,
+        (flat, depths): ([&Flat<N>; 3], [f32; 3]),
+        asked: u32,
+        [t_near, t_far]: [&[f32; N]; 2],
+    ) -> (Met<N>, u32) {
+        let [u, v, w] = edges(flat);
+        let zero = [0.0; N];
+        let [mut least, mut greatest, mut smallest] = [zero; 3];
+        for i in 0..N {
+            least[i] = min(min(u[i], v[i]), w[i]);
+            greatest[i] = max(max(u[i], v[i]), w[i]);
+            smallest[i] = min(min(u[i].abs(), v[i].abs()), w[i].abs());
+        }
+        let inside = isa.lt(&zero, &least) | isa.lt(&greatest, &zero);
+        let on_edge = isa.eq(&smallest, &zero) & asked;
+        let [a, b, c] = depths;
+        let [za, zb, zc] = [self.depth(a), self.depth(b), self.depth(c)];
+        let det = add(&add(&u, &v), &w);
+        let t = div(&add(&add(&mul(&u, &za), &mul(&v, &zb)), &mul(&w, &zc)), &det);
+        let within = isa.le(t_near, &t) & isa.le(&t, t_far) & isa.lt(&t, &[f32::INFINITY; N]);
+        let met = Met {
+            mask: asked & inside & within,
+            t,
+            weights: [v, w],
+            det,
+        };
+        (met, on_edge)
+    }
+
+    /// How deep points of that last coordinate lie, in units of t.
+    #[inline(always)]
+    fn depth(&self, z: f32) -> [f32; N] {
+        mul(&self.shear[2], &sub(&[z; N], &self.origin[2]))
+    }
+}
+
+impl<const N: usize> Met<N> {
+    /// Takes over what [`Shear::intersect`] says of a lane.
+    #[inline(always)]
+    pub(crate) fn set(&mut self, lane: usize, hit: &TriangleHit) {
+        self.mask |= 1 << lane;
+        self.t[lane] = hit.t;
+        (self.weights[0][lane], self.weights[1][lane]) = (hit.u, hit.v);
+        self.det[lane] = 1.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::dominant_axis;
+    use super::*;
+    use crate::mesh::lanes::{AnyIsa, Work, dispatch, lanes};
+    use crate::numeric::Ray;
+
+    /// Whole numbers from -2 to 2 (Weyl's sequence on the golden ratio), so that edges and corners are met often.
+    fn small(i: usize) -> f32 {
+        ((i as f64 * 0.618_033_988_749_894_9).fract() * 5.0).floor() as f32 - 2.0
+    }
+
+    fn point(i: usize) -> [f32; 3] {
+        [small(3 * i), small(5 * i + 1), small(7 * i + 2)]
+    }
+
+    /// Eight rays along the axis `dominant`, and their interval.
+    fn rays(i: usize, dominant: usize) -> [Ray; 8] {
+        std::array::from_fn(|lane| {
+            let mut direction = point(i * 8 + lane).map(|x| 0.25 * x);
+            direction[dominant] = if (i + lane).is_multiple_of(2) { 1.0 } else { -2.0 };
+            let mut ray = Ray::new(point(i + 11 * lane).into(), direction.into());
+            ray.t_far = [f32::INFINITY, 1.0, 0.0][lane % 3];
+            ray
+        })
+    }
+
+    /// The hits of eight rays on one triangle.
+    struct Meet([Ray; 8], usize, [[f32; 3]; 3]);
+
+    impl Work for Meet {
+        type Output = [Option<TriangleHit>; 8];
+
+        #[inline(always)]
+        fn run<I: Isa>(self, isa: I) -> [Option<TriangleHit>; 8] {
+            let Meet(rays, dominant, corners) = self;
+            let rows = |of: fn(&Ray) -> Vec3| {
+                [0, 1, 2].map(|axis| std::array::from_fn(|lane| of(&rays[lane])[axis]))
+            };
+            let shears = ShearLanes::<8>::new(dominant, &rows(|r| r.origin), &rows(|r| r.direction));
+            let along: [[f32; 3]; 3] = corners.map(|corner| {
+                let coordinates = corner.map(|x| [x]);
+                shears.along_axes(&coordinates).map(|x| x[0])
+            });
+            let flat = along.map(|corner| shears.flatten(corner));
+            let [a, b, c] = &flat;
+            let asked = may_hold_origin(isa, [a, b, c]);
+            let interval = [rays.map(|r| r.t_near), rays.map(|r| r.t_far)];
+            let flat = ([a, b, c], along.map(|corner| corner[2]));
+            let (mut met, on_edge) = shears.meet(isa, flat, asked, [&interval[0], &interval[1]]);
+            for lane in lanes(on_edge) {
+                let hit = shears
+                    .lane(lane)
+                    .intersect(corners, interval[0][lane], interval[1][lane]);
+                if let Some(hit) = hit {
+                    met.set(lane, &hit);
+                }
+            }
+            std::array::from_fn(|lane| {
+                (met.mask >> lane & 1 != 0).then(|| TriangleHit {
+                    t: met.t[lane],
+                    u: met.weights[0][lane] / met.det[lane],
+                    v: met.weights[1][lane] / met.det[lane],
+                })
+            })
+        }
+    }
+
+    #[test]
+    fn corners_that_are_projected_once_give_the_bits_of_the_whole_test() {
+        let (mut hits, mut edge_hits) = (0, 0);
+        for i in 0..20_000 {
+            let dominant = i % 3;
+            let corners = [point(i), point(i + 1), point(i + 3)];
+            let rays = rays(i, dominant);
+            assert!(
+                rays.iter()
+                    .all(|r| dominant_axis(r.direction.to_array()) == dominant)
+            );
+            let expected = rays.map(|ray| Shear::new(&ray).intersect(corners, ray.t_near, ray.t_far));
+            assert_eq!(Meet(rays, dominant, corners).run(AnyIsa), expected);
+            assert_eq!(dispatch(Meet(rays, dominant, corners)), expected);
+            for ray in rays {
+                let shear = Shear::new(&ray);
+                let flat = corners.map(|corner| shear.flatten::<8>(&corner.map(|x| [x; 8])));
+                let [a, b, c] = &flat;
+                let may_meet = may_hold_origin(AnyIsa, [a, b, c]);
+                assert!(may_meet == 0 || may_meet == 0xff);
+                assert!(may_meet != 0 || shear.intersect(corners, 0.0, f32::INFINITY).is_none());
+            }
+            hits += expected.iter().flatten().count();
+            let is_edge = |hit: &&TriangleHit| hit.u == 0.0 || hit.v == 0.0 || hit.u + hit.v == 1.0;
+            edge_hits += expected.iter().flatten().filter(is_edge).count();
+        }
+        assert!(hits > 2000 && edge_hits > 500, "{hits}, {edge_hits}");
+    }
+}

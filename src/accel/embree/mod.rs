@@ -29,6 +29,7 @@ mod raw;
 mod scene;
 mod sieve;
 mod sphere;
+mod tiny;
 mod trace;
 mod user;
 
@@ -36,6 +37,7 @@ use std::sync::Arc;
 
 use self::device::Device;
 use self::scene::{Built, EmbreeScene};
+use self::tiny::Enlarged;
 use self::trace::Width;
 use self::user::UserGeometry;
 use super::planes::Planes;
@@ -136,14 +138,18 @@ impl<'s> EmbreeAccel<'s> {
 
 impl Accel for EmbreeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
+        let enlarged = Enlarged::of(packets);
         trace::intersect(&self.world, self.width(order), packets, order);
+        enlarged.restore(packets);
         if !self.planes.is_empty() {
             self.planes.intersect(packets);
         }
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
+        let enlarged = Enlarged::of(packets);
         trace::occluded(&self.world, self.width(order), packets, order);
+        enlarged.restore(packets);
         if !self.planes.is_empty() {
             self.planes.occluded(packets);
         }

@@ -12,7 +12,8 @@
 //! 4. [`image`] writes the picture.
 //!
 //! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`] [`image`] · [`scene`] ·
-//! [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`render`] · [`report`] · [`cli`].
+//! [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`render`] · [`verify`] ·
+//! [`report`] · [`cli`].
 //!
 //! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one
 //! function of `gltf/map.rs` that maps a file into memory.
@@ -53,4 +54,5 @@ pub mod scene;
 pub mod scene_file;
 pub mod shading;
 pub mod shape;
+pub mod verify;
 pub mod volume;

@@ -1,11 +1,15 @@
 //! What may be typed: the flags and their ranges. Nothing below this room knows a flag.
 
+mod verify;
+
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::LazyLock;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
+
+pub(super) use verify::VerifyArgs;
 
 use crate::accel::{Backend, Instancing, Precision};
 use crate::image::ImageFormat;
@@ -67,6 +71,8 @@ pub(super) enum Command {
     Schema,
     /// Time Embree against the BSP on the same recorded rays
     Bench(BenchArgs),
+    /// Put hard cases with exact answers to every way of finding hits
+    Verify(VerifyArgs),
 }
 
 const RENDER_EXAMPLES: &str = "\

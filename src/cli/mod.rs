@@ -12,11 +12,13 @@ mod info;
 mod interrupt;
 mod job;
 mod output;
+mod own;
 mod prices;
 mod progress;
 mod render;
 mod replay;
 mod scene;
+mod verify;
 
 use clap::Parser;
 
@@ -35,6 +37,7 @@ pub fn run() -> i32 {
             Command::Info(args) => info::run(&args),
             Command::Schema => output::print(&crate::scene_file::json_schema()),
             Command::Bench(args) => bench::run(&args),
+            Command::Verify(args) => verify::run(&args),
         }
     });
     match result {

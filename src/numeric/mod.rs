@@ -1,20 +1,24 @@
 //! The stable formulas that everything else is built from: boxes, transforms and their motion, roots, spawn points,
-//! noise, maps of the unit square.
+//! noise, maps of the unit square; and what they are checked with: wide and random numbers.
 //!
 //! Each carries its source and its error bound. Nothing here knows what a scene is.
 
 mod bounds;
 mod motion;
 pub mod noise;
+mod random;
 pub mod roots;
 mod spawn;
 mod transform;
 pub mod warp;
+mod wide;
 
 pub use bounds::Bounds;
 pub use motion::{Motion, MotionError};
+pub use random::Random;
 pub use spawn::{SpawnError, spawn_point, triangle_spawn_bound, triangle_spawn_error};
 pub use transform::{Ray, SingularMatrix, inverse, object_ray, transform_normal};
+pub use wide::Wide;
 
 /// Rays handled side by side: the width of every packet.
 pub const LANES: usize = 16;

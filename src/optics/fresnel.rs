@@ -1,7 +1,7 @@
 //! Fresnel's equations for the smooth boundary of two dielectrics.
 //!
-//! The product forms are accurate where the textbook's differences are not: at the critical angle, at grazing
-//! incidence, and for indices that nearly match (see `interface`). Transmittance is computed directly, not as one
+//! All differences are taken with twice the digits, as they cancel: at the critical angle, at grazing
+//! incidence, at Brewster's angle, and for indices that nearly match (see `interface`). Transmittance is computed directly, not as one
 //! minus the reflectance, which would lose it where it is small.
 
 use super::interface::Interface;
@@ -38,8 +38,8 @@ pub struct Fresnel {
 ///
 /// `cos_i` is the cosine of the ray with the normal on its own side, within [0, 1]; a rounded excess is cut off.
 /// Light that runs inside the boundary (`cos_i` = 0) is reflected whole. Indices are positive and finite.
-/// Relative errors stay within a few 2^-52 of the exact result, reflectance in `p` at Brewster's angle excepted,
-/// where it vanishes.
+/// Reflectances and transmittances are within 8 units in the last place of the exact ones, `cos_t` within 4, and within
+/// 2 where it is more than some roundings from the critical angle.
 #[inline(always)]
 pub fn dielectric(cos_i: f64, eta_i: f64, eta_t: f64) -> Fresnel {
     let interface = Interface::new(cos_i, eta_i, eta_t);
@@ -99,8 +99,8 @@ mod tests {
     fn hard_cases_agree_with_sixty_digits_to_the_derived_bounds() {
         for [cos_i, eta_i, eta_t, r_s, r_p, t_s, t_p, cos_t] in EXACT {
             let found = dielectric(cos_i, eta_i, eta_t);
-            // Counting roundings of u = EPSILON / 2: q 2, p + q 3, p - q 5.5 where it is used, r_s 20, t_s 12; cos_t 3,
-            // t_p 16. In r_p the difference of products of 4 each is amplified by (r_s / r_p)^(1/2), twice.
+            // Counting roundings of u = EPSILON / 2: sums and differences are right to 1, so is q. An amplitude has 3, its
+            // square 7; t_s has 7, t_p 2 more as its sum is divided; cos_t 2.
             let check = |name, found: f64, exact: f64, roundings: f64| {
                 let error = (found - exact).abs() / (0.5 * f64::EPSILON * exact);
                 assert!(
@@ -108,16 +108,11 @@ mod tests {
                     "{name} off by {error} u: {cos_i} {eta_i} {eta_t}"
                 );
             };
-            check("r_s", found.reflectance.s, r_s, 20.0);
-            check(
-                "r_p",
-                found.reflectance.p,
-                r_p,
-                19.0 + 14.0 + 8.0 * (r_s / r_p).sqrt(),
-            );
-            check("t_s", found.transmittance.s, t_s, 12.0);
-            check("t_p", found.transmittance.p, t_p, 16.0);
-            check("cos_t", found.cos_t, cos_t, 3.0);
+            check("r_s", found.reflectance.s, r_s, 7.0);
+            check("r_p", found.reflectance.p, r_p, 7.0);
+            check("t_s", found.transmittance.s, t_s, 7.0);
+            check("t_p", found.transmittance.p, t_p, 9.0);
+            check("cos_t", found.cos_t, cos_t, 2.0);
         }
     }
 
@@ -191,8 +186,7 @@ mod tests {
                     transmittance: t,
                     ..
                 } = dielectric(cos_i, eta_i, eta_t);
-                // The identity holds for whatever p and q were rounded to. What follows has 7 roundings of the larger
-                // share at most and one of the sum: 4 EPSILON; in p two more for the products, 5 EPSILON.
+                // 7 roundings of each share and one of the sum: 4 EPSILON; of those in p two more, 5 EPSILON.
                 assert!(
                     (r.s + t.s - 1.0).abs() <= 4.0 * f64::EPSILON,
                     "{eta_i} {eta_t} {cos_i}"
@@ -214,7 +208,7 @@ mod tests {
         for step in 1..=1000 {
             let there = dielectric(f64::from(step) / 1000.0, 1.0, 1.5);
             let back = dielectric(there.cos_t, 1.5, 1.0);
-            // cos_t is off by 3 u; back from it, cos_i is off by 2.25 cos_t / cos_i times that, and no reflectance
+            // cos_t is off by 3 u at most; back from it, cos_i is off by 2.25 cos_t / cos_i times that, and no reflectance
             // changes faster than by 4 / cos_t per unit of the cosine that it starts from.
             let bound = (10.0 + 2.25 * 3.0 * 4.0 / there.cos_t * 1000.0 / f64::from(step)) * f64::EPSILON;
             assert!(

@@ -1,11 +1,12 @@
-//! The one computation behind refraction and Fresnel's equations: `eta_t cos_t` without cancellation.
+//! The one computation behind refraction and Fresnel's equations: `eta_t cos_t` to twice the digits of f64.
 //!
 //! With p = eta_i cos_i and q = eta_t cos_t, Snell's law reads q² = p² - delta, delta = (eta_i - eta_t)(eta_i + eta_t).
-//! Everything else follows from p, q and delta without a difference of near numbers:
-//! the amplitude (p - q)/(p + q) is delta/(p + q)², the refracted direction is (eta_i d + delta/(p + q) n)/eta_t.
-//! Only p² - delta can cancel, at the critical angle. It is therefore taken in double-double arithmetic (Dekker,
-//! "A floating-point technique for extending the available precision", 1971; Knuth's two-sum), without fused
-//! multiply-add so that all instruction sets give the same bits and lanes vectorise.
+//! Everything else follows from sums and differences of p and q, and of eta_t p and eta_i q: the amplitudes are
+//! (p - q)/(p + q) and (eta_t² cos_i - eta_i q)/(eta_t² cos_i + eta_i q), the refracted direction is
+//! (eta_i d + delta/(p + q) n)/eta_t. The differences cancel: at the critical angle, between media that nearly match, at
+//! Brewster's angle. They are therefore taken in double-double arithmetic (Dekker, "A floating-point technique for
+//! extending the available precision", 1971; Knuth's two-sum), without fused multiply-add so that all instruction sets
+//! give the same bits and lanes vectorise.
 
 use glam::DVec3;
 
@@ -23,9 +24,9 @@ pub(super) struct Interface {
     /// (eta_i - eta_t)(eta_i + eta_t).
     delta: f64,
     /// eta_i cos_i.
-    p: f64,
+    p: Double,
     /// eta_t cos_t, zero for total reflection.
-    q: f64,
+    q: Double,
     /// Whether nothing is transmitted: beyond the critical angle, or for light that runs inside the boundary.
     pub(super) total: bool,
 }
@@ -38,7 +39,9 @@ impl Interface {
         let p = two_product(eta_i, cos_i);
         let p_square = product(p, p);
         let delta = product(two_sum(eta_i, -eta_t), two_sum(eta_i, eta_t));
-        let q_square = (p_square.0 - delta.0) + (p_square.1 - delta.1);
+        let difference = two_sum(p_square.0, -delta.0);
+        let low = difference.1 + (p_square.1 - delta.1);
+        let q_square = difference.0 + low;
         // A NaN must not come out as a refracted ray.
         let total = !(q_square > 0.0);
         Interface {
@@ -46,8 +49,12 @@ impl Interface {
             eta_i,
             eta_t,
             delta: delta.0 + delta.1,
-            p: p.0,
-            q: if total { 0.0 } else { q_square.sqrt() },
+            p,
+            q: if total {
+                (0.0, 0.0)
+            } else {
+                square_root(q_square, (difference.0, low))
+            },
             total,
         }
     }
@@ -55,32 +62,49 @@ impl Interface {
     /// The cosine of the refracted ray with the normal; 0 for total reflection.
     #[inline(always)]
     pub(super) fn cos_t(&self) -> f64 {
-        self.q / self.eta_t
+        self.q.0 / self.eta_t
+    }
+
+    /// eta_t times what p and q are for light polarised in the plane of incidence: eta_t² cos_i and eta_i q.
+    #[inline(always)]
+    fn in_plane(&self) -> [Double; 2] {
+        let square = two_product(self.eta_t, self.eta_t);
+        [
+            product(square, (self.cos_i, 0.0)),
+            product((self.eta_i, 0.0), self.q),
+        ]
     }
 
     /// Reflected over incoming power; 1 for total reflection.
     #[inline(always)]
     pub(super) fn reflectance(&self) -> Polarised {
-        let (p, q) = (self.p, self.q);
-        let product_s = self.delta / (p + q) / (p + q);
-        // cos_i cos_t and sin_i sin_t, both times eta_t; their difference vanishes at Brewster's angle.
-        let cosines = self.cos_i * q;
-        let sines = self.eta_i * ((1.0 - self.cos_i) * (1.0 + self.cos_i));
-        let product_p = product_s * ((cosines - sines) / (cosines + sines));
-        let s = amplitude(p, q, product_s);
-        let p = amplitude(self.eta_t * self.cos_i, self.eta_i * self.cos_t(), product_p);
+        let [a, b] = self.in_plane();
         Polarised {
-            s: if self.total { 1.0 } else { s * s },
-            p: if self.total { 1.0 } else { p * p },
+            s: self.share_reflected(self.p, self.q),
+            p: self.share_reflected(a, b),
         }
+    }
+
+    /// ((a - b)/(a + b))².
+    #[inline(always)]
+    fn share_reflected(&self, a: Double, b: Double) -> f64 {
+        let amplitude = sum(a, (-b.0, -b.1)) / sum(a, b);
+        // Where media are the same, not even the last of the digits is to be left over.
+        let share = if self.delta == 0.0 {
+            0.0
+        } else {
+            amplitude * amplitude
+        };
+        if self.total { 1.0 } else { share }
     }
 
     /// Transmitted over incoming power, not by subtraction; 0 for total reflection.
     #[inline(always)]
     pub(super) fn transmittance(&self) -> Polarised {
-        let through = 4.0 * self.p * self.q;
-        let s = self.p + self.q;
-        let p = self.eta_t * self.cos_i + self.eta_i * self.cos_t();
+        let through = 4.0 * self.p.0 * self.q.0;
+        let [a, b] = self.in_plane();
+        let s = sum(self.p, self.q);
+        let p = sum(a, b) / self.eta_t;
         Polarised {
             s: if self.total { 0.0 } else { through / (s * s) },
             p: if self.total { 0.0 } else { through / (p * p) },
@@ -90,21 +114,7 @@ impl Interface {
     /// Where the unit direction `d` goes on, `n` being the unit normal that faces it; of no meaning if `total`.
     #[inline(always)]
     pub(super) fn refract(&self, d: DVec3, n: DVec3) -> DVec3 {
-        (self.eta_i * d + (self.delta / (self.p + self.q)) * n) / self.eta_t
-    }
-}
-
-/// (a - b)/(a + b), which is `product` where the difference would cancel.
-///
-/// Elsewhere the difference itself is better: errors of a and b leave its square and 4ab/(a + b)² adding up to 1.
-#[inline(always)]
-fn amplitude(a: f64, b: f64, product: f64) -> f64 {
-    let difference = a - b;
-    let larger = if a > b { a } else { b };
-    if difference.abs() > 0.5 * larger {
-        difference / (a + b)
-    } else {
-        product
+        (self.eta_i * d + (self.delta / (self.p.0 + self.q.0)) * n) / self.eta_t
     }
 }
 
@@ -134,6 +144,25 @@ fn two_product(a: f64, b: f64) -> Double {
     let (b_high, b_low) = split(b);
     let error = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low;
     (product, error)
+}
+
+/// The nearest float to the sum of two doubles, or the one beside it.
+#[inline(always)]
+fn sum(a: Double, b: Double) -> f64 {
+    let (high, low) = two_sum(a.0, b.0);
+    high + (low + (a.1 + b.1))
+}
+
+/// The square root of a positive double, whose nearest float is `nearest`: one step of Newton's from that float's root.
+#[inline(always)]
+fn square_root(nearest: f64, x: Double) -> Double {
+    let root = nearest.sqrt();
+    let square = two_product(root, root);
+    let rest = ((x.0 - square.0) - square.1) + x.1;
+    let low = 0.5 * rest / root;
+    // Brought together, so that the first is the nearest float.
+    let high = root + low;
+    (high, low - (high - root))
 }
 
 #[inline(always)]

@@ -141,6 +141,15 @@ impl TileFilm {
     }
 }
 
+/// What a pixel makes of one channel's packets of samples, one after the other: their sum.
+pub fn pixel_sum(packets: impl Iterator<Item = Lanes<f32>>) -> f64 {
+    let mut film = TileFilm::new(None);
+    for samples in packets {
+        film.add(&[0; LANES], &[samples, [0.0; LANES], [0.0; LANES]]);
+    }
+    film.sums()[0][0]
+}
+
 /// The pixels that lie in `tile` of a full tile's, row by row.
 fn cut<T>(tile: Tile, pixels: &[T]) -> impl Iterator<Item = &T> {
     let rows = pixels.chunks(TILE as usize).take(tile.height as usize);

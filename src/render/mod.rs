@@ -5,6 +5,7 @@
 
 mod adaptive;
 mod costs;
+mod departure;
 mod estimate;
 mod film;
 mod filter;
@@ -48,6 +49,8 @@ use rayon::prelude::*;
 
 pub use adaptive::Adaptive;
 pub use costs::PixelCosts;
+pub use departure::{Departure, Departures};
+pub use film::pixel_sum;
 pub use filter::PixelFilter;
 pub use ledger::{Account, Ledger, Loss, Tally};
 pub use memory::{Holding, Memory};

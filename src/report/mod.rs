@@ -1,4 +1,5 @@
-//! Measurements made readable: statistics of a render, contents of a scene, rows of a benchmark.
+//! Measurements made readable: statistics of a render, contents of a scene, rows of a benchmark
+//! and of the suite of hard cases.
 //!
 //! Keys of the JSON forms are stable: they are added to, never renamed.
 
@@ -8,8 +9,10 @@ pub mod forecast;
 pub mod heat;
 pub mod info;
 pub mod memory;
+pub mod own;
 pub mod prices;
 pub mod stats;
 pub mod structure;
 pub mod table;
+pub mod verify;
 mod volumes_info;

@@ -15,8 +15,7 @@ mod cube;
 mod cylinder;
 mod disk;
 mod frame;
-#[cfg(test)]
-mod oracle;
+pub(crate) mod oracle;
 mod plane;
 mod polyhedron;
 mod quad;

@@ -1,163 +1,37 @@
-//! The shapes' referee: numbers of 106 bits, and the part of a line inside a shape that is made a little larger or
-//! smaller.
+//! The shapes' referee: the part of a line inside a shape that is made a little larger or smaller, to 106 bits.
 //!
 //! An answer is right if it is the exact one for a surface moved by no more than rounding explains: what is inside the
 //! smaller shape must be claimed, and what is claimed must be inside the larger one. That covers misses and tangents
 //! without special cases. The referee's formulas are the plain ones (no shifted origin, no cross products).
 
-use std::cmp::Ordering;
-use std::ops::{Add, Div, Mul, Neg, Sub};
-
 use glam::DVec3;
 
-/// SplitMix64 (Steele, Lea and Flood, 2014).
-pub(super) struct Random(u64);
-
-impl Random {
-    pub(super) fn new(seed: u64) -> Random {
-        Random(seed)
-    }
-
-    pub(super) fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in [0, 1).
-    pub(super) fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// One of several values.
-    pub(super) fn pick<T: Copy>(&mut self, from: &[T]) -> T {
-        from[(self.bits() % from.len() as u64) as usize]
-    }
-
-    /// Uniform in the cube [-1, 1)³.
-    pub(super) fn in_cube(&mut self) -> DVec3 {
-        2.0 * DVec3::new(self.unit(), self.unit(), self.unit()) - DVec3::ONE
-    }
-
-    /// A unit vector, uniform over the sphere.
-    pub(super) fn direction(&mut self) -> DVec3 {
-        loop {
-            let v = self.in_cube();
-            if v.length_squared() <= 1.0 && v != DVec3::ZERO {
-                return v.normalize();
-            }
-        }
-    }
-}
-
-/// An unevaluated sum of two numbers (Dekker, 1971): 106 bits.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Wide(f64, f64);
-
-impl Wide {
-    pub(super) fn of(x: f64) -> Wide {
-        Wide(x, 0.0)
-    }
-
-    /// The sum, exact if |a| >= |b|.
-    fn quick(a: f64, b: f64) -> Wide {
-        let s = a + b;
-        if s.is_finite() {
-            Wide(s, b - (s - a))
-        } else {
-            Wide(s, 0.0)
-        }
-    }
-
-    pub(super) fn sqrt(self) -> Wide {
-        if self.0 <= 0.0 {
-            return Wide::of(0.0);
-        }
-        let x = Wide::of(self.0.sqrt());
-        // One Newton step doubles the digits.
-        x + (self - x * x) / (x + x)
-    }
-
-    pub(super) fn nearest(self) -> f64 {
-        self.0
-    }
-}
-
-impl Add for Wide {
-    type Output = Wide;
-    fn add(self, other: Wide) -> Wide {
-        let s = self.0 + other.0;
-        let b = s - self.0;
-        let error = (self.0 - (s - b)) + (other.0 - b);
-        Wide::quick(s, error + (self.1 + other.1))
-    }
-}
-
-impl Neg for Wide {
-    type Output = Wide;
-    fn neg(self) -> Wide {
-        Wide(-self.0, -self.1)
-    }
-}
-
-impl Sub for Wide {
-    type Output = Wide;
-    fn sub(self, other: Wide) -> Wide {
-        self + -other
-    }
-}
-
-impl Mul for Wide {
-    type Output = Wide;
-    fn mul(self, other: Wide) -> Wide {
-        let p = self.0 * other.0;
-        let error = self.0.mul_add(other.0, -p);
-        Wide::quick(p, error + (self.0 * other.1 + self.1 * other.0))
-    }
-}
-
-impl Div for Wide {
-    type Output = Wide;
-    fn div(self, other: Wide) -> Wide {
-        let first = Wide::of(self.0 / other.0);
-        let rest = self - first * other;
-        let second = Wide::of(rest.0 / other.0);
-        let rest = rest - second * other;
-        first + second + Wide::of(rest.0 / other.0)
-    }
-}
-
-impl PartialOrd for Wide {
-    fn partial_cmp(&self, other: &Wide) -> Option<Ordering> {
-        Some(self.0.partial_cmp(&other.0)?.then(self.1.partial_cmp(&other.1)?))
-    }
-}
+use crate::numeric::Wide;
 
 /// A point or vector of wide numbers.
-pub(super) type Wide3 = [Wide; 3];
+pub(crate) type Wide3 = [Wide; 3];
 
-pub(super) fn wide3(v: DVec3) -> Wide3 {
+pub(crate) fn wide3(v: DVec3) -> Wide3 {
     v.to_array().map(Wide::of)
 }
 
-pub(super) fn dot(a: Wide3, b: Wide3) -> Wide {
+pub(crate) fn dot(a: Wide3, b: Wide3) -> Wide {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// The point at `t`.
-pub(super) fn at(o: DVec3, d: DVec3, t: Wide) -> Wide3 {
+pub(crate) fn at(o: DVec3, d: DVec3, t: Wide) -> Wide3 {
     let (o, d) = (wide3(o), wide3(d));
     [0, 1, 2].map(|k| o[k] + t * d[k])
 }
 
 /// Disjoint intervals in ascending order.
-pub(super) type Intervals = Vec<[Wide; 2]>;
+pub(crate) type Intervals = Vec<[Wide; 2]>;
 
-const ALWAYS: [Wide; 2] = [Wide(f64::NEG_INFINITY, 0.0), Wide(f64::INFINITY, 0.0)];
+const ALWAYS: [Wide; 2] = [Wide::of(f64::NEG_INFINITY), Wide::of(f64::INFINITY)];
 
 /// Where the line is in xᵀ Q x <= 0 about `center`, `q` being the upper triangle row by row.
-pub(super) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -> Intervals {
+pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -> Intervals {
     const PLACE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]];
     let form = |u: [Wide; 4], v: [Wide; 4]| {
         let mut sum = Wide::of(0.0);
@@ -201,7 +75,7 @@ pub(super) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -
 }
 
 /// The part of `intervals` with n · x <= h.
-pub(super) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) -> Intervals {
+pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) -> Intervals {
     let slope = dot(wide3(n), wide3(d));
     let room = Wide::of(h) - dot(wide3(n), wide3(o));
     let zero = Wide::of(0.0);
@@ -221,13 +95,66 @@ pub(super) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) ->
     clipped.filter(|[a, b]| a <= b).collect()
 }
 
+/// Samples of a line between which a torus's distance is monotone, but for the extrema that are then looked for.
+const SAMPLES: usize = 96;
+
+/// Where the line is inside the torus of tube radius `r + delta`, by sampling, extrema and bisection.
+pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals {
+    let (middle, half) = (-o.dot(d) / d.length_squared(), 2.0 / d.length());
+    let depth = |t: f64| {
+        let p = o + t * d;
+        (p.x.hypot(p.y) - 1.0).hypot(p.z) - r
+    };
+    let sample = |k: usize| middle + half * (2.0 * k as f64 / SAMPLES as f64 - 1.0);
+    let mut places: Vec<f64> = (0..=SAMPLES).map(sample).collect();
+    for k in 1..SAMPLES {
+        let around = [sample(k - 1), sample(k), sample(k + 1)];
+        let [before, here, after] = around.map(depth);
+        if (here - before) * (after - here) <= 0.0 {
+            let sign = if here <= before { 1.0 } else { -1.0 };
+            places.push(lowest(|t| sign * depth(t), around[0], around[2]));
+        }
+    }
+    places.sort_by(f64::total_cmp);
+    let radius = Wide::of(r) + Wide::of(delta);
+    let is_inside = |t: Wide| {
+        let p = at(o, d, t);
+        let across = p[0] * p[0] + p[1] * p[1];
+        let k = across + p[2] * p[2] + Wide::of(1.0) - radius * radius;
+        k * k <= Wide::of(4.0) * across
+    };
+    let mut ends = Vec::new();
+    for pair in places.windows(2) {
+        let (mut a, mut b) = (Wide::of(pair[0]), Wide::of(pair[1]));
+        let first = is_inside(a);
+        if first != is_inside(b) {
+            for _ in 0..110 {
+                let m = Wide::of(0.5) * (a + b);
+                if is_inside(m) == first { a = m } else { b = m }
+            }
+            ends.push(a);
+        }
+    }
+    ends.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect()
+}
+
+/// The place of the minimum of `f`, which has one between `a` and `b`.
+fn lowest(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
+    for _ in 0..80 {
+        let (left, right) = (a + 0.382 * (b - a), a + 0.618 * (b - a));
+        if f(left) <= f(right) { b = right } else { a = left }
+    }
+    0.5 * (a + b)
+}
+
 /// The whole line.
-pub(super) fn whole() -> Intervals {
+pub(crate) fn whole() -> Intervals {
     vec![ALWAYS]
 }
 
 /// Whether all of `inner` is within `outer`.
-pub(super) fn is_within(inner: &[[Wide; 2]], outer: &[[Wide; 2]]) -> bool {
+#[cfg(test)]
+pub(crate) fn is_within(inner: &[[Wide; 2]], outer: &[[Wide; 2]]) -> bool {
     let covered = |i: &[Wide; 2]| outer.iter().any(|o| o[0] <= i[0] && i[1] <= o[1]);
     inner.iter().all(covered)
 }
@@ -235,21 +162,6 @@ pub(super) fn is_within(inner: &[[Wide; 2]], outer: &[[Wide; 2]]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn wide_numbers_keep_what_a_float_drops() {
-        let tiny = Wide::of(2f64.powi(-80));
-        let one = Wide::of(1.0);
-        assert_eq!((one + tiny) - one, tiny);
-        // (1 + 2^-60)² - 1 - 2·2^-60 = 2^-120, beyond 106 bits: 0 up to 2^-105.
-        let x = one + Wide::of(2f64.powi(-60));
-        let rest = x * x - one - Wide::of(2f64.powi(-59));
-        assert!(rest.nearest().abs() <= 2f64.powi(-105));
-        let third = one / Wide::of(3.0);
-        assert!((third * Wide::of(3.0) - one).nearest().abs() <= 2f64.powi(-104));
-        let root = Wide::of(2.0).sqrt();
-        assert!((root * root - Wide::of(2.0)).nearest().abs() <= 2f64.powi(-103));
-    }
 
     #[test]
     fn the_lectures_ray_is_inside_the_unit_sphere_between_its_two_roots() {

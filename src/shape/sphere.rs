@@ -184,13 +184,13 @@ impl Implicit for Sphere {
 
 #[cfg(test)]
 mod tests {
-    use super::super::oracle::Random;
     use super::*;
+    use crate::numeric::Random;
 
     #[test]
     fn lanes_give_the_bits_of_the_single_ray() {
         let seed = 7;
-        let mut random = Random::new(seed);
+        let mut random = Random::new(seed, 0);
         let sphere = Sphere {
             center: DVec3::new(0.3, -0.2, 0.1),
             radius: 0.9,

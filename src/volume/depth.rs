@@ -56,6 +56,13 @@ impl DepthSum {
     }
 }
 
+/// The share of light that comes through layers of these depths, one behind the other, none negative.
+pub fn transmittance_of(depths: impl Iterator<Item = f64>) -> f64 {
+    let mut sum = DepthSum::default();
+    depths.for_each(|depth| sum.add(depth));
+    sum.transmittance()
+}
+
 /// The share 1 - exp(-tau) of light that a depth of `tau`, not negative, takes away.
 #[inline(always)]
 pub fn opacity(tau: f64) -> f64 {

@@ -32,7 +32,7 @@ mod unlit;
 mod tests;
 
 pub use blocks::EmptySpace;
-pub use depth::{opacity, optical_depth};
+pub use depth::{opacity, optical_depth, transmittance_of};
 pub use fog::Fog;
 pub use grid::{Grid, Samples};
 pub use march::{Lighting, March, Marched, PointLanes, SkipEmpty, Stretch};

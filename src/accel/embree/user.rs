@@ -177,7 +177,7 @@ impl<'s> UserGeometry<'s> {
         let instance = match self.primitive(primitive)? {
             Primitive::Spheres(cluster, _) => {
                 let world = cluster.bounds();
-                return Some(padded(&world, PLACEMENT_PADDING * world.magnitude()));
+                return Some(padded(&world, padding(&world)));
             }
             Primitive::Patch(_) => return self.patches.boxed(primitive - self.clusters.len()),
             Primitive::Instance(_, instance) => instance,
@@ -189,12 +189,15 @@ impl<'s> UserGeometry<'s> {
         };
         if self.step_count == 0 {
             let world = instance.world_bounds(geometry, &object);
-            return Some(padded(&world, PLACEMENT_PADDING * world.magnitude()));
+            return Some(padded(&world, padding(&world)));
         }
         let now = instance.step_bounds(geometry, &object, [step, self.step_count]);
         let always = instance.world_bounds(geometry, &object).magnitude();
         let interpolation = UNIT * f64::from(2 * self.step_count + 4);
-        Some(padded(&now, (PLACEMENT_PADDING + interpolation) * always))
+        Some(padded(
+            &now,
+            padding(&now) + (PLACEMENT_PADDING + interpolation) * always,
+        ))
     }
 
     /// Bytes of its records and those of its parts, but for patches.
@@ -255,6 +258,15 @@ impl<'s> UserGeometry<'s> {
 const PLACEMENT_PADDING: f64 = 1.0 / (1 << 20) as f64;
 /// Half a unit in the last place of an f32 at 1.
 const UNIT: f64 = 1.0 / (1 << 24) as f64;
+
+/// Part of a box's longest edge by which it is padded: Embree walks to user geometry by `b/d - o/d`, robust or not, and
+/// finds sides `b` some 3/2^24 of the distance `o` aside, and this is more for rays that start within hundreds of edges.
+const DISTANT_PADDING: f64 = 1.0 / (1 << 13) as f64;
+
+/// What a box is padded by on all sides.
+fn padding(world: &Bounds) -> f64 {
+    PLACEMENT_PADDING * world.magnitude() + DISTANT_PADDING * world.extent().max_element()
+}
 
 fn padded(world: &Bounds, by: f64) -> ([f32; 3], [f32; 3]) {
     let padding = DVec3::splat(by);

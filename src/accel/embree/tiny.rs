@@ -1,0 +1,179 @@
+//! Rays with tiny directions, made longer on their way to Embree.
+//!
+//! Embree takes components of a direction below 10^-18 for +10^-18 where it walks its tree, whatever their sign and the
+//! other components: a ray with none larger is sent astray. Its direction is therefore multiplied by a power of two, and
+//! its interval divided by it, which is exact and undone on the answer. Beside a component of [`SMALL`] and more, what
+//! Embree makes of the others is off by 10^-12 of it, which boxes allow for.
+
+use crate::accel::{LANES, RayPacket};
+
+/// Directions whose largest component is smaller are made longer: 2^-20.
+const SMALL: f32 = 1.0 / (1 << 20) as f32;
+
+/// A lane as it was before its direction was made longer.
+struct Lane {
+    packet: usize,
+    lane: usize,
+    direction: [f32; 3],
+    t_near: f32,
+    t_far: f32,
+    /// What the direction was multiplied by.
+    scale: f64,
+}
+
+/// The lanes of packets whose directions are longer than they were.
+#[must_use = "answers are in the wrong unit until they are restored"]
+pub(super) struct Enlarged(Vec<Lane>);
+
+impl Enlarged {
+    /// Makes the tiny directions among `packets` longer.
+    #[inline(always)]
+    pub(super) fn of(packets: &mut [RayPacket]) -> Enlarged {
+        let mut lanes = Vec::new();
+        for (number, packet) in packets.iter_mut().enumerate() {
+            if has_tiny(packet) {
+                enlarge(packet, number, &mut lanes);
+            }
+        }
+        Enlarged(lanes)
+    }
+
+    /// Gives the lanes back the rays they had, and their hits the parameters that belong to these.
+    #[inline(always)]
+    pub(super) fn restore(self, packets: &mut [RayPacket]) {
+        for was in self.0 {
+            restore(&was, &mut packets[was.packet]);
+        }
+    }
+}
+
+#[inline(always)]
+fn has_tiny(packet: &RayPacket) -> bool {
+    let [x, y, z] = &packet.direction;
+    let mut any = false;
+    for lane in 0..LANES {
+        // Without their signs, floats are ordered as their bits are; lanes that are off do not matter.
+        let size = |x: f32| x.to_bits() & 0x7fff_ffff;
+        any |= size(x[lane]).max(size(y[lane])).max(size(z[lane])) < SMALL.to_bits();
+    }
+    any
+}
+
+#[cold]
+fn enlarge(packet: &mut RayPacket, number: usize, lanes: &mut Vec<Lane>) {
+    for lane in 0..LANES {
+        let ray = packet.ray(lane);
+        let largest = f64::from(ray.direction.abs().max_element());
+        if !(packet.is_active(lane) && ray.is_traceable() && largest < f64::from(SMALL)) {
+            continue;
+        }
+        // The largest component becomes 1 to 2.
+        let exponent = (largest.to_bits() >> 52) as i32 - 1023;
+        let scale = f64::from_bits(((1023 - exponent) as u64) << 52);
+        lanes.push(Lane {
+            packet: number,
+            lane,
+            direction: ray.direction.to_array(),
+            t_near: ray.t_near,
+            t_far: ray.t_far,
+            scale,
+        });
+        for axis in 0..3 {
+            packet.direction[axis][lane] = (f64::from(ray.direction[axis]) * scale) as f32;
+        }
+        packet.t_near[lane] = (f64::from(ray.t_near) / scale) as f32;
+        packet.t_far[lane] = (f64::from(ray.t_far) / scale) as f32;
+    }
+}
+
+#[cold]
+fn restore(was: &Lane, packet: &mut RayPacket) {
+    let lane = was.lane;
+    let t = (f64::from(packet.t_far[lane]) * was.scale) as f32;
+    let is_hit = packet.hit(lane).is_some();
+    for axis in 0..3 {
+        packet.direction[axis][lane] = was.direction[axis];
+    }
+    packet.t_near[lane] = was.t_near;
+    if is_hit && t < f32::INFINITY {
+        packet.t_far[lane] = t;
+    } else if !packet.is_blocked(lane) {
+        // A hit that is farther than any float is none.
+        packet.forget_hit(lane);
+        packet.t_far[lane] = was.t_far;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::accel::Hit;
+    use crate::numeric::Ray;
+
+    fn packet(direction: Vec3, t_near: f32, t_far: f32) -> RayPacket {
+        let mut packet = RayPacket::EMPTY;
+        let ray = Ray {
+            t_near,
+            t_far,
+            ..Ray::new(Vec3::ONE, direction)
+        };
+        packet.set(3, &ray);
+        packet.set(4, &Ray::new(Vec3::ZERO, Vec3::X));
+        packet
+    }
+
+    #[test]
+    fn a_tiny_direction_goes_out_long_and_comes_back_as_it_was_with_its_hit() {
+        let tiny = Vec3::new(3.0 * 0.5f32.powi(100), -0.0, 0.5f32.powi(149));
+        let mut packets = [packet(tiny, 2.0, 4.0)];
+        let ray = packets[0].ray(3);
+        let other = packets[0].ray(4);
+        let enlarged = Enlarged::of(&mut packets);
+        // 3 / 2^100 times 2^99 is 1.5.
+        assert_eq!(packets[0].ray(3).direction, Vec3::new(1.5, -0.0, 0.5f32.powi(50)));
+        assert_eq!(packets[0].t_near[3], 2.0 * 0.5f32.powi(99));
+        assert_eq!(packets[0].ray(4), other);
+        let hit = Hit {
+            instance: 1,
+            primitive: 2,
+            t: 3.0 * 0.5f32.powi(99),
+            u: 0.25,
+            v: 0.5,
+        };
+        packets[0].set_hit(3, &hit);
+        enlarged.restore(&mut packets);
+        assert_eq!(packets[0].hit(3), Some(Hit { t: 3.0, ..hit }));
+        assert_eq!(packets[0].ray(3), Ray { t_far: 3.0, ..ray });
+    }
+
+    #[test]
+    fn a_miss_a_blocked_lane_and_a_hit_out_of_reach_come_back_as_such() {
+        let tiny = Vec3::splat(1e-40);
+        let mut packets = [packet(tiny, 0.0, f32::INFINITY)];
+        let ray = packets[0].ray(3);
+        Enlarged::of(&mut packets).restore(&mut packets);
+        assert_eq!((packets[0].ray(3), packets[0].hit(3)), (ray, None));
+
+        let enlarged = Enlarged::of(&mut packets);
+        packets[0].set_blocked(3);
+        enlarged.restore(&mut packets);
+        assert!(packets[0].is_blocked(3));
+
+        let mut packets = [packet(tiny, 0.0, f32::INFINITY)];
+        let enlarged = Enlarged::of(&mut packets);
+        let far = Hit {
+            instance: 0,
+            primitive: 0,
+            t: 1.0,
+            u: 0.0,
+            v: 0.0,
+        };
+        packets[0].set_hit(3, &far);
+        enlarged.restore(&mut packets);
+        // 1 times 2^133 is no f32.
+        assert_eq!(packets[0].hit(3), None);
+        assert_eq!(packets[0].t_far[3], f32::INFINITY);
+    }
+}

@@ -1,0 +1,65 @@
+//! Flags of `whit verify`.
+
+use std::path::PathBuf;
+
+use clap::Args as ArgGroup;
+
+use super::{ImageSize, MAX_THREADS};
+
+/// So many rays that what happens to one in ten thousand is seen, in well under a minute for all cases.
+const DEFAULT_RAYS: u64 = 100_000;
+/// Most rays a case: a day's work.
+const MAX_RAYS: u64 = 100_000_000_000;
+
+const VERIFY_HELP: &str = "\
+Each case constructs rays, or arguments of a formula, that sit where rounding decides, and knows the exact answers. It
+is put to every way of finding hits. `wrong` counts answers that rounding does not explain, `ties` those that it does.
+A path that promises as much must answer nothing wrong; what others get wrong is measured. The same number of rays
+gives the same rays, on any number of threads.
+
+Examples:
+  whit verify
+  whit verify --list
+  whit verify --case H11 --case H12 --rays 10000000 --isa all
+  whit verify --rays 1000000 --json verify.json
+  whit verify scene.glb --size 1920x1080
+
+With scenes, the rays of their own pictures go through Embree and the BSP (without Embree: through the BSP and brute
+force). What differs is told by the kind of place, and what is wrong with the meshes with what to do about it.";
+
+/// Flags of `whit verify`.
+#[derive(Debug, ArgGroup)]
+#[command(after_help = VERIFY_HELP)]
+pub(in crate::cli) struct VerifyArgs {
+    /// Scenes (.toml, .glb, .gltf) whose own rays are checked, in place of the cases
+    #[arg(value_name = "SCENE", conflicts_with_all = ["cases", "list"])]
+    pub(in crate::cli) scenes: Vec<PathBuf>,
+
+    /// Image size in pixels of the scenes' pictures
+    #[arg(long, value_name = "WxH", requires = "scenes", help = super::or_scene("Size in pixels of the picture whose rays are checked", super::DEFAULT_SIZE))]
+    pub(in crate::cli) size: Option<ImageSize>,
+
+    /// Rays a case and path
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_RAYS, value_parser = clap::value_parser!(u64).range(1..=MAX_RAYS))]
+    pub(in crate::cli) rays: u64,
+
+    /// Only this case, as in H11; may be given several times
+    #[arg(long = "case", value_name = "ID")]
+    pub(in crate::cli) cases: Vec<String>,
+
+    /// Say what the cases construct, how they know the answers and what is required, and run none
+    #[arg(long)]
+    pub(in crate::cli) list: bool,
+
+    /// Instruction set that Embree is held to, or all that this machine has, in turn [default: Embree's choice]
+    #[arg(long, value_parser = ["sse2", "sse4.2", "avx", "avx2", "avx512", "all"])]
+    pub(in crate::cli) isa: Option<String>,
+
+    /// Write what was measured as JSON
+    #[arg(long, value_name = "FILE")]
+    pub(in crate::cli) json: Option<PathBuf>,
+
+    /// Threads; 0 takes one a processor
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
+    pub(in crate::cli) threads: u32,
+}

@@ -1,0 +1,122 @@
+//! `whit verify`: hard cases with exact answers, put to every way of finding hits. With scenes, see `own`.
+
+use std::collections::BTreeSet;
+
+use crate::accel::AccelError;
+use crate::image::check_writable;
+use crate::report::verify::{VerifyRow, case_list, table};
+use crate::verify::{self, Case, PATHS, Path, Verdict};
+
+use super::args::VerifyArgs;
+use super::failure::Failure;
+use super::interrupt;
+use super::job::Tracing;
+use super::output;
+use super::progress::{Progress, Verbosity};
+
+/// Instruction sets that Embree may be held to, least first.
+const INSTRUCTION_SETS: [&str; 5] = ["sse2", "sse4.2", "avx", "avx2", "avx512"];
+
+/// Runs the cases that the arguments ask for.
+pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
+    if !args.scenes.is_empty() {
+        return super::own::run(args);
+    }
+    let cases = chosen(&args.cases)?;
+    if args.list {
+        return output::print(&case_list(&cases));
+    }
+    if let Some(path) = &args.json {
+        check_writable(path)?;
+    }
+    if args.isa.is_some() && !cfg!(feature = "embree") {
+        return Err(AccelError::NoEmbree.into());
+    }
+    let pool = Tracing::of_threads(args.threads).pool()?;
+    let progress = Progress::new(Verbosity::Normal);
+    let runs = runs(&cases, &pool.install(|| instruction_sets(args.isa.as_deref())));
+    let mut rows = Vec::with_capacity(runs.len());
+    for (number, (case, path, isa)) in runs.iter().enumerate() {
+        interrupt::check()?;
+        progress.phase(case.id, path.name);
+        progress.fraction(number as f64 / runs.len() as f64);
+        let outcome = pool.install(|| verify::check(case, args.rays, path, isa.as_deref()))?;
+        rows.push(VerifyRow::new(case, path, outcome));
+    }
+    progress.clear();
+    output::print(&table(&rows))?;
+    if let Some(path) = &args.json {
+        interrupt::finish_first(|| output::write_json(path, &rows))?;
+    }
+    verdict(&rows)
+}
+
+/// The cases of these names, or all; in the order of the suite.
+fn chosen(names: &[String]) -> Result<Vec<&'static Case>, Failure> {
+    let all = verify::cases();
+    let is_named = |case: &Case| names.iter().any(|name| name.eq_ignore_ascii_case(case.id));
+    let unknown = |name: &&String| !all.iter().any(|case| name.eq_ignore_ascii_case(case.id));
+    if let Some(name) = names.iter().find(unknown) {
+        return Err(Failure::Input(format!(
+            "there is no case `{name}`: `whit verify --list` tells which there are"
+        )));
+    }
+    Ok(all
+        .into_iter()
+        .filter(|case| names.is_empty() || is_named(case))
+        .collect())
+}
+
+/// What Embree is held to, one run after the other.
+fn instruction_sets(asked: Option<&str>) -> Vec<Option<String>> {
+    if asked != Some("all") {
+        return vec![asked.map(str::to_owned)];
+    }
+    INSTRUCTION_SETS
+        .into_iter()
+        .filter(|isa| verify::has_instruction_set(isa))
+        .map(|isa| Some(isa.to_owned()))
+        .collect()
+}
+
+type Run = (&'static Case, Path, Option<String>);
+
+/// Every case on every path that it can be put to; those that are not Embree's once, whatever it is held to.
+fn runs(cases: &[&'static Case], instruction_sets: &[Option<String>]) -> Vec<Run> {
+    let mut runs = Vec::new();
+    for &case in cases {
+        for path in PATHS
+            .iter()
+            .copied()
+            .filter(|path| case.applies_to(path) && path.is_built_in())
+        {
+            if path.is_embree() {
+                runs.extend(instruction_sets.iter().map(|isa| (case, path, isa.clone())));
+            } else {
+                runs.push((case, path, None));
+            }
+        }
+    }
+    runs
+}
+
+/// A failure if anything is wrong that must not be.
+fn verdict(rows: &[VerifyRow]) -> Result<(), Failure> {
+    let failed: Vec<&VerifyRow> = rows
+        .iter()
+        .filter(|row| row.outcome.verdict == Verdict::Fails)
+        .collect();
+    if failed.is_empty() {
+        return Ok(());
+    }
+    let names: BTreeSet<String> = failed
+        .iter()
+        .map(|row| format!("{} on {}", row.case.id, row.path))
+        .collect();
+    Err(Failure::Work(format!(
+        "{} of {} checks failed: {}",
+        failed.len(),
+        rows.len(),
+        names.into_iter().collect::<Vec<_>>().join(", ")
+    )))
+}

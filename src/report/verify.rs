@@ -1,0 +1,140 @@
+//! Rows of the suite of hard cases: `whit verify`.
+
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use crate::verify::{Asks, Case, Closes, Outcome, PATHS, Path, Verdict};
+
+/// How one case went on one path.
+#[derive(Clone, Serialize)]
+pub struct VerifyRow {
+    /// What was asked.
+    #[serde(flatten)]
+    pub case: Case,
+    /// The path's name.
+    pub path: &'static str,
+    /// How it went.
+    #[serde(flatten)]
+    pub outcome: Outcome,
+}
+
+impl VerifyRow {
+    /// The row of an outcome.
+    pub fn new(case: &Case, path: &Path, outcome: Outcome) -> VerifyRow {
+        VerifyRow {
+            case: *case,
+            path: path.name,
+            outcome,
+        }
+    }
+
+    /// What is measured: the largest error, if the case has one.
+    fn worst(&self) -> String {
+        if self.case.unit.is_empty() {
+            return String::new();
+        }
+        format!("{:.2} {}", self.outcome.tally.worst, self.case.unit)
+    }
+}
+
+/// What a verdict is called.
+fn word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Holds => "holds",
+        Verdict::Measured => "measured",
+        Verdict::Fails => "FAILS",
+    }
+}
+
+/// All rows, a line each, under a heading for each case; then the first wrong answer of every check that failed.
+pub fn table(rows: &[VerifyRow]) -> String {
+    let mut text = String::new();
+    let versions: BTreeSet<&str> = rows
+        .iter()
+        .filter_map(|row| row.outcome.embree.as_ref())
+        .map(|embree| embree.version.as_str())
+        .collect();
+    for version in versions {
+        text += &format!("Embree {version}\n");
+    }
+    let mut last = "";
+    for row in rows {
+        // Writing to a string cannot fail.
+        if row.case.id != last {
+            let _ = writeln!(text, "\n{} {}: {}", row.case.id, row.case.title, row.case.bound);
+            let _ = writeln!(
+                text,
+                "    {:14} {:7} {:>12} {:>10} {:>10} {:>16}",
+                "path", "isa", "rays", "wrong", "ties", "worst"
+            );
+            last = row.case.id;
+        }
+        let tally = &row.outcome.tally;
+        let isa = row.outcome.embree.as_ref().map_or("", |embree| &embree.isa);
+        let _ = writeln!(
+            text,
+            "    {:14} {:7} {:>12} {:>10} {:>10} {:>16}  {}",
+            row.path,
+            isa,
+            tally.rays,
+            tally.wrong,
+            tally.ties,
+            row.worst(),
+            word(row.outcome.verdict),
+        );
+    }
+    for row in rows.iter().filter(|row| row.outcome.verdict == Verdict::Fails) {
+        if let Some(example) = &row.outcome.tally.example {
+            let _ = writeln!(text, "\n{} on {}: {example}", row.case.id, row.path);
+        }
+    }
+    let count = |verdict| rows.iter().filter(|row| row.outcome.verdict == verdict).count();
+    let _ = writeln!(
+        text,
+        "\n{} checks: {} hold, {} measured without a promise, {} failed",
+        rows.len(),
+        count(Verdict::Holds),
+        count(Verdict::Measured),
+        count(Verdict::Fails)
+    );
+    text
+}
+
+/// What each case does and what it requires, and which of the 48 planned ones are missing.
+pub fn case_list(cases: &[&Case]) -> String {
+    let mut text = String::new();
+    for case in cases {
+        let _ = writeln!(text, "{} {}", case.id, case.title);
+        let _ = writeln!(text, "    asks      {}", case.construction);
+        let _ = writeln!(text, "    knows     {}", case.oracle);
+        let _ = writeln!(text, "    requires  {}, {}", case.bound, required_of(case));
+    }
+    let missing: Vec<String> = (1..=PLANNED)
+        .map(|number| format!("H{number:02}"))
+        .filter(|id| !crate::verify::cases().iter().any(|case| case.id == id))
+        .collect();
+    if !missing.is_empty() {
+        let _ = writeln!(text, "\nPlanned and not in this suite: {}", missing.join(", "));
+    }
+    text
+}
+
+/// Cases that are to be.
+const PLANNED: u32 = 48;
+
+fn required_of(case: &Case) -> String {
+    if case.asks == Asks::Formulas {
+        return "of the formulas".into();
+    }
+    if case.required == Closes::Faces {
+        return "of every path".into();
+    }
+    let names: Vec<&str> = PATHS
+        .iter()
+        .filter(|path| case.applies_to(path) && case.requires(path))
+        .map(|path| path.name)
+        .collect();
+    format!("of {}; measured on the others", names.join(", "))
+}

@@ -1,0 +1,118 @@
+//! Walls where a tree over space likes to cut, and rays in its cutting planes and through the lines and points where
+//! they meet.
+
+use glam::{DVec3, Vec3};
+
+use super::meshes::{mesh, scene};
+use super::slivers::compared;
+use super::trial::{Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::AccelError;
+use crate::accel::brute::BruteAccel;
+use crate::mesh::Mesh;
+use crate::numeric::{Random, Ray};
+use crate::scene::Geometry;
+
+const ORACLE: &str = "brute force, what differs by the derived bounds on f32 a tie";
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H32",
+        title: "splitting planes",
+        construction: "rays in, along and off whole coordinates, components 0, -0 and denormal, among unit boxes",
+        oracle: ORACLE,
+        bound: "no wrong hit or miss",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Faces,
+        run: |trial| among_boxes(trial, on_planes),
+    },
+    Case {
+        id: "H33",
+        title: "cell corners",
+        construction: "rays through the points and lines where two or three whole coordinates meet, among unit boxes",
+        oracle: ORACLE,
+        bound: "no wrong hit or miss",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Faces,
+        run: |trial| among_boxes(trial, through_corners),
+    },
+];
+
+/// Boxes along each axis.
+const COUNT: usize = 4;
+
+/// Unit boxes on a lattice, a third of them left out, so that faces lie on whole coordinates.
+fn boxes() -> Mesh {
+    let (mut corners, mut faces) = (Vec::new(), Vec::new());
+    for number in (0..COUNT * COUNT * COUNT).filter(|number| number % 3 != 2) {
+        let low = [number % COUNT, number / COUNT % COUNT, number / COUNT / COUNT];
+        let first = corners.len() as u32;
+        corners.extend((0..8usize).map(|corner| {
+            let at = |axis: usize| (low[axis] + (corner >> axis & 1)) as f64;
+            DVec3::new(at(0), at(1), at(2))
+        }));
+        let sides: [[u32; 4]; 6] = [
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+        ];
+        for [a, b, c, d] in sides {
+            faces.extend([[a, b, c], [a, c, d]].map(|face| face.map(|corner| first + corner)));
+        }
+    }
+    mesh(&corners, faces)
+}
+
+/// A coordinate of the lattice, from one before it to one behind.
+fn whole(random: &mut Random) -> f32 {
+    random.below(COUNT + 3) as f32 - 1.0
+}
+
+fn on_planes(random: &mut Random) -> Ray {
+    let mut component = || random.pick(&[0.0, -0.0, 1e-45, -1e-45, 1e-38, 1.0, -1.0, 0.5, -0.25]);
+    let mut direction = Vec3::new(component(), component(), component());
+    // At least one is no smaller than others that count.
+    let axis = random.below(3);
+    direction[axis] = random.pick(&[1.0, -1.0]);
+    let mut origin = Vec3::ZERO;
+    for axis in 0..3 {
+        origin[axis] = match random.below(3) {
+            0 => random.within(-1.0, COUNT as f64 + 1.0) as f32,
+            _ => whole(random),
+        };
+    }
+    Ray::new(origin, direction)
+}
+
+fn through_corners(random: &mut Random) -> Ray {
+    let mut target = Vec3::new(whole(random), whole(random), whole(random));
+    if random.below(2) == 0 {
+        // On a line of the lattice, but on no point of it.
+        target[random.below(3)] += random.unit() as f32;
+    }
+    let mut away = random.direction();
+    if random.below(2) == 0 {
+        // Through many points of the lattice, not one.
+        let mut step = || random.below(5) as f64 - 2.0;
+        away = DVec3::new(step(), step(), step());
+        if away == DVec3::ZERO {
+            away = DVec3::ONE;
+        }
+    }
+    let origin = (target.as_dvec3() - random.pick(&[1.0, 2.0, 3.0, 7.5]) * away).as_vec3();
+    Ray::new(origin, (target.as_dvec3() - origin.as_dvec3()).as_vec3())
+}
+
+fn among_boxes(trial: &Trial, ray: impl Fn(&mut Random) -> Ray + Sync) -> Result<Tally, AccelError> {
+    let scene = scene(vec![Geometry::Mesh(boxes())]);
+    let engine = trial.engine(&scene)?;
+    let brute = BruteAccel::new(&scene);
+    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+        compared(&scene, ray, brute.nearest(ray), hit)
+    }))
+}

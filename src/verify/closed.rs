@@ -1,0 +1,181 @@
+//! Closed meshes seen from inside: every ray must meet them, wherever it is aimed.
+
+use glam::{DVec3, Vec3};
+
+use super::meshes::{icosphere, lattice_cube, rings, scene};
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::AccelError;
+use crate::mesh::Mesh;
+use crate::numeric::{Random, Ray};
+use crate::scene::Geometry;
+
+const ORACLE: &str = "the surface is closed and holds the origin: a miss is a leak";
+const BOUND: &str = "0 leaks";
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H11",
+        title: "vertex leaks",
+        construction: "rays from inside four closed meshes, each aimed at a vertex",
+        oracle: ORACLE,
+        bound: BOUND,
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Vertices,
+        run: |trial| closed_meshes(trial, at_vertex),
+    },
+    Case {
+        id: "H12",
+        title: "edge leaks",
+        construction: "rays from inside four closed meshes, each aimed at a point of an edge, not within 1/16 of its ends",
+        oracle: ORACLE,
+        bound: BOUND,
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Edges,
+        run: |trial| closed_meshes(trial, at_edge),
+    },
+    Case {
+        id: "H13",
+        title: "random leaks",
+        construction: "rays in all directions from inside a sphere of radius 2 about points up to 10^6 from the origin",
+        oracle: ORACLE,
+        bound: BOUND,
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Edges,
+        run: far_away,
+    },
+    Case {
+        id: "H14",
+        title: "lattice rays",
+        construction: "rays along the axes on whole and half coordinates in a cube of unit squares with whole corners",
+        oracle: ORACLE,
+        bound: BOUND,
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Vertices,
+        run: along_the_lattice,
+    },
+];
+
+/// Squares along an edge of the lattice cube.
+const LATTICE: u32 = 24;
+
+/// A closed mesh and a ball inside that rays start in.
+struct Closed {
+    mesh: Mesh,
+    center: DVec3,
+    radius: f64,
+}
+
+fn meshes() -> Vec<Closed> {
+    let about_origin = |mesh| Closed {
+        mesh,
+        center: DVec3::ZERO,
+        radius: 0.5,
+    };
+    let bumpy = |theta: f64, phi: f64| {
+        1.0 + 0.05 * (20.0 * theta).sin() * (15.0 * phi).sin()
+            + 0.02 * (70.0 * theta).sin() * (50.0 * phi).sin()
+    };
+    let middle = 0.5 * f64::from(LATTICE);
+    vec![
+        about_origin(rings(100, DVec3::ZERO, |_, _| 1.0)),
+        about_origin(icosphere(5)),
+        about_origin(rings(90, DVec3::ZERO, bumpy)),
+        Closed {
+            mesh: lattice_cube(LATTICE),
+            center: DVec3::splat(middle),
+            radius: 0.5 * middle,
+        },
+    ]
+}
+
+/// A ray from `origin` to `target`, both rounded.
+fn towards(origin: DVec3, target: DVec3) -> Ray {
+    let origin = origin.as_vec3();
+    Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+}
+
+fn start(closed: &Closed, random: &mut Random) -> DVec3 {
+    // Half the diagonal of the cube [-1, 1]³ is √3.
+    closed.center + closed.radius / 3f64.sqrt() * random.in_cube()
+}
+
+fn at_vertex(closed: &Closed, random: &mut Random) -> Ray {
+    let vertex = closed.mesh.positions[random.below(closed.mesh.positions.len())];
+    towards(start(closed, random), Vec3::from(vertex).as_dvec3())
+}
+
+fn at_edge(closed: &Closed, random: &mut Random) -> Ray {
+    let [a, b, _] = closed
+        .mesh
+        .corners_f64(random.below(closed.mesh.triangles.len()) as u32);
+    // Well away from the ends, which are another case.
+    towards(
+        start(closed, random),
+        a.lerp(b, random.within(1.0 / 16.0, 15.0 / 16.0)),
+    )
+}
+
+fn closed_meshes(
+    trial: &Trial,
+    aimed: impl Fn(&Closed, &mut Random) -> Ray + Sync,
+) -> Result<Tally, AccelError> {
+    let meshes = meshes();
+    let mut sum = Tally::default();
+    for (part, closed) in meshes.iter().enumerate() {
+        let part = trial.part(part, meshes.len());
+        sum = sum.with(leaks(&part, &closed.mesh, |random| aimed(closed, random))?);
+    }
+    Ok(sum)
+}
+
+/// Counts the rays that miss.
+fn leaks(trial: &Trial, mesh: &Mesh, ray: impl Fn(&mut Random) -> Ray + Sync) -> Result<Tally, AccelError> {
+    let scene = scene(vec![Geometry::Mesh(mesh.clone())]);
+    let engine = trial.engine(&scene)?;
+    Ok(trial.nearest(&engine, ray, |_, hit, _| Answer::wrong_if(hit.is_none())))
+}
+
+fn far_away(trial: &Trial) -> Result<Tally, AccelError> {
+    let centers = [
+        DVec3::ZERO,
+        DVec3::new(1e3, 0.0, 0.0),
+        DVec3::new(148_376.0, 1234.0, -223_423.0),
+        DVec3::new(1e6, -1e6, 1e6),
+    ];
+    let mut sum = Tally::default();
+    for (part, center) in centers.into_iter().enumerate() {
+        let closed = Closed {
+            mesh: rings(100, center, |_, _| 2.0),
+            center,
+            radius: 1.0,
+        };
+        let ray = |random: &mut Random| {
+            let origin = start(&closed, random).as_vec3();
+            Ray::new(origin, random.direction().as_vec3())
+        };
+        sum = sum.with(leaks(&trial.part(part, centers.len()), &closed.mesh, ray)?);
+    }
+    Ok(sum)
+}
+
+fn along_the_lattice(trial: &Trial) -> Result<Tally, AccelError> {
+    let ray = |random: &mut Random| {
+        // Whole coordinates go through corners or along edges, half ones through the middle of diagonals or edges.
+        let mut inner = || 0.5 * (1 + random.below(2 * LATTICE as usize - 1)) as f32;
+        let origin = Vec3::new(inner(), inner(), inner());
+        let axis = random.below(3);
+        let mut direction = Vec3::ZERO;
+        // The other components are zero of either sign.
+        for k in 0..3 {
+            direction[k] = random.pick(&[0.0, -0.0]);
+        }
+        direction[axis] = random.pick(&[1.0, -1.0]);
+        Ray::new(origin, direction)
+    };
+    leaks(trial, &lattice_cube(LATTICE), ray)
+}

@@ -1,0 +1,249 @@
+//! Decisions without rounding: on which side, before or behind, touching or not.
+//!
+//! A number is the exact sum of floats that do not overlap (Shewchuk, "Adaptive Precision Floating-Point Arithmetic and
+//! Fast Robust Geometric Predicates", 1997). Differences and products of f32 numbers to the eighth degree stay far
+//! within the exponents of f64, so that nothing over- or underflows: what is asked of f32 rays and triangles has an
+//! answer without an error bound. Predicates first try f64 with a bound on its error, and mostly need no more.
+
+use std::cmp::Ordering;
+
+use glam::DVec3;
+
+use crate::numeric::Wide;
+
+/// An exact number: a sum of floats, smallest first, none overlapping another.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Exact(Vec<f64>);
+
+impl Exact {
+    /// A float.
+    pub(super) fn of(x: f64) -> Exact {
+        Exact(vec![x])
+    }
+
+    /// a - b.
+    pub(super) fn difference(a: f64, b: f64) -> Exact {
+        let (sum, error) = two_sum(a, -b);
+        Exact(vec![error, sum])
+    }
+
+    /// This number and a float.
+    fn grown(mut self, x: f64) -> Exact {
+        let mut carried = x;
+        for part in &mut self.0 {
+            let (sum, error) = two_sum(carried, *part);
+            *part = error;
+            carried = sum;
+        }
+        self.0.push(carried);
+        self.0.retain(|&part| part != 0.0);
+        self
+    }
+
+    /// The sum of both.
+    pub(super) fn plus(self, other: &Exact) -> Exact {
+        other.0.iter().fold(self, |sum, &x| sum.grown(x))
+    }
+
+    /// The difference of both.
+    pub(super) fn minus(self, other: &Exact) -> Exact {
+        other.0.iter().fold(self, |sum, &x| sum.grown(-x))
+    }
+
+    /// The product of both.
+    pub(super) fn times(&self, other: &Exact) -> Exact {
+        let mut product = Exact::default();
+        for &a in &self.0 {
+            for &b in &other.0 {
+                let high = a * b;
+                product = product.grown(a.mul_add(b, -high)).grown(high);
+            }
+        }
+        product
+    }
+
+    /// The sign: `Greater` for positive numbers.
+    pub(super) fn sign(&self) -> Ordering {
+        // Parts do not overlap, so the last one that is not zero outweighs all others.
+        let last = self.0.iter().rev().find(|&&part| part != 0.0);
+        last.map_or(Ordering::Equal, |part| part.total_cmp(&0.0))
+    }
+
+    /// The number to 106 bits.
+    pub(super) fn wide(&self) -> Wide {
+        self.0.iter().fold(Wide::ZERO, |sum, &part| sum + Wide::of(part))
+    }
+}
+
+/// a + b without error.
+fn two_sum(a: f64, b: f64) -> (f64, f64) {
+    let sum = a + b;
+    let b_part = sum - a;
+    (sum, (a - (sum - b_part)) + (b - b_part))
+}
+
+/// An exact vector.
+pub(super) type Exact3 = [Exact; 3];
+
+/// a - b.
+pub(super) fn between(a: DVec3, b: DVec3) -> Exact3 {
+    [0, 1, 2].map(|k| Exact::difference(a[k], b[k]))
+}
+
+/// A vector of floats.
+pub(super) fn exact3(v: DVec3) -> Exact3 {
+    v.to_array().map(Exact::of)
+}
+
+/// a · b.
+pub(super) fn dot(a: &Exact3, b: &Exact3) -> Exact {
+    a[0].times(&b[0])
+        .plus(&a[1].times(&b[1]))
+        .plus(&a[2].times(&b[2]))
+}
+
+/// a x b.
+pub(super) fn cross(a: &Exact3, b: &Exact3) -> Exact3 {
+    [0, 1, 2].map(|k| {
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        a[i].times(&b[j]).minus(&a[j].times(&b[i]))
+    })
+}
+
+/// Roundings, of 2^-53 each, of a determinant of three differences as a share of its terms' sizes: 1 for a difference
+/// in each of three factors, 3 for products, 4 for sums, and rounded up.
+const DETERMINANT_ERROR: f64 = 16.0 / (1u64 << 53) as f64;
+
+/// The sign of `d · ((a - o) x (b - o))`: on which side of the edge from `a` to `b` the line `o + t d` passes. All
+/// coordinates are f32.
+pub(super) fn side(o: DVec3, d: DVec3, [a, b]: [DVec3; 2]) -> Ordering {
+    let (p, q) = (a - o, b - o);
+    let size = |p: DVec3, q: DVec3| {
+        let minor = |i: usize, j: usize| p[i] * q[j] + p[j] * q[i];
+        DVec3::new(minor(1, 2), minor(2, 0), minor(0, 1))
+    };
+    let determinant = d.dot(p.cross(q));
+    if determinant.abs() > DETERMINANT_ERROR * d.abs().dot(size(p.abs(), q.abs())) {
+        return determinant.total_cmp(&0.0);
+    }
+    dot(&exact3(d), &cross(&between(a, o), &between(b, o))).sign()
+}
+
+/// How a line and a triangle lie to each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Crossing {
+    /// It passes beside it.
+    Beside,
+    /// It goes through its inside.
+    Through,
+    /// It meets an edge or a corner.
+    Touching,
+    /// It runs in its plane.
+    Edgewise,
+}
+
+/// How the line `o + t d` and a triangle lie to each other. All coordinates are f32.
+pub(super) fn crossing(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
+    let sides = [[a, b], [b, c], [c, a]].map(|edge| side(o, d, edge));
+    let has = |sign| sides.contains(&sign);
+    match (has(Ordering::Less), has(Ordering::Greater), has(Ordering::Equal)) {
+        (true, true, _) => Crossing::Beside,
+        (false, false, _) => Crossing::Edgewise,
+        (_, _, true) => Crossing::Touching,
+        (_, _, false) => Crossing::Through,
+    }
+}
+
+/// The parameter at which the line `o + t d` meets the plane of a triangle, to 100 bits; NaN or infinite where it runs
+/// along it. All coordinates are f32.
+pub(super) fn parameter(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> Wide {
+    let n = cross(&between(b, a), &between(c, a));
+    dot(&n, &between(a, o)).wide() / dot(&n, &exact3(d)).wide()
+}
+
+/// `r² - |c - l|²` times `d · d`, where l is the line `o + t d` and c the centre of a sphere of radius `r`: positive
+/// where the line goes through the sphere, zero where it touches.
+pub(super) fn discriminant(o: DVec3, d: DVec3, c: DVec3, r: f64) -> Exact {
+    let (f, d) = (between(o, c), exact3(d));
+    let moment = cross(&f, &d);
+    let r = Exact::of(r);
+    dot(&d, &d).times(&r.times(&r)).minus(&dot(&moment, &moment))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::Random;
+
+    #[test]
+    fn a_sum_keeps_what_is_two_hundred_bits_below_it() {
+        let tiny = 2f64.powi(-200);
+        let sum = Exact::of(1.0).plus(&Exact::of(tiny));
+        assert_eq!(sum.clone().minus(&Exact::of(1.0)).wide().nearest(), tiny);
+        // (1 + x)² - 1 - 2 x = x².
+        let rest = sum
+            .times(&sum)
+            .minus(&Exact::of(1.0))
+            .minus(&Exact::of(2.0 * tiny));
+        assert_eq!(rest.wide().nearest(), tiny * tiny);
+        assert_eq!(rest.minus(&Exact::of(tiny * tiny)).sign(), Ordering::Equal);
+    }
+
+    #[test]
+    fn a_line_one_rounding_beside_an_edge_is_on_that_side_of_it() {
+        let (a, b) = (DVec3::new(-1.0, 0.0, 7.0), DVec3::new(1.0, 0.0, 7.0));
+        for (y, sign) in [
+            (0.0, Ordering::Equal),
+            (1e-45, Ordering::Greater),
+            (-1e-45, Ordering::Less),
+        ] {
+            let y = f64::from(y as f32);
+            let o = DVec3::new(0.25, -y, 0.0);
+            assert_eq!(side(o, DVec3::Z, [b, a]), sign, "{y:e}");
+            assert_eq!(side(o, DVec3::Z, [a, b]), sign.reverse(), "{y:e}");
+        }
+    }
+
+    #[test]
+    fn signs_agree_with_integers() {
+        let seed = 3;
+        let mut random = Random::new(seed, 0);
+        let mut counts = [0; 3];
+        for _ in 0..20_000 {
+            // Small enough that many determinants vanish, and that i64 holds all.
+            let mut point = || [0; 3].map(|_| random.below(7) as i64 - 3);
+            let [o, d, a, b] = [point(), point(), point(), point()];
+            let minus = |p: [i64; 3]| [0, 1, 2].map(|k| p[k] - o[k]);
+            let (p, q) = (minus(a), minus(b));
+            let n = [0, 1, 2].map(|k| p[(k + 1) % 3] * q[(k + 2) % 3] - p[(k + 2) % 3] * q[(k + 1) % 3]);
+            let expected = (d[0] * n[0] + d[1] * n[1] + d[2] * n[2]).cmp(&0);
+            let [o, d, a, b] = [o, d, a, b].map(|v| DVec3::from_array(v.map(|x| x as f64)));
+            assert_eq!(side(o, d, [a, b]), expected, "seed {seed}: {o} {d} {a} {b}");
+            counts[(expected as i8 + 1) as usize] += 1;
+        }
+        assert!(counts.iter().all(|&count| count > 1000), "{counts:?}");
+    }
+
+    #[test]
+    fn a_line_meets_a_triangle_inside_on_an_edge_beside_it_or_in_its_plane() {
+        let triangle = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let from = |x, y| crossing(DVec3::new(x, y, -1.0), DVec3::Z, triangle);
+        assert_eq!(from(0.25, 0.25), Crossing::Through);
+        assert_eq!(from(0.5, 0.5), Crossing::Touching);
+        assert_eq!(from(0.0, 0.0), Crossing::Touching);
+        assert_eq!(from(0.5, 0.5 + f64::from(f32::EPSILON)), Crossing::Beside);
+        assert_eq!(
+            crossing(-DVec3::ONE.with_z(0.0), DVec3::X, triangle),
+            Crossing::Edgewise
+        );
+        assert_eq!(parameter(-DVec3::Z, DVec3::Z, triangle).nearest(), 1.0);
+    }
+
+    #[test]
+    fn a_tangent_has_no_discriminant_and_its_neighbours_have_one_of_either_sign() {
+        let at = |x: f32| discriminant(DVec3::new(x.into(), 0.0, -5.0), DVec3::Z, DVec3::ZERO, 1.0).sign();
+        assert_eq!(at(1.0), Ordering::Equal);
+        assert_eq!(at(1f32.next_down()), Ordering::Greater);
+        assert_eq!(at(1f32.next_up()), Ordering::Less);
+    }
+}

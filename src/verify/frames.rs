@@ -1,0 +1,123 @@
+//! Whole pictures: the same bits for any number of threads.
+
+use std::collections::HashSet;
+use std::sync::atomic::AtomicBool;
+
+use glam::{DAffine3, DVec3};
+
+use super::meshes::{icosphere, scene};
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::{Accel, AccelError};
+use crate::render::{Monitor, RenderSettings, render};
+use crate::scene::{Background, Camera, Geometry, Instance, Light, LightKind, Material, Scene};
+use crate::shape::{Shape, Sphere};
+
+pub(super) const CASES: &[Case] = &[Case {
+    id: "H44",
+    title: "threads",
+    construction: "a picture of mirrors and shadows by 1, 2, 3 and 8 threads, twice each",
+    oracle: "the picture by one thread",
+    bound: "the same bits in every pixel",
+    unit: "",
+    asks: Asks::Triangles,
+    required: Closes::Faces,
+    run: threads,
+}];
+
+/// Colours that the picture has at least: it must not be empty.
+const LEAST_LOOKS: usize = 256;
+/// Pixels each way.
+const SIZE: u32 = 48;
+
+/// A mesh and a sphere over a cube, lit by what is around.
+fn picture() -> Scene {
+    let ball = Sphere {
+        center: DVec3::new(1.2, 0.5, -4.0),
+        radius: 0.8,
+    };
+    let shape = |shape| Geometry::Shape(shape);
+    let mut scene = scene(vec![
+        Geometry::Mesh(icosphere(3)),
+        shape(Shape::Sphere(ball)),
+        shape(Shape::Cube),
+    ]);
+    let places = [
+        DAffine3::from_translation(DVec3::new(-1.0, 0.0, -5.0)),
+        DAffine3::IDENTITY,
+        DAffine3::from_translation(DVec3::new(0.0, -5.0, -5.0)) * DAffine3::from_scale(DVec3::splat(4.0)),
+    ];
+    scene.instances = places
+        .into_iter()
+        .zip(0..)
+        .filter_map(|(place, geometry)| Instance::new("", geometry, 0, place).ok())
+        .collect();
+    scene.materials = vec![Material::default()];
+    scene.lights = vec![Light {
+        name: "sun".into(),
+        intensity: [3.0; 3],
+        kind: LightKind::Directional {
+            to_light: DVec3::new(0.48, 0.8, 0.36),
+        },
+    }];
+    scene.background = Background::Gradient {
+        horizon: [0.6, 0.5, 0.4],
+        up: [0.1, 0.2, 0.7],
+        down: [0.05; 3],
+    };
+    scene.ambient = [0.1; 3];
+    scene
+}
+
+/// The bits of all pixels.
+fn bits(scene: &Scene, accel: &dyn Accel, thread_count: usize) -> Option<Vec<[u32; 3]>> {
+    let settings = RenderSettings {
+        width: SIZE,
+        height: SIZE,
+        spp: 4,
+        ..RenderSettings::default()
+    };
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &AtomicBool::new(false),
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(thread_count)
+        .build()
+        .ok()?;
+    let rendering = pool.install(|| render(scene, &Camera::default(), accel, &settings, &monitor))?;
+    Some(
+        rendering
+            .image
+            .pixels
+            .iter()
+            .map(|pixel| pixel.map(f32::to_bits))
+            .collect(),
+    )
+}
+
+fn threads(trial: &Trial) -> Result<Tally, AccelError> {
+    let scene = picture();
+    let mut tally = Tally::default();
+    let mut first = None;
+    for thread_count in [1, 1, 2, 2, 3, 3, 8, 8] {
+        // Anew, as a structure may depend on who built it.
+        let accel = (trial.subject.build)(&scene)?;
+        let Some(bits) = bits(&scene, &*accel, thread_count) else {
+            continue;
+        };
+        let first = first.get_or_insert_with(|| bits.clone());
+        let looks: HashSet<_> = bits.iter().collect();
+        if looks.len() < LEAST_LOOKS {
+            tally.count(Answer::Wrong, || {
+                format!("the picture has {} colours", looks.len())
+            });
+        }
+        for (pixel, (was, is)) in first.iter().zip(&bits).enumerate() {
+            tally.count(Answer::wrong_if(was != is), || {
+                format!("pixel {pixel} by {thread_count} threads")
+            });
+        }
+    }
+    Ok(tally)
+}

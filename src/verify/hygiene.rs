@@ -1,0 +1,271 @@
+//! What is wrong with a mesh before any ray is sent: open edges, faces that are there twice or turned over, slivers.
+//!
+//! Vertices at the same place count as one, as files split them where normals or texture coordinates differ.
+
+use std::collections::HashMap;
+
+use serde::Serialize;
+
+use crate::mesh::Mesh;
+
+/// A triangle is a sliver if it is lower than this share of its longest edge: in f32 its height has three digits left.
+const SLIVER: f64 = 1e-4;
+
+/// What was counted in a mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Hygiene {
+    /// Triangles.
+    pub triangles: u64,
+    /// Edges that belong to one triangle only: a hole, or the rim of a sheet.
+    pub open_edges: u64,
+    /// Open edges with the corner of another triangle upon them, exactly: cracks that rays may slip through.
+    pub t_junctions: u64,
+    /// Edges that belong to more than two triangles.
+    pub crowded_edges: u64,
+    /// Edges whose two triangles turn opposite ways, so that one of them shows its back.
+    pub turned_edges: u64,
+    /// Triangles with the corners of an earlier one.
+    pub duplicates: u64,
+    /// Triangles lower than 10^-4 of their longest edge.
+    pub slivers: u64,
+    /// Triangles without area.
+    pub degenerate: u64,
+}
+
+/// How often an edge is walked from its lower to its higher vertex, and back.
+#[derive(Clone, Copy, Default)]
+struct Walked([u32; 2]);
+
+impl Hygiene {
+    /// Counts what a mesh has; all its indices are in range.
+    pub fn of(mesh: &Mesh) -> Hygiene {
+        let place = places(mesh);
+        let mut found = Hygiene {
+            triangles: mesh.triangles.len() as u64,
+            ..Hygiene::default()
+        };
+        let mut edges: HashMap<[u32; 2], Walked> = HashMap::new();
+        let mut faces: HashMap<[u32; 3], ()> = HashMap::new();
+        for (number, triangle) in mesh.triangles.iter().enumerate() {
+            match shape(mesh, number as u32) {
+                Shape::Degenerate => {
+                    found.degenerate += 1;
+                    continue;
+                }
+                Shape::Sliver => found.slivers += 1,
+                Shape::Sound => {}
+            }
+            let corners = triangle.map(|v| place[v as usize]);
+            let mut sorted = corners;
+            sorted.sort_unstable();
+            if faces.insert(sorted, ()).is_some() {
+                found.duplicates += 1;
+                continue;
+            }
+            let [a, b, c] = corners;
+            for [from, to] in [[a, b], [b, c], [c, a]] {
+                let walked = edges.entry([from.min(to), from.max(to)]).or_default();
+                walked.0[usize::from(from > to)] += 1;
+            }
+        }
+        let mut open = Vec::new();
+        for (&edge, &Walked([there, back])) in &edges {
+            match (there + back, there) {
+                (1, _) => open.push(edge),
+                (2, 1) => {}
+                (2, _) => found.turned_edges += 1,
+                _ => found.crowded_edges += 1,
+            }
+        }
+        found.open_edges = open.len() as u64;
+        found.t_junctions = t_junctions(mesh, &open);
+        found
+    }
+
+    /// Both together.
+    pub fn with(self, other: Hygiene) -> Hygiene {
+        Hygiene {
+            triangles: self.triangles + other.triangles,
+            open_edges: self.open_edges + other.open_edges,
+            t_junctions: self.t_junctions + other.t_junctions,
+            crowded_edges: self.crowded_edges + other.crowded_edges,
+            turned_edges: self.turned_edges + other.turned_edges,
+            duplicates: self.duplicates + other.duplicates,
+            slivers: self.slivers + other.slivers,
+            degenerate: self.degenerate + other.degenerate,
+        }
+    }
+
+    /// What was found, how often, and what to do about it; empty for a clean closed mesh.
+    pub fn advice(&self) -> Vec<(u64, &'static str, &'static str)> {
+        let all = [
+            (
+                self.open_edges,
+                "open edges",
+                "a sheet has a rim; a body has holes there, which refraction and shadows show: close it",
+            ),
+            (
+                self.t_junctions,
+                "corners on open edges of others",
+                "rays may slip through such cracks on every path: split the long edge at the corner",
+            ),
+            (
+                self.crowded_edges,
+                "edges of three triangles or more",
+                "inside and outside are not told apart there: take inner walls away",
+            ),
+            (
+                self.turned_edges,
+                "edges between triangles that turn opposite ways",
+                "one of both shows its back: make all turn the same way",
+            ),
+            (
+                self.duplicates,
+                "triangles that are there twice",
+                "only the first is seen: take the others away",
+            ),
+            (
+                self.slivers,
+                "slivers",
+                "their normals have few digits: merge them into their neighbours",
+            ),
+            (
+                self.degenerate,
+                "triangles without area",
+                "nothing can hit them: take them away",
+            ),
+        ];
+        all.into_iter().filter(|&(count, ..)| count > 0).collect()
+    }
+}
+
+/// For each vertex the first one at its place.
+fn places(mesh: &Mesh) -> Vec<u32> {
+    let mut first: HashMap<[u32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
+    // Adding 0 makes both zeros one.
+    let bits = |p: &[f32; 3]| p.map(|x| (x + 0.0).to_bits());
+    (0..)
+        .zip(mesh.positions.iter())
+        .map(|(number, p)| *first.entry(bits(p)).or_insert(number))
+        .collect()
+}
+
+enum Shape {
+    Sound,
+    Sliver,
+    Degenerate,
+}
+
+fn shape(mesh: &Mesh, number: u32) -> Shape {
+    let [a, b, c] = mesh.corners_f64(number);
+    let longest = [b - a, c - b, a - c]
+        .iter()
+        .map(|edge| edge.length_squared())
+        .fold(0.0, f64::max);
+    let doubled_area = (b - a).cross(c - a).length();
+    if doubled_area == 0.0 {
+        Shape::Degenerate
+    } else if doubled_area < SLIVER * longest {
+        Shape::Sliver
+    } else {
+        Shape::Sound
+    }
+}
+
+/// Open edges that hold a vertex of another open edge between their ends.
+fn t_junctions(mesh: &Mesh, open: &[[u32; 2]]) -> u64 {
+    let p = |v: u32| glam::Vec3::from(mesh.positions[v as usize]).as_dvec3();
+    // Vertices of open edges by their first coordinate, so that each edge asks few.
+    let mut rim: Vec<u32> = open.iter().flatten().copied().collect();
+    rim.sort_unstable();
+    rim.dedup();
+    rim.sort_by(|&a, &b| p(a).x.total_cmp(&p(b).x));
+    let is_between = |v: u32, [a, b]: [u32; 2]| {
+        let (along, to) = (p(b) - p(a), p(v) - p(a));
+        let t = along.dot(to);
+        // On the line to a rounding of f32, of which cracks are made.
+        let off = along.cross(to).length_squared();
+        let near = f64::from(f32::EPSILON) * along.length_squared();
+        v != a && v != b && t > 0.0 && t < along.length_squared() && off <= near * near
+    };
+    let holds_one = |edge: &&[u32; 2]| {
+        let [a, b] = edge.map(|v| p(v).x);
+        let from = rim.partition_point(|&v| p(v).x < a.min(b));
+        let to = rim.partition_point(|&v| p(v).x <= a.max(b));
+        rim[from..to]
+            .iter()
+            .take(MOST_ASKED)
+            .any(|&v| is_between(v, **edge))
+    };
+    open.iter().filter(holds_one).count() as u64
+}
+
+/// Vertices that are asked for one edge: more make a scan of a large open mesh take too long.
+const MOST_ASKED: usize = 4096;
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::super::meshes::{icosphere, lattice_cube, mesh};
+    use super::*;
+
+    #[test]
+    fn a_closed_mesh_is_clean_however_its_vertices_are_split() {
+        for closed in [icosphere(2), lattice_cube(3)] {
+            let count = closed.triangles.len() as u64;
+            let clean = Hygiene {
+                triangles: count,
+                ..Hygiene::default()
+            };
+            assert_eq!(Hygiene::of(&closed), clean);
+            let corners: Vec<DVec3> = (0..count as u32).flat_map(|t| closed.corners_f64(t)).collect();
+            let split = mesh(
+                &corners,
+                (0..count as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+            );
+            assert_eq!(Hygiene::of(&split), clean);
+            assert_eq!(clean.advice(), []);
+        }
+    }
+
+    #[test]
+    fn each_fault_is_counted_once() {
+        let at = |x: f64, y: f64| DVec3::new(x, y, 0.0);
+        // A square whose lower side is split at its middle by the neighbour below: a crack.
+        let corners = [
+            at(0.0, 0.0),
+            at(2.0, 0.0),
+            at(2.0, 2.0),
+            at(1.0, 0.0),
+            at(0.0, -1.0),
+            at(2.0, -1.0),
+        ];
+        let cracked = mesh(&corners, vec![[0, 1, 2], [4, 3, 0], [4, 5, 3], [5, 1, 3]]);
+        let found = Hygiene::of(&cracked);
+        assert_eq!((found.t_junctions, found.open_edges), (1, 8));
+
+        let square = [
+            at(0.0, 0.0),
+            at(1.0, 0.0),
+            at(1.0, 1.0),
+            at(0.0, 1.0),
+            at(0.5, 0.0),
+        ];
+        let found = Hygiene::of(&mesh(&square, vec![[0, 1, 2], [0, 3, 2], [2, 0, 1], [0, 4, 1]]));
+        assert_eq!(
+            (found.turned_edges, found.duplicates, found.degenerate),
+            (1, 1, 1)
+        );
+
+        let fan = [
+            at(0.0, 0.0),
+            at(1.0, 0.0),
+            at(0.0, 1.0),
+            at(0.0, -1.0),
+            at(-1.0, 1e-6),
+        ];
+        let found = Hygiene::of(&mesh(&fan, vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]));
+        assert_eq!((found.crowded_edges, found.slivers), (1, 1));
+    }
+}

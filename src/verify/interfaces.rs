@@ -1,0 +1,245 @@
+//! Snell's law and Fresnel's equations where the textbook's forms cancel: at the critical angle, at grazing incidence,
+//! at Brewster's angle, between media that nearly match.
+
+use std::cmp::Ordering;
+
+use glam::DVec3;
+
+use super::exact::Exact;
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::numeric::{Random, Wide};
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H35",
+        title: "critical angle",
+        construction: "angles from 0.1 to 10^-9 from the critical one and the 64 cosines next to it, on both sides",
+        oracle: "exact sign of the refracted cosine's square, its root to 100 bits",
+        bound: "total reflection on the right side to the bit, the refracted cosine to 4 ulp",
+        unit: "ulp",
+        asks: Asks::Formulas,
+        required: Closes::Vertices,
+        run: |trial| Ok(trial.in_chunks(|random, count| critical(trial, random, count))),
+    },
+    Case {
+        id: "H36",
+        title: "Fresnel",
+        construction: "angles to 89.9999 degrees and near Brewster's, indices from 10^-9 to 1.5 apart, either way round",
+        oracle: "reflectances and transmittances to 90 bits",
+        bound: "8 ulp each, near Brewster's angle of the sum of both polarisations; |R + T - 1| to 4 ulp",
+        unit: "ulp",
+        asks: Asks::Formulas,
+        required: Closes::Vertices,
+        run: |trial| Ok(trial.in_chunks(|random, count| fresnel(trial, random, count))),
+    },
+    Case {
+        id: "H37",
+        title: "in and out again",
+        construction: "rays through slabs and through 64 partial reflections inside a cube of glass, to 89.9 degrees",
+        oracle: "a slab turns no ray, a cube only mirrors its components, and no light is lost",
+        bound: "directions to 10^-12, light to 10^-12",
+        unit: "of the bound",
+        asks: Asks::Formulas,
+        required: Closes::Vertices,
+        run: |trial| Ok(trial.in_chunks(|random, count| round_trips(trial, random, count))),
+    },
+];
+
+/// Most ulps that the refracted cosine may be off.
+const COSINE_ULPS: f64 = 4.0;
+/// Most ulps that a share of the light may be off.
+const SHARE_ULPS: f64 = 8.0;
+/// Most that reflectance and transmittance may differ from 1 by.
+const SUM_ERROR: f64 = 4.0 * f64::EPSILON;
+
+/// Light at a boundary, exactly.
+struct Boundary {
+    cos_i: f64,
+    eta_i: f64,
+    eta_t: f64,
+}
+
+impl Boundary {
+    /// (eta_t cos_t)²: eta_i² cos_i² - (eta_i² - eta_t²).
+    fn square(&self) -> Exact {
+        let [cos, i, t] = [self.cos_i, self.eta_i, self.eta_t].map(Exact::of);
+        let p = i.times(&cos);
+        p.times(&p).minus(&i.times(&i)).plus(&t.times(&t))
+    }
+
+    fn describe(&self) -> String {
+        let Boundary { cos_i, eta_i, eta_t } = self;
+        format!("cos_i {cos_i:e}, eta_i {eta_i:e}, eta_t {eta_t:e}")
+    }
+}
+
+/// A cosine near the one at which total reflection begins.
+fn near_critical(random: &mut Random) -> Boundary {
+    let [eta_t, eta_i] = match random.below(3) {
+        0 => [1.0, 1.5],
+        1 => [1.33, 2.42],
+        _ => {
+            let eta = random.within(1.0, 2.0);
+            [eta, eta * (1.0 + 10f64.powf(random.within(-6.0, 0.0)))]
+        }
+    };
+    let ratio: f64 = eta_t / eta_i;
+    let critical = ((1.0 - ratio) * (1.0 + ratio)).sqrt();
+    let cos_i = if random.below(4) == 0 {
+        let steps = random.below(129) as i64 - 64;
+        f64::from_bits((critical.to_bits() as i64 + steps) as u64)
+    } else {
+        let off = 10f64.powf(random.within(-9.0, -1.0)) * random.pick(&[1.0, -1.0]);
+        (critical.acos() + off).cos().abs()
+    };
+    Boundary {
+        cos_i: cos_i.clamp(0.0, 1.0),
+        eta_i,
+        eta_t,
+    }
+}
+
+fn critical(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+    let mut tally = Tally::default();
+    for _ in 0..count {
+        let at = near_critical(random);
+        let found = (trial.subject.formulas.dielectric)(at.cos_i, at.eta_i, at.eta_t);
+        let square = at.square();
+        let answer = if square.sign() == Ordering::Greater {
+            let cos_t = square.wide().sqrt() / Wide::of(at.eta_t);
+            let off = cos_t.ulps_from(found.cos_t);
+            tally.note(off);
+            Answer::wrong_if(!(off <= COSINE_ULPS))
+        } else {
+            Answer::wrong_if(found.cos_t != 0.0 || found.reflectance.mean() != 1.0)
+        };
+        tally.count(answer, || format!("{}: cos_t {:e}", at.describe(), found.cos_t));
+    }
+    tally
+}
+
+/// A boundary of any kind, where light goes through.
+fn any_boundary(random: &mut Random) -> Boundary {
+    let eta = random.within(1.0, 1.5);
+    let apart = match random.below(2) {
+        0 => 10f64.powf(random.within(-9.0, -1.0)),
+        _ => random.within(0.01, 1.0),
+    };
+    let mut pair = [eta, eta * (1.0 + apart)];
+    if random.below(2) == 0 {
+        pair.reverse();
+    }
+    let [eta_i, eta_t] = pair;
+    let cos_i = match random.below(4) {
+        0 => random.unit(),
+        // Down to 89.9999 degrees, whose cosine is 1.7e-6.
+        1 => 10f64.powf(random.within(-5.76, 0.0)),
+        2 => 1.0 - random.unit() * random.unit() * 1e-6,
+        _ => {
+            let brewster: f64 = eta_t.atan2(eta_i);
+            (brewster + random.pick(&[1.0, -1.0]) * 10f64.powf(random.within(-9.0, -1.0)))
+                .cos()
+                .abs()
+        }
+    };
+    Boundary { cos_i, eta_i, eta_t }
+}
+
+/// Reflectance and transmittance of s, then of p.
+fn shares(at: &Boundary, q: Wide) -> [[Wide; 2]; 2] {
+    let [cos_i, eta_i, eta_t] = [at.cos_i, at.eta_i, at.eta_t].map(Wide::of);
+    let cos_t = q / eta_t;
+    let four = Wide::of(4.0);
+    let split = |a: Wide, b: Wide| {
+        let (sum, difference) = (a + b, a - b);
+        let amplitude = difference / sum;
+        [amplitude * amplitude, four * eta_i * cos_i * q / (sum * sum)]
+    };
+    [split(eta_i * cos_i, q), split(eta_t * cos_i, eta_i * cos_t)]
+}
+
+fn fresnel(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+    let mut tally = Tally::default();
+    for _ in 0..count {
+        let at = any_boundary(random);
+        let found = (trial.subject.formulas.dielectric)(at.cos_i, at.eta_i, at.eta_t);
+        let square = at.square();
+        if square.sign() != Ordering::Greater {
+            let is_total = found.reflectance.mean() == 1.0 && found.transmittance.mean() == 0.0;
+            tally.count(Answer::wrong_if(!is_total), || at.describe());
+            continue;
+        }
+        let [[r_s, t_s], [r_p, t_p]] = shares(&at, square.wide().sqrt());
+        let mean = Wide::of(0.5) * (r_s + r_p);
+        let mut named = vec![
+            ("R of s", r_s.ulps_from(found.reflectance.s)),
+            ("R", mean.ulps_from(found.reflectance.mean())),
+            ("T of s", t_s.ulps_from(found.transmittance.s)),
+            ("T of p", t_p.ulps_from(found.transmittance.p)),
+        ];
+        // Near Brewster's angle, where it vanishes, no rounding of cos_t leaves this many digits of it.
+        if r_p.nearest() > 0.25 * r_s.nearest() {
+            named.push(("R of p", r_p.ulps_from(found.reflectance.p)));
+        }
+        let off = named.iter().map(|(_, off)| *off).fold(0.0, f64::max);
+        tally.note(off);
+        let sum = found.reflectance.mean() + found.transmittance.mean() - 1.0;
+        let is_wrong = !(off <= SHARE_ULPS && sum.abs() <= SUM_ERROR);
+        tally.count(Answer::wrong_if(is_wrong), || {
+            format!("{}: {named:.1?} ulp, R + T - 1 is {sum:e}", at.describe())
+        });
+    }
+    tally
+}
+
+/// How far a direction may be off, and what is known of where light went.
+const ROUND_TRIP: f64 = 1e-12;
+/// Reflections inside a cube.
+const BOUNCES: usize = 64;
+
+fn round_trips(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+    let mut tally = Tally::default();
+    for _ in 0..count {
+        let eta = 1.0 + 10f64.powf(random.within(-6.0, 0.2));
+        // Down to 89.9 degrees from the normal, whose cosine is 1.7e-3.
+        let cos = 10f64.powf(random.within(-2.76, 0.0));
+        let sideways = random.direction().with_z(0.0).normalize_or_zero();
+        let d = (((1.0 - cos) * (1.0 + cos)).sqrt() * sideways - cos * DVec3::Z).normalize();
+        let off = through_slab(trial, d, eta).max(inside_cube(trial, d, eta)) / ROUND_TRIP;
+        tally.note(off);
+        tally.count(Answer::wrong_if(!(off <= 1.0)), || {
+            format!("along {d:?} into index {eta:e}: off by {off:e} of the bound")
+        });
+    }
+    tally
+}
+
+/// How far the direction is off behind a slab.
+fn through_slab(trial: &Trial, d: DVec3, eta: f64) -> f64 {
+    let refract = trial.subject.formulas.refract;
+    refract(d, DVec3::Z, 1.0, eta)
+        .and_then(|inside| refract(inside.direction, DVec3::Z, eta, 1.0))
+        .map_or(f64::INFINITY, |out| (out.direction - d).length())
+}
+
+/// How far the direction is off, and how much light is lost, after many reflections at the faces of a cube.
+fn inside_cube(trial: &Trial, d: DVec3, eta: f64) -> f64 {
+    let formulas = &trial.subject.formulas;
+    let Some(inside) = (formulas.refract)(d, DVec3::Z, 1.0, eta) else {
+        return f64::INFINITY;
+    };
+    let start = inside.direction;
+    let (mut direction, mut left, mut gone) = (start, 1.0, 0.0);
+    for bounce in 0..BOUNCES {
+        let n = DVec3::AXES[bounce % 3];
+        let fresnel = (formulas.dielectric)(direction.dot(n).abs(), eta, 1.0);
+        gone += left * fresnel.transmittance.mean();
+        left *= fresnel.reflectance.mean();
+        direction = crate::optics::reflect(direction, n);
+    }
+    let flips = |axis: usize| (0..BOUNCES).filter(|bounce| bounce % 3 == axis).count();
+    let sign = |axis: usize| if flips(axis).is_multiple_of(2) { 1.0 } else { -1.0 };
+    let expected = start * DVec3::new(sign(0), sign(1), sign(2));
+    (direction - expected).length().max((left + gone - 1.0).abs())
+}

@@ -1,0 +1,94 @@
+//! Marches through an even medium: however many steps there are, and however the last one ends, nothing changes.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::volume::{
+    Grid, March, Samples, Stretch, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
+};
+
+pub(super) const CASES: &[Case] = &[Case {
+    id: "H40",
+    title: "steps of a march",
+    construction: "1 to 10^6 steps of a length that divides the slab, exactly, by some ulps more or less, or not at all",
+    oracle: "exponential of the depth: of an even medium every number of steps sees the same",
+    bound: "10^-12 (1 + depth) of the light seen and of that let through",
+    unit: "of the bound",
+    asks: Asks::Formulas,
+    required: Closes::Vertices,
+    run: |trial| Ok(marches(trial)),
+}];
+
+/// The white light seen in a medium of extinction `sigma` over `length`, at most 2, marched in steps of `step`; and
+/// the share let through. NaN where the medium cannot be made.
+pub(super) fn march(sigma: f64, length: f64, step: f64) -> [f64; 2] {
+    let Some(volume) = even_volume(sigma, step) else {
+        return [f64::NAN; 2];
+    };
+    let stretch = Stretch {
+        origin: DVec3::new(0.1, 0.2, -1.0),
+        direction: DVec3::Z,
+        t_near: 0.0,
+        t_far: length,
+    };
+    let volumes = [volume];
+    let mut march = March::new(&volumes, None).with_cutoff(0.0);
+    let marched = march.radiance(&stretch, None);
+    [marched.radiance[0], march.transmittance(&stretch)]
+}
+
+/// The cube [-1, 1]³ full of a white medium.
+fn even_volume(sigma: f64, step: f64) -> Option<Volume> {
+    let grid = Grid::new([1; 3], Samples::Floats(vec![1.0])).ok()?;
+    let node = TransferNode {
+        value: 1.0,
+        thickness: sigma,
+        color: [1.0; 3],
+        emission: [0.0; 3],
+    };
+    let description = VolumeDescription {
+        density: Arc::new(grid),
+        color: None,
+        transfer: Transfer::new(&[node], Thickness::Extinction).ok()?,
+        world_from_cube: DAffine3::IDENTITY,
+        step: Some(step),
+    };
+    Volume::new(description).ok()
+}
+
+/// What a march may be off by, times 1 and the depth.
+const BOUND: f64 = 1e-12;
+
+fn marches(trial: &Trial) -> Tally {
+    const MOST: u64 = 1_000_000;
+    let mut tally = Tally::default();
+    let mut count = 1;
+    while count <= trial.rays.min(MOST) {
+        for length in [2.0, 1.0, 1.7, 1.0 / 3.0] {
+            let even = length / count as f64;
+            let beside = [even.next_up(), even.next_down(), even * (1.0 + 1e-9), even * 1.1];
+            for step in std::iter::once(even).chain(beside) {
+                for sigma in [1e-6, 0.3, 20.0] {
+                    ask(trial, (sigma, length, step), &mut tally);
+                }
+            }
+        }
+        count *= 10;
+    }
+    tally
+}
+
+fn ask(trial: &Trial, (sigma, length, step): (f64, f64, f64), tally: &mut Tally) {
+    let found = (trial.subject.formulas.march)(sigma, length, step);
+    let depth = sigma * length;
+    let exact = [-(-depth).exp_m1(), (-depth).exp()];
+    let off = |i: usize| (found[i] - exact[i]).abs() / (exact[i] * BOUND * (1.0 + depth));
+    let worst = off(0).max(off(1));
+    tally.note(worst);
+    tally.count(Answer::wrong_if(!(off(0) <= 1.0 && off(1) <= 1.0)), || {
+        format!("extinction {sigma:e} over {length:e} in steps of {step:e}: {found:?}, not {exact:?}")
+    });
+}

@@ -1,0 +1,209 @@
+//! Closed meshes, and scenes of one geometry.
+
+use std::collections::HashMap;
+use std::f64::consts::{PI, TAU};
+
+use glam::{DAffine3, DVec3};
+
+use crate::mesh::Mesh;
+use crate::numeric::Random;
+use crate::scene::{Geometry, Instance, Scene};
+use crate::shape::{Shape, Sphere};
+
+/// A mesh of these corners and faces.
+pub(super) fn mesh(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
+    let positions: Vec<[f32; 3]> = positions.iter().map(|p| p.as_vec3().to_array()).collect();
+    Mesh {
+        positions: positions.into(),
+        triangles: triangles.into(),
+        ..Mesh::default()
+    }
+}
+
+/// A scene of geometries, each where its own space is the world.
+pub(super) fn scene(geometries: Vec<Geometry>) -> Scene {
+    let instances = (0..geometries.len() as u32)
+        .filter_map(|i| Instance::new("", i, 0, DAffine3::IDENTITY).ok())
+        .collect();
+    Scene {
+        geometries,
+        instances,
+        ..Scene::default()
+    }
+}
+
+/// Shapes around the one that is asked, so that there is a tree to walk.
+const OTHERS: u64 = 24;
+
+/// A shape within `radius` of `center` in its own space, which is the world, and small spheres around it.
+pub(super) fn among_others(shape: Shape, center: DVec3, radius: f64) -> Scene {
+    let others = (0..OTHERS).map(|number| {
+        let mut random = Random::new(0, number);
+        Shape::Sphere(Sphere {
+            center: center + radius * random.within(2.0, 4.0) * random.direction(),
+            radius: 0.01 * radius,
+        })
+    });
+    scene(
+        std::iter::once(shape)
+            .chain(others)
+            .map(Geometry::Shape)
+            .collect(),
+    )
+}
+
+/// A sphere of rings from pole to pole: `2 rings` columns, about `4 rings²` triangles, the radius of a point a function
+/// of its two angles, in radians.
+pub(super) fn rings(rings: u32, center: DVec3, radius: impl Fn(f64, f64) -> f64) -> Mesh {
+    let columns = 2 * rings;
+    let at = |ring: u32, column: u32| {
+        let theta = PI * f64::from(ring) / f64::from(rings);
+        let phi = TAU * f64::from(column) / f64::from(columns);
+        let (sin, cos) = theta.sin_cos();
+        center + radius(theta, phi) * DVec3::new(sin * phi.cos(), cos, sin * phi.sin())
+    };
+    let mut positions = vec![at(0, 0)];
+    for ring in 1..rings {
+        positions.extend((0..columns).map(|column| at(ring, column)));
+    }
+    positions.push(at(rings, 0));
+    let last = positions.len() as u32 - 1;
+    let index = |ring: u32, column: u32| 1 + (ring - 1) * columns + column % columns;
+    let mut triangles = Vec::new();
+    for column in 0..columns {
+        triangles.push([0, index(1, column + 1), index(1, column)]);
+        triangles.push([last, index(rings - 1, column), index(rings - 1, column + 1)]);
+        for ring in 1..rings - 1 {
+            let [a, b] = [index(ring, column), index(ring, column + 1)];
+            let [c, d] = [index(ring + 1, column), index(ring + 1, column + 1)];
+            triangles.extend([[a, b, c], [b, d, c]]);
+        }
+    }
+    mesh(&positions, triangles)
+}
+
+/// The corners and faces of an icosahedron in the unit sphere.
+pub(super) fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let golden = 0.5 * (1.0 + 5f64.sqrt());
+    let mut corners = Vec::new();
+    for (a, b) in [(1.0, golden), (-1.0, golden), (1.0, -golden), (-1.0, -golden)] {
+        corners.extend([
+            DVec3::new(a, b, 0.0),
+            DVec3::new(0.0, a, b),
+            DVec3::new(b, 0.0, a),
+        ]);
+    }
+    // Edges are 2 long, all other distances longer; a face turns left as seen from outside.
+    let is_edge = |i: usize, j: usize| corners[i].distance_squared(corners[j]) < 5.0;
+    let mut faces = Vec::new();
+    for i in 0..12 {
+        for j in i + 1..12 {
+            for k in j + 1..12 {
+                if is_edge(i, j) && is_edge(j, k) && is_edge(k, i) {
+                    let [a, b, c] = [i, j, k].map(|n| corners[n]);
+                    let face = if a.dot((b - a).cross(c - a)) > 0.0 {
+                        [i, j, k]
+                    } else {
+                        [i, k, j]
+                    };
+                    faces.push(face.map(|n| n as u32));
+                }
+            }
+        }
+    }
+    (corners.iter().map(|p| p.normalize()).collect(), faces)
+}
+
+/// An icosahedron whose faces are cut into four `levels` times and pushed out to the unit sphere.
+pub(super) fn icosphere(levels: u32) -> Mesh {
+    let (mut corners, mut faces) = icosahedron();
+    for _ in 0..levels {
+        let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
+        let mut middle = |a: u32, b: u32| {
+            *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                corners.push((corners[a as usize] + corners[b as usize]).normalize());
+                corners.len() as u32 - 1
+            })
+        };
+        faces = faces
+            .iter()
+            .flat_map(|&[a, b, c]| {
+                let [p, q, r] = [middle(a, b), middle(b, c), middle(c, a)];
+                [[a, p, r], [p, b, q], [r, q, c], [p, q, r]]
+            })
+            .collect();
+    }
+    mesh(&corners, faces)
+}
+
+/// The surface of the cube from 0 to `n` along each axis, in squares of side 1 cut along alternating diagonals: all
+/// corners are whole numbers.
+pub(super) fn lattice_cube(n: u32) -> Mesh {
+    let mut numbers: HashMap<[u32; 3], u32> = HashMap::new();
+    let mut positions = Vec::new();
+    let mut triangles = Vec::new();
+    for axis in 0..3 {
+        for end in [0, n] {
+            for square in 0..n * n {
+                let (i, j) = (square % n, square / n);
+                let mut corner = |i: u32, j: u32| {
+                    let mut p = [0; 3];
+                    (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (end, i, j);
+                    *numbers.entry(p).or_insert_with(|| {
+                        positions.push(DVec3::from_array(p.map(f64::from)));
+                        positions.len() as u32 - 1
+                    })
+                };
+                let [a, b, c, d] = [
+                    corner(i, j),
+                    corner(i + 1, j),
+                    corner(i + 1, j + 1),
+                    corner(i, j + 1),
+                ];
+                let halves = if (i + j) % 2 == 0 {
+                    [[a, b, c], [a, c, d]]
+                } else {
+                    [[a, b, d], [b, c, d]]
+                };
+                let outward = |[a, b, c]: [u32; 3]| if end == 0 { [a, c, b] } else { [a, b, c] };
+                triangles.extend(halves.map(outward));
+            }
+        }
+    }
+    mesh(&positions, triangles)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::*;
+
+    #[test]
+    fn every_edge_is_shared_by_two_triangles_that_turn_the_same_way_and_faces_look_outward() {
+        let center = DVec3::new(3.0, -2.0, 5.0);
+        let cases = [
+            (rings(9, center, |_, _| 2.0), center, 2 * 18 * 8),
+            (icosphere(0), DVec3::ZERO, 20),
+            (icosphere(2), DVec3::ZERO, 20 * 16),
+            (lattice_cube(5), DVec3::splat(2.5), 6 * 25 * 2),
+        ];
+        for (mesh, center, count) in cases {
+            assert_eq!(mesh.triangles.len(), count);
+            let edges: HashSet<[u32; 2]> = mesh
+                .triangles
+                .iter()
+                .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+                .collect();
+            assert_eq!(edges.len(), 3 * count, "an edge is there twice");
+            assert!(
+                edges.iter().all(|&[a, b]| edges.contains(&[b, a])),
+                "an edge is open"
+            );
+            for face in 0..count as u32 {
+                let [a, b, c] = mesh.corners_f64(face);
+                assert!((a - center).dot((b - a).cross(c - a)) > 0.0, "{face}");
+            }
+        }
+    }
+}

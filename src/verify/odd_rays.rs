@@ -1,0 +1,86 @@
+//! Rays of any bits at all: what is no ray must meet nothing, quickly, and disturb no other.
+
+use glam::{DVec3, Vec3};
+
+use super::meshes::{icosphere, scene};
+use super::slivers::compared;
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::brute::BruteAccel;
+use crate::accel::{AccelError, Hit};
+use crate::numeric::{Random, Ray};
+use crate::scene::{Geometry, Scene};
+use crate::shape::{Shape, Sphere};
+
+pub(super) const CASES: &[Case] = &[Case {
+    id: "H18",
+    title: "ray fuzz",
+    construction: "rays of NaN, infinite, zero, denormal and huge numbers, mixed with sound ones in the same packets",
+    oracle: "what is no ray meets nothing; brute force for the others",
+    bound: "no answer to what is no ray; as in the comparison of backends",
+    unit: "",
+    asks: Asks::Triangles,
+    required: Closes::Faces,
+    run: any_bits,
+}];
+
+/// What a coordinate may be besides a sound number.
+const ODD: [f32; 12] = [
+    f32::NAN,
+    f32::INFINITY,
+    f32::NEG_INFINITY,
+    f32::MAX,
+    f32::MIN,
+    2e18,
+    -2e18,
+    0.0,
+    -0.0,
+    1e-45,
+    -1e-45,
+    f32::MIN_POSITIVE,
+];
+
+fn any_bits(trial: &Trial) -> Result<Tally, AccelError> {
+    let ball = Sphere {
+        center: DVec3::new(2.5, 0.0, 0.0),
+        radius: 1.0,
+    };
+    let scene = scene(vec![
+        Geometry::Mesh(icosphere(2)),
+        Geometry::Shape(Shape::Sphere(ball)),
+    ]);
+    let engine = trial.engine(&scene)?;
+    let brute = BruteAccel::new(&scene);
+    Ok(trial.nearest(&engine, odd_ray, |ray, hit, _| judge(&scene, &brute, ray, hit)))
+}
+
+/// Every other ray is sound; of the others a number or more are odd.
+fn odd_ray(random: &mut Random) -> Ray {
+    let origin = 4.0 * random.in_cube();
+    let direction = 2.0 * random.in_cube() - origin;
+    let mut ray = Ray::new(origin.as_vec3(), direction.as_vec3());
+    if random.below(2) == 0 {
+        return ray;
+    }
+    for _ in 0..1 + random.below(3) {
+        let odd = random.pick(&ODD);
+        let axis = random.below(3);
+        match random.below(4) {
+            0 => ray.origin[axis] = odd,
+            1 => ray.direction[axis] = odd,
+            2 => ray.t_near = odd,
+            _ => ray.t_far = odd,
+        }
+    }
+    if random.below(16) == 0 {
+        ray.direction = random.pick(&[Vec3::ZERO, -Vec3::ZERO, Vec3::NAN]);
+    }
+    ray
+}
+
+fn judge(scene: &Scene, brute: &BruteAccel, ray: &Ray, hit: Option<Hit>) -> Answer {
+    if !ray.is_traceable() {
+        return Answer::wrong_if(hit.is_some());
+    }
+    compared(scene, ray, brute.nearest(ray), hit)
+}

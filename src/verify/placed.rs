@@ -1,0 +1,141 @@
+//! Shapes that are moved, turned, mirrored and stretched, and rays that leave them.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec3};
+
+use super::spawned::{leave, outward};
+use super::trial::{Answer, Tally, Trial, describe, order};
+use super::{Asks, Case, Closes};
+use crate::accel::AccelError;
+use crate::numeric::{Random, Ray};
+use crate::render::{Departure, Departures};
+use crate::scene::{Geometry, Instance, Material, Scene};
+use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Sphere};
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H21",
+        title: "leaving outward",
+        construction: "convex solids up to 10^4 sizes away, or up to 10^2 and stretched up to 10^4 to 1: rays at them, and away again",
+        oracle: "a ray at a point well inside hits; what leaves a convex solid outward never meets it again",
+        bound: "no hit missed, 0 false self-hits",
+        unit: "",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: |trial| leaving(trial, Way::Outward),
+    },
+    Case {
+        id: "H22",
+        title: "leaving inward",
+        construction: "the same solids, and rays that go on into them from where they were hit",
+        oracle: "what goes into a solid, well away from its edges, meets it again",
+        bound: "0 rays lost inside",
+        unit: "",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: |trial| leaving(trial, Way::Inward),
+    },
+];
+
+#[derive(Clone, Copy, PartialEq)]
+enum Way {
+    Outward,
+    Inward,
+}
+
+/// Convex solids that hold the ball of radius 1/4 around the origin.
+fn solids() -> Vec<Shape> {
+    let corners = [
+        DVec3::ONE,
+        DVec3::new(-1.0, -1.0, 1.0),
+        DVec3::new(-1.0, 1.0, -1.0),
+        DVec3::new(1.0, -1.0, -1.0),
+    ];
+    let tetrahedron = Polyhedron::from_half_spaces(&corners.map(|n| HalfSpace { n, h: 1.0 }));
+    let mut solids = vec![
+        Shape::Sphere(Sphere::UNIT),
+        Shape::Cube,
+        Shape::Cylinder(Cylinder { capped: true }),
+        Shape::Cone(Cone { capped: true }),
+    ];
+    solids.extend(tetrahedron.ok().map(|solid| Shape::Polyhedron(Arc::new(solid))));
+    solids
+}
+
+/// Placements of each solid.
+const PLACEMENTS: usize = 24;
+
+fn placement(random: &mut Random) -> DAffine3 {
+    let size = 10f64.powf(random.within(-4.0, 4.0));
+    let mut stretch = || 10f64.powf(random.within(-2.0, 2.0)) * random.pick(&[1.0, -1.0]);
+    let scale = match size.to_bits() % 3 {
+        0 => DVec3::ONE,
+        _ => DVec3::new(stretch(), stretch(), stretch()),
+    };
+    let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
+    // A solid that is thinner than an f32 has steps at its place cannot be gone into.
+    let farthest = if scale == DVec3::ONE { 1e4 } else { 1e2 };
+    let far = random.pick(&[0.0, 1.0, farthest]) * size * random.direction();
+    DAffine3::from_scale_rotation_translation(size * scale, turn, far)
+}
+
+fn leaving(trial: &Trial, way: Way) -> Result<Tally, AccelError> {
+    let solids = solids();
+    let count = solids.len() * PLACEMENTS;
+    let mut sum = Tally::default();
+    for part in 0..count {
+        let shape = solids[part / PLACEMENTS].clone();
+        let map = placement(&mut Random::new(0x91ace, part as u64));
+        let Ok(instance) = Instance::new("", 0, 0, map) else {
+            continue;
+        };
+        let scene = Scene {
+            geometries: vec![Geometry::Shape(shape)],
+            instances: vec![instance],
+            materials: vec![Material::default()],
+            ..Scene::default()
+        };
+        sum = sum.with(leaving_of(&trial.part(part, count), &scene, &map, way)?);
+    }
+    Ok(sum)
+}
+
+fn leaving_of(trial: &Trial, scene: &Scene, map: &DAffine3, way: Way) -> Result<Tally, AccelError> {
+    let engine = trial.engine(scene)?;
+    let departures = Departures::new(scene);
+    Ok(trial.in_chunks(|random, count| {
+        let rays: Vec<Ray> = (0..count)
+            .map(|_| {
+                // In object space, so that stretched solids are met on all sides.
+                let origin = map.transform_point3(6.0 * random.direction()).as_vec3();
+                let target = map.transform_point3(0.25 / 3f64.sqrt() * random.in_cube());
+                Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+            })
+            .collect();
+        let mut tally = Tally::default();
+        let packets = engine.traced(&rays, order(random));
+        let met: Vec<Option<Departure>> = packets.iter().flat_map(|packet| departures.of(packet)).collect();
+        let mut on = Vec::new();
+        for (ray, at) in rays.iter().zip(&met) {
+            let Some(at) = at else {
+                tally.count(Answer::Wrong, || format!("missed: {}", describe(ray, None)));
+                continue;
+            };
+            let Some(direction) = outward(at, random) else {
+                continue;
+            };
+            let through = Departure { ng: -at.ng, ..*at };
+            on.push(match way {
+                Way::Outward => leave(trial, at, direction),
+                // Straight on, which is well inside.
+                Way::Inward => leave(trial, &through, ray.direction.as_dvec3()),
+            });
+        }
+        for (ray, is_blocked) in on.iter().zip(engine.blocked(&on, order(random))) {
+            let is_wrong = is_blocked == (way == Way::Outward);
+            tally.count(Answer::wrong_if(is_wrong), || describe(ray, None));
+        }
+        tally
+    }))
+}

@@ -1,0 +1,204 @@
+//! Triangles that are hardly there: slivers seen edge-on, and triangles of any bits at all.
+
+use glam::{DVec3, Vec3};
+
+use super::exact::{self, Crossing};
+use super::meshes::{mesh, scene};
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::agreement::{Agreement, compare};
+use crate::accel::brute::BruteAccel;
+use crate::accel::{AccelError, Hit};
+use crate::mesh::Mesh;
+use crate::numeric::{Random, Ray};
+use crate::scene::{Geometry, Material, Scene};
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H15",
+        title: "slivers",
+        construction: "triangles 10^3 to 10^9 times as long as high, and rays at down to 0.01 degrees to their planes",
+        oracle: "exact signs of the edges, the parameter to 100 bits",
+        bound: "no hit or miss beyond the derived bounds on f32, which grow as triangles turn edge-on",
+        unit: "ulp of t",
+        asks: Asks::Triangles,
+        required: Closes::Faces,
+        run: slivers,
+    },
+    Case {
+        id: "H17",
+        title: "garbage meshes",
+        construction: "meshes whose corners are random bits, as many of each exponent, as far as they pass the checks",
+        oracle: "brute force, what differs by the derived bounds on f32 a tie",
+        bound: "no wrong hit or miss, no parameter that is no number",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Vertices,
+        run: garbage,
+    },
+];
+
+/// Slivers of a scene.
+const SLIVERS: usize = 128;
+
+/// A sliver in the cube [-1, 1]³.
+fn sliver(random: &mut Random) -> [DVec3; 3] {
+    let a = random.in_cube();
+    let along = random.within(0.3, 1.0) * random.direction();
+    let across = along.cross(random.direction()).normalize_or_zero();
+    let height = along.length() * 10f64.powf(random.within(-9.0, -3.0));
+    let third = a + random.unit() * along + height * across;
+    [a, a + along, third].map(|p| p.as_vec3().as_dvec3())
+}
+
+/// A ray at one of the triangles, close to its plane.
+fn grazing(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
+    let [a, b, c] = random.pick(triangles);
+    // Within it or a little beside it.
+    let (u, v) = (random.within(-0.1, 1.1), random.within(-0.1, 1.1));
+    let (u, v) = if u + v > 1.1 { (1.0 - u, 1.0 - v) } else { (u, v) };
+    let target = a + u * (b - a) + v * (c - a);
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let in_plane = normal.cross(random.direction()).normalize_or_zero();
+    // 0.01 degrees are 1.7e-4.
+    let slope = 10f64.powf(random.within(-3.76, 0.0)) * random.pick(&[1.0, -1.0]);
+    let way = in_plane + slope * normal;
+    let origin = (target - random.within(0.5, 3.0) * way).as_vec3();
+    Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+}
+
+fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut random = Random::new(0x5117, 0);
+    let triangles: Vec<[DVec3; 3]> = (0..SLIVERS).map(|_| sliver(&mut random)).collect();
+    let corners: Vec<DVec3> = triangles.iter().flatten().copied().collect();
+    let faces = (0..SLIVERS as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+    let scene = scene(vec![Geometry::Mesh(mesh(&corners, faces.collect()))]);
+    let engine = trial.engine(&scene)?;
+    Ok(trial.nearest(
+        &engine,
+        |random| grazing(&triangles, random),
+        |ray, hit, tally| {
+            let exact = exact_nearest(&triangles, ray);
+            if let (Some((first, t)), Some(hit)) = (&exact, hit)
+                && first.primitive == hit.primitive
+            {
+                let ulp = f64::from(first.t.next_up()) - f64::from(first.t);
+                tally.note((f64::from(hit.t) - t).abs() / ulp);
+            }
+            compared(&scene, ray, exact.map(|(first, _)| first), hit)
+        },
+    ))
+}
+
+/// The first triangle that the ray meets, and where.
+pub(super) fn exact_nearest(triangles: &[[DVec3; 3]], ray: &Ray) -> Option<(Hit, f64)> {
+    let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let meets = |corners: &[DVec3; 3]| {
+        matches!(
+            exact::crossing(o, d, *corners),
+            Crossing::Through | Crossing::Touching
+        )
+    };
+    let met = triangles.iter().enumerate().filter(|(_, corners)| meets(corners));
+    let at = met.map(|(number, corners)| (number, exact::parameter(o, d, *corners)));
+    let ahead = at.filter(|(_, t)| t.nearest() >= 0.0);
+    let (number, t) = ahead.reduce(|a, b| if b.1 < a.1 { b } else { a })?;
+    let hit = Hit {
+        instance: 0,
+        primitive: number as u32,
+        t: t.nearest() as f32,
+        u: 0.0,
+        v: 0.0,
+    };
+    Some((hit, t.nearest()))
+}
+
+/// What the comparison of backends says of an answer.
+pub(super) fn compared(scene: &Scene, ray: &Ray, exact: Option<Hit>, hit: Option<Hit>) -> Answer {
+    match compare(scene, ray, exact, hit) {
+        Agreement::Same => Answer::Right,
+        Agreement::Tie => Answer::Tie,
+        Agreement::Wrong => Answer::Wrong,
+    }
+}
+
+/// Rays for each mesh of garbage, where there are few.
+const RAYS_A_MESH: u64 = 64;
+/// Meshes of garbage at most: more rays go to each.
+const MOST_MESHES: u64 = 10_000;
+
+fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
+    let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MOST_MESHES);
+    let mut sum = Tally::default();
+    for number in 0..mesh_count {
+        let mut random = Random::new(0x6a7ba6e, number);
+        let mut scene = Scene {
+            materials: vec![Material::default()],
+            ..scene(vec![Geometry::Mesh(any_mesh(&mut random))])
+        };
+        if scene.validate().is_err() {
+            // Named and refused before anything is built.
+            continue;
+        }
+        scene.normalise();
+        sum = sum.with(garbage_of(
+            &trial.part(number as usize, mesh_count as usize),
+            &scene,
+        )?);
+    }
+    Ok(sum)
+}
+
+/// A number of any exponent and sign that passes the checks of a scene's vertices.
+fn any_number(random: &mut Random) -> f32 {
+    loop {
+        let x = f32::from_bits(random.bits() as u32);
+        if x.abs() < Ray::LIMIT {
+            return x;
+        }
+    }
+}
+
+fn any_mesh(random: &mut Random) -> Mesh {
+    let count = 1 + random.below(30) as u32;
+    // Some of one size, some of all sizes together.
+    let size = any_number(random).abs();
+    let is_even = random.below(2) == 0;
+    let corners = (0..3 * count).map(|_| {
+        let mut number = || {
+            if is_even {
+                f64::from(size) * random.within(-1.0, 1.0)
+            } else {
+                any_number(random).into()
+            }
+        };
+        DVec3::new(number(), number(), number())
+    });
+    let corners: Vec<DVec3> = corners.collect();
+    mesh(
+        &corners,
+        (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+    )
+}
+
+fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
+    let engine = trial.engine(scene)?;
+    let brute = BruteAccel::new(scene);
+    let Geometry::Mesh(mesh) = &scene.geometries[0] else {
+        return Ok(Tally::default());
+    };
+    let ray = |random: &mut Random| {
+        let [a, b, c] = mesh.corners_f64(random.below(mesh.triangles.len()) as u32);
+        let (u, v) = (0.5 * random.unit(), 0.5 * random.unit());
+        let target = a + u * (b - a) + v * (c - a);
+        let reach = (b - a).length().max((c - a).length());
+        let origin: Vec3 = (target + reach * random.direction()).as_vec3();
+        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    };
+    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+        if !ray.is_traceable() {
+            return Answer::wrong_if(hit.is_some());
+        }
+        compared(scene, ray, brute.nearest(ray), hit)
+    }))
+}

@@ -1,0 +1,348 @@
+//! Cylinder, cone, torus and polyhedra where their equations lose a degree, cancel or touch.
+//!
+//! An answer is right if it is the exact one for a solid whose surface is moved by no more than rounding explains: what
+//! the smaller solid surely meets must be hit, and what is hit must lie between the two.
+//!
+//! Embree walks to user geometry without the care that it takes for robust triangles: the boxes of shapes are missed by
+//! some roundings of the distance of a ray's origin, which their padding covers for some hundred sizes. Where rays touch
+//! boxes from farther away, Embree is measured only.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::meshes::among_others;
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, Hit};
+use crate::numeric::{Random, Ray};
+use crate::shape::oracle::{Intervals, cut, inside_quadric, inside_torus, whole};
+use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Torus};
+
+const ORACLE: &str = "where the line is inside the solid made smaller and larger by rounding, to 100 bits";
+const BOUND: &str = "no wrong decision, t to 1 ulp of f32; ties are right for a solid moved by rounding";
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H05",
+        title: "along a cylinder",
+        construction: "directions off the axis by 2^-1 to 2^-149, from the wall, the inside, the outside and far away",
+        oracle: ORACLE,
+        bound: BOUND,
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: |trial| at_solids(trial, vec![cylinder()], along_cylinder),
+    },
+    Case {
+        id: "H06",
+        title: "along a cone",
+        construction: "lines parallel to a generator or nearly so, and through the apex and the roundings of it",
+        oracle: ORACLE,
+        bound: BOUND,
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: |trial| at_solids(trial, vec![cone()], along_cone),
+    },
+    Case {
+        id: "H07",
+        title: "distant torus",
+        construction: "tori with tubes of 1/2 to 10^-3, from 1 to 10^5 away, at the tube and at tangents of it",
+        oracle: ORACLE,
+        bound: BOUND,
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Vertices,
+        run: distant_tori,
+    },
+    Case {
+        id: "H10",
+        title: "along polyhedra",
+        construction: "rays in the faces, along the edges and through the corners of a cube and a dodecahedron",
+        oracle: ORACLE,
+        bound: BOUND,
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: |trial| at_solids(trial, vec![cube(), dodecahedron()], along_faces),
+    },
+];
+
+type Inside = dyn Fn(DVec3, DVec3, f64) -> Intervals + Sync;
+
+/// A shape, and where a line is inside it when its surface is moved outward.
+struct Solid {
+    shape: Shape,
+    inside: Box<Inside>,
+    /// By how many roundings, of 2^-53 of the coordinates involved, the surface may seem to be moved.
+    roundings: f64,
+    /// What rays are aimed at: corners.
+    corners: Vec<DVec3>,
+}
+
+/// x² + y² <= 1, |z| <= 1.
+fn cylinder() -> Solid {
+    let inside = |o: DVec3, d: DVec3, delta: f64| {
+        let radius = 1.0 + delta;
+        let wall = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -radius * radius];
+        let wall = inside_quadric(&wall, DVec3::ZERO, o, d);
+        cut(cut(wall, DVec3::Z, radius, o, d), -DVec3::Z, radius, o, d)
+    };
+    Solid {
+        shape: Shape::Cylinder(Cylinder { capped: true }),
+        inside: Box::new(inside),
+        roundings: 16.0,
+        corners: Vec::new(),
+    }
+}
+
+/// The lower nappe of x² + y² <= (1 - z)² / 4 above z = -1.
+fn cone() -> Solid {
+    let inside = |o: DVec3, d: DVec3, delta: f64| {
+        // A wall that moves by delta moves its apex by √5 delta.
+        let apex = 1.0 + 5f64.sqrt() * delta;
+        let walls = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.25, 0.0, 0.0];
+        let walls = inside_quadric(&walls, apex * DVec3::Z, o, d);
+        cut(cut(walls, DVec3::Z, apex, o, d), -DVec3::Z, 1.0 + delta, o, d)
+    };
+    Solid {
+        shape: Shape::Cone(Cone { capped: true }),
+        inside: Box::new(inside),
+        // Beside the apex and along a generator the plain quadratic loses digits: a cone is only as exact as 2^-28 of its
+        // size there, which f32 does not show.
+        roundings: 33_554_432.0,
+        corners: Vec::new(),
+    }
+}
+
+fn torus(minor_radius: f64) -> Solid {
+    Solid {
+        shape: Shape::Torus(Torus { minor_radius }),
+        inside: Box::new(move |o, d, delta| inside_torus(minor_radius, delta, o, d)),
+        // The coefficients of the quartic, up to 16, and the division by the tube's radius count at tangents.
+        roundings: 64.0,
+        corners: Vec::new(),
+    }
+}
+
+/// The solid within half-spaces.
+fn within(shape: Shape, half_spaces: Vec<HalfSpace>) -> Solid {
+    let corners = corners(&half_spaces);
+    let inside = move |o: DVec3, d: DVec3, delta: f64| {
+        half_spaces
+            .iter()
+            .fold(whole(), |found, space| cut(found, space.n, space.h + delta, o, d))
+    };
+    Solid {
+        shape,
+        inside: Box::new(inside),
+        roundings: 16.0,
+        corners,
+    }
+}
+
+/// Where three planes meet and no other cuts the point off.
+fn corners(half_spaces: &[HalfSpace]) -> Vec<DVec3> {
+    let mut corners = Vec::new();
+    for (i, a) in half_spaces.iter().enumerate() {
+        for (j, b) in half_spaces.iter().enumerate().skip(i + 1) {
+            for c in half_spaces.iter().skip(j + 1) {
+                let m = glam::DMat3::from_cols(a.n, b.n, c.n).transpose();
+                let p = m.inverse() * DVec3::new(a.h, b.h, c.h);
+                // Rounding is far smaller than the distance of any other corner's planes.
+                let slack = f64::from(f32::EPSILON);
+                if p.is_finite() && half_spaces.iter().all(|s| s.n.dot(p) <= s.h + slack) {
+                    corners.push(p);
+                }
+            }
+        }
+    }
+    corners
+}
+
+fn cube() -> Solid {
+    let faces = DVec3::AXES.into_iter().flat_map(|n| [n, -n]);
+    within(Shape::Cube, faces.map(|n| HalfSpace { n, h: 1.0 }).collect())
+}
+
+fn dodecahedron() -> Solid {
+    let golden = 0.5 * (1.0 + 5f64.sqrt());
+    let mut all = Vec::new();
+    for (a, b) in [(1.0, golden), (1.0, -golden), (-1.0, golden), (-1.0, -golden)] {
+        for n in [
+            DVec3::new(0.0, a, b),
+            DVec3::new(a, b, 0.0),
+            DVec3::new(b, 0.0, a),
+        ] {
+            all.push(HalfSpace {
+                n: n.normalize(),
+                h: 0.75,
+            });
+        }
+    }
+    match Polyhedron::from_half_spaces(&all) {
+        // As it is held, its normals brought to unit length again.
+        Ok(polyhedron) => {
+            let half_spaces = polyhedron.half_spaces().to_vec();
+            within(Shape::Polyhedron(Arc::new(polyhedron)), half_spaces)
+        }
+        Err(_) => cube(),
+    }
+}
+
+/// The parameter at which the first boundary ahead is met, and whether it is an entry.
+fn first_ahead(intervals: &Intervals) -> Option<(f64, bool)> {
+    let ends = intervals.iter().map(|[a, b]| (a.nearest(), b.nearest()));
+    let mut ahead = ends.filter(|&(_, b)| b >= 0.0);
+    ahead
+        .next()
+        .map(|(a, b)| if a >= 0.0 { (a, true) } else { (b, false) })
+}
+
+impl Solid {
+    fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let delta = self.roundings * 0.5 * f64::EPSILON * (1.0 + o.length());
+        let [inner, outer] = [-delta, delta].map(|delta| (self.inside)(o, d, delta));
+        let [sure, possible] = [&inner, &outer].map(first_ahead);
+        // What is farther than any f32 is out of reach.
+        let is_near = |&(t, _): &(f64, bool)| (t as f32) < f32::INFINITY;
+        match (sure.filter(is_near), possible.filter(is_near), hit) {
+            (None, None, None) => Answer::Right,
+            (None, Some(_), None) => Answer::Tie,
+            (_, None, Some(_)) | (Some(_), _, None) => Answer::Wrong,
+            (Some((a, was)), Some((b, is)), Some(hit)) if was == is => {
+                let off = beyond(hit.t, a.min(b), a.max(b));
+                tally.note(off);
+                Answer::wrong_if(!(off <= 1.0))
+            }
+            // At a tangent, or from a start on the surface: any place between the two surfaces.
+            (_, _, Some(hit)) => {
+                let t = f64::from(hit.t);
+                let ulp = f64::from(hit.t.next_up()) - t;
+                let holds = |i: &Intervals| {
+                    i.iter()
+                        .any(|[a, b]| a.nearest() < t - ulp && t + ulp < b.nearest())
+                };
+                let is_between = outer
+                    .iter()
+                    .any(|[a, b]| a.nearest() <= t + ulp && t - ulp <= b.nearest());
+                if is_between && !holds(&inner) {
+                    Answer::Tie
+                } else {
+                    Answer::Wrong
+                }
+            }
+        }
+    }
+}
+
+/// By how many ulps of f32 `t` is outside [`low`, `high`].
+fn beyond(t: f32, low: f64, high: f64) -> f64 {
+    let wide = f64::from(t);
+    let ulp = f64::from(t.abs().next_up()) - f64::from(t.abs());
+    (low - wide).max(wide - high).max(0.0) / ulp
+}
+
+fn at_solids(
+    trial: &Trial,
+    solids: Vec<Solid>,
+    ray: impl Fn(&Solid, &mut Random) -> Ray + Sync,
+) -> Result<Tally, AccelError> {
+    let mut sum = Tally::default();
+    for (part, solid) in solids.iter().enumerate() {
+        // All of these solids lie within √3 of their centre.
+        let scene = among_others(solid.shape.clone(), DVec3::ZERO, 3f64.sqrt());
+        let engine = trial.engine(&scene)?;
+        let tally = trial.part(part, solids.len()).nearest(
+            &engine,
+            |random| ray(solid, random),
+            |ray, hit, tally| {
+                // One of the others may stand in the way.
+                if hit.is_some_and(|hit| hit.instance != 0) {
+                    return Answer::Right;
+                }
+                solid.judge(ray, hit, tally)
+            },
+        );
+        sum = sum.with(tally);
+    }
+    Ok(sum)
+}
+
+fn along_cylinder(_: &Solid, random: &mut Random) -> Ray {
+    let off = |random: &mut Random| match random.below(4) {
+        0 => random.pick(&[0.0, -0.0]),
+        _ => random.pick(&[1.0, -1.0]) * 0.5f64.powi(1 + random.below(149) as i32),
+    };
+    let direction = DVec3::new(off(random), off(random), random.pick(&[1.0, -1.0]));
+    let radius = random.pick(&[0.0, 0.5, 1.0, 1.0, 1.0, 1.5]);
+    let around = random.direction().with_z(0.0).normalize_or_zero();
+    let around = random.pick(&[around, DVec3::X, -DVec3::Y]);
+    let height = random.pick(&[0.0, 1.0, -1.0, 10.0, 1e4]);
+    let origin = radius * around - direction.z * height * DVec3::Z;
+    Ray::new(origin.as_vec3(), direction.as_vec3())
+}
+
+fn along_cone(_: &Solid, random: &mut Random) -> Ray {
+    let around = random.direction().with_z(0.0).normalize_or_zero();
+    let around = random.pick(&[around, DVec3::X, -DVec3::Y]);
+    // From the apex down along the wall, which is 2 high where it is 1 wide.
+    let generator = around - 2.0 * DVec3::Z;
+    let nudge = match random.below(3) {
+        0 => DVec3::ZERO,
+        _ => 0.5f64.powi(random.below(60) as i32) * random.in_cube(),
+    };
+    let any = random.direction();
+    let (target, direction) = match random.below(2) {
+        0 => (
+            DVec3::Z + nudge,
+            random.pick(&[generator, -DVec3::Z, DVec3::X, any]),
+        ),
+        _ => (random.in_cube(), generator + nudge),
+    };
+    let origin = target - random.pick(&[0.0, 0.5, 1.0, 3.0, 100.0]) * direction;
+    Ray::new(origin.as_vec3(), direction.as_vec3())
+}
+
+/// Of so many rays one is asked: the referee walks along each in small steps.
+const TORUS_SHARE: usize = 16;
+
+fn distant_tori(trial: &Trial) -> Result<Tally, AccelError> {
+    let tori: Vec<Solid> = [0.5, 0.1, 0.01, 0.001].map(torus).into();
+    at_solids(&trial.part(0, TORUS_SHARE), tori, |solid, random| {
+        let radius = match &solid.shape {
+            Shape::Torus(torus) => torus.minor_radius,
+            _ => 1.0,
+        };
+        let around = random.direction().with_z(0.0).normalize_or_zero();
+        let way = random.direction();
+        let beside = way.cross(random.direction()).normalize_or_zero();
+        // At the tube's middle, within it and just beside it.
+        let off = radius * random.pick(&[0.0, 0.5, 1.0, 1.0 - 1e-6, 1.0 + 1e-6]);
+        let distance = 10f64.powi(random.below(6) as i32);
+        let origin = (around + off * beside - distance * way).as_vec3();
+        let target = around + off * beside;
+        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    })
+}
+
+fn along_faces(solid: &Solid, random: &mut Random) -> Ray {
+    let mut corner = || random.pick(&solid.corners);
+    // Through a corner, along an edge or a diagonal, in a face or across.
+    let [a, b, c] = [corner(), corner(), corner()];
+    let along = if a == b { random.direction() } else { b - a };
+    let target = match random.below(3) {
+        0 => a,
+        1 => a.lerp(c, random.unit()),
+        _ => a.lerp(b, random.unit()),
+    };
+    let direction = match random.below(3) {
+        0 => along,
+        1 => along + 0.5f64.powi(random.below(60) as i32) * random.in_cube(),
+        _ => random.direction(),
+    };
+    let origin = target - random.pick(&[0.0, 0.25, 1.0, 5.0, 100.0]) * direction;
+    Ray::new(origin.as_vec3(), direction.as_vec3())
+}

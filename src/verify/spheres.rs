@@ -1,0 +1,254 @@
+//! Spheres far away, huge, touched, and left from inside: the quadratic equation where it cancels.
+
+use std::cmp::Ordering;
+use std::ops::RangeInclusive;
+
+use glam::{DVec3, Vec3};
+
+use super::exact;
+use super::meshes::among_others;
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, Hit};
+use crate::numeric::{Random, Ray, Wide};
+use crate::shape::{Shape, Sphere};
+
+const ORACLE: &str = "exact sign of the discriminant, roots to 100 bits";
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H01",
+        title: "distant sphere",
+        construction: "the unit sphere from 10 to 10^3 radii away, aimed within 1.05 radii of its centre",
+        oracle: ORACLE,
+        bound: "no wrong decision, t to 1 ulp of f32; ties are right for a sphere moved by 16 roundings of f64",
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: |trial| distant(trial, 1..=3),
+    },
+    Case {
+        id: "H01f",
+        title: "very distant sphere",
+        construction: "the same from 10^4 to 10^7 radii away, where Embree's walk to shapes may miss their boxes",
+        oracle: ORACLE,
+        bound: "as for H01",
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Vertices,
+        run: |trial| distant(trial, 4..=7),
+    },
+    Case {
+        id: "H02",
+        title: "huge sphere",
+        construction: "spheres of radius 10^3 to 10^8 as ground, seen downward from 0.001 to 1 above",
+        oracle: ORACLE,
+        bound: "no wrong decision, t to 1 ulp of f32; ties are right for a sphere moved by 16 roundings of f64",
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: huge,
+    },
+    Case {
+        id: "H03",
+        title: "tangents",
+        construction: "lines that pass the unit sphere's centre at 1 ± k/2^24 radii, k to 64, exactly and turned at random",
+        oracle: ORACLE,
+        bound: "no wrong decision",
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: tangents,
+    },
+    Case {
+        id: "H04",
+        title: "from inside",
+        construction: "rays from the centre, from inside and from the roundings of points on the sphere",
+        oracle: ORACLE,
+        bound: "no wrong root, t to 1 ulp of f32; ties as for H01",
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: from_inside,
+    },
+];
+
+/// By how many roundings, of 2^-53 of the coordinates involved, the sphere may seem to be moved: an answer that is exact
+/// for such a sphere is a tie.
+const MOVED: f64 = 16.0 / (1u64 << 53) as f64;
+
+/// What the exact answer is, and which others rounding explains.
+struct Exact {
+    /// The nearest root that is not behind the origin.
+    t: Option<f64>,
+    /// Both roots, to f64; NaN where there are none.
+    roots: [f64; 2],
+    /// By how much each may be off.
+    slack: f64,
+    /// Whether the line may as well miss.
+    is_tangent: bool,
+}
+
+impl Exact {
+    fn new(sphere: &Sphere, ray: &Ray) -> Exact {
+        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let f = exact::between(o, sphere.center);
+        let direction = exact::exact3(d);
+        let discriminant = exact::discriminant(o, d, sphere.center, sphere.radius);
+        let a = exact::dot(&direction, &direction).wide();
+        let b = -exact::dot(&f, &direction).wide();
+        let r = exact::Exact::of(sphere.radius);
+        let c = exact::dot(&f, &f).minus(&r.times(&r)).wide();
+        let delta = MOVED * (o.length() + sphere.center.length() + sphere.radius);
+        let length = a.nearest().sqrt();
+        let half_chord = discriminant.wide().nearest().abs().sqrt() / length;
+        // r² - h² for a line outside, where h is imaginary: the distance from the sphere is h² / 2r.
+        let is_tangent = half_chord * half_chord <= 2.0 * sphere.radius * delta;
+        let slack = delta * sphere.radius / half_chord.max((sphere.radius * delta).sqrt()) / length;
+        if discriminant.sign() == Ordering::Less {
+            let nearest = b.nearest() / a.nearest();
+            return Exact {
+                t: None,
+                roots: [nearest; 2],
+                slack: slack + half_chord / length,
+                is_tangent,
+            };
+        }
+        let root = discriminant.wide().sqrt();
+        let q = if b < Wide::ZERO { b - root } else { b + root };
+        let mut roots = [(c / q).nearest(), (q / a).nearest()];
+        roots.sort_by(f64::total_cmp);
+        Exact {
+            t: roots.into_iter().find(|&t| t >= 0.0),
+            roots,
+            slack,
+            is_tangent,
+        }
+    }
+
+    /// By how many ulps of f32 `t` is off the root at `exact`.
+    fn ulps(&self, t: f32, exact: f64) -> f64 {
+        (f64::from(t) - exact).abs() / ulp(exact)
+    }
+
+    /// Whether `t` is the root at `exact` of a sphere that is moved by rounding.
+    fn explains(&self, t: f32, exact: f64) -> bool {
+        (f64::from(t) - exact).abs() <= self.slack + ulp(exact)
+    }
+
+    /// Judges an answer and notes its error.
+    fn judge(&self, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+        match (hit, self.t) {
+            (None, None) => Answer::Right,
+            (None, Some(_)) => tie_if(self.is_tangent || self.roots[1] <= self.slack),
+            (Some(hit), Some(t)) if self.explains(hit.t, t) => {
+                let off = self.ulps(hit.t, t);
+                tally.note(off);
+                if off <= 1.0 { Answer::Right } else { Answer::Tie }
+            }
+            (Some(hit), expected) => {
+                let [first, second] = self.roots;
+                let meets = |root: f64| root >= -self.slack && self.explains(hit.t, root);
+                // A root that is as good as at the origin may count or not.
+                let is_open = match expected {
+                    None => self.is_tangent || second.abs() <= self.slack,
+                    Some(_) => first.abs() <= self.slack,
+                };
+                tie_if(is_open && (meets(first) || meets(second)))
+            }
+        }
+    }
+}
+
+fn tie_if(is_tie: bool) -> Answer {
+    if is_tie { Answer::Tie } else { Answer::Wrong }
+}
+
+/// The distance from the f32 nearest to `x` to the next one.
+fn ulp(x: f64) -> f64 {
+    let nearest = (x as f32).abs();
+    f64::from(nearest.next_up()) - f64::from(nearest)
+}
+
+/// Rays at one sphere among others.
+fn at_sphere(
+    trial: &Trial,
+    sphere: Sphere,
+    ray: impl Fn(&mut Random) -> Ray + Sync,
+) -> Result<Tally, AccelError> {
+    let scene = among_others(Shape::Sphere(sphere), sphere.center, sphere.radius);
+    let engine = trial.engine(&scene)?;
+    Ok(trial.nearest(&engine, ray, |ray, hit, tally| {
+        // One of the others may stand in the way.
+        if hit.is_some_and(|hit| hit.instance != 0) {
+            return Answer::Right;
+        }
+        Exact::new(&sphere, ray).judge(hit, tally)
+    }))
+}
+
+/// Rays from so many powers of ten of the radius away.
+fn distant(trial: &Trial, powers: RangeInclusive<i32>) -> Result<Tally, AccelError> {
+    let distances: Vec<f64> = powers.map(|power| 10f64.powi(power)).collect();
+    at_sphere(trial, Sphere::UNIT, |random| {
+        let distance = random.pick(&distances);
+        let origin = (distance * random.direction()).as_vec3();
+        // A point of a ball a little larger than the sphere.
+        let target = 1.05 * random.unit().cbrt() * random.direction();
+        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    })
+}
+
+fn huge(trial: &Trial) -> Result<Tally, AccelError> {
+    const LEAST: i32 = 3;
+    const COUNT: usize = 6;
+    let mut sum = Tally::default();
+    for part in 0..COUNT {
+        let radius = 10f64.powi(LEAST + part as i32);
+        let sphere = Sphere {
+            center: DVec3::new(0.0, -radius, 0.0),
+            radius,
+        };
+        let tally = at_sphere(&trial.part(part, COUNT), sphere, |random| {
+            let height = 10f64.powf(random.within(-3.0, 0.0));
+            let down = random.direction();
+            let direction = DVec3::new(down.x, -down.y.abs(), down.z);
+            Ray::new(Vec3::new(0.0, height as f32, 0.0), direction.as_vec3())
+        })?;
+        sum = sum.with(tally);
+    }
+    Ok(sum)
+}
+
+fn tangents(trial: &Trial) -> Result<Tally, AccelError> {
+    at_sphere(trial, Sphere::UNIT, |random| {
+        let offset = 1.0 + (random.below(129) as f64 - 64.0) * 0.5f64.powi(24);
+        let distance = random.pick(&[2.0, 5.0, 100.0]);
+        if random.below(2) == 0 {
+            // Along an axis, so that the offset is exact where f32 has it.
+            let axis = random.below(3);
+            let sign = random.pick(&[1.0, -1.0]);
+            let mut origin = Vec3::ZERO;
+            origin[axis] = -(sign * distance) as f32;
+            origin[(axis + 1) % 3] = random.pick(&[1.0, -1.0]) * offset as f32;
+            return Ray::new(origin, sign as f32 * Vec3::AXES[axis]);
+        }
+        let direction = random.direction();
+        let beside = direction.cross(random.direction()).normalize_or_zero();
+        let origin = offset * beside - distance * direction;
+        Ray::new(origin.as_vec3(), direction.as_vec3())
+    })
+}
+
+fn from_inside(trial: &Trial) -> Result<Tally, AccelError> {
+    at_sphere(trial, Sphere::UNIT, |random| {
+        let origin = match random.below(4) {
+            0 => DVec3::ZERO,
+            1 => random.unit() * random.direction(),
+            2 => DVec3::AXES[random.below(3)] * random.pick(&[1.0, -1.0]),
+            _ => random.direction(),
+        };
+        let direction = random.direction() * 10f64.powi(random.below(7) as i32 - 3);
+        Ray::new(origin.as_vec3(), direction.as_vec3())
+    })
+}

@@ -1,0 +1,139 @@
+//! Long sums and products: opacities for other steps, light through many layers, samples of a pixel.
+
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::numeric::{LANES, Lanes, Random, Wide};
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H41",
+        title: "corrected opacity",
+        construction: "opacities from 10^-9 to 1 - 2^-24 over 10^-6 to 10^6 times their step",
+        oracle: "exponential and logarithm to 84 bits",
+        bound: "4 ulp",
+        unit: "ulp",
+        asks: Asks::Formulas,
+        required: Closes::Vertices,
+        run: |trial| Ok(trial.in_chunks(|random, count| opacities(trial, random, count))),
+    },
+    Case {
+        id: "H42",
+        title: "transmittance",
+        construction: "depths from 0 to 700 in 1 to 10^7 layers, and some deeper than any float is small",
+        oracle: "exponential to 84 bits",
+        bound: "10^-9 (1 + depth) of itself, 0 where it underflows",
+        unit: "of the bound",
+        asks: Asks::Formulas,
+        required: Closes::Vertices,
+        run: |trial| Ok(layers(trial)),
+    },
+    Case {
+        id: "H43",
+        title: "pixel sums",
+        construction: "sums of 1, of tenths, and of mixtures of 1, 10^8 and 10^-8 over up to 2^30 samples",
+        oracle: "sums to 106 bits",
+        bound: "10^-12 of itself",
+        unit: "of the bound",
+        asks: Asks::Formulas,
+        required: Closes::Vertices,
+        run: |trial| Ok(pixels(trial)),
+    },
+];
+
+/// Most ulps that an opacity may be off.
+const OPACITY_ULPS: f64 = 4.0;
+
+fn opacities(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+    let mut tally = Tally::default();
+    for _ in 0..count {
+        let small = 10f64.powf(random.within(-9.0, 0.0));
+        let alpha = match random.below(2) {
+            0 => small.min(1.0 - 0.5f64.powi(24)),
+            // Near 1, where the logarithm cancels.
+            _ => 1.0 - small.max(0.5f64.powi(24)),
+        };
+        let ratio = 10f64.powf(random.within(-6.0, 6.0));
+        let found = (trial.subject.formulas.corrected_opacity)(alpha, ratio);
+        let exact = -(Wide::of(ratio) * (-Wide::of(alpha)).ln_1p()).exp_m1();
+        let off = exact.ulps_from(found);
+        tally.note(off);
+        tally.count(Answer::wrong_if(!(off <= OPACITY_ULPS)), || {
+            format!("{alpha:e} over {ratio:e} steps is {found:e}, {off} ulp off")
+        });
+    }
+    tally
+}
+
+/// Notes the error of `found` as a share of `bound` and counts it.
+fn hold(tally: &mut Tally, (found, exact): (f64, f64), bound: f64, describe: impl FnOnce() -> String) {
+    let off = (found - exact).abs();
+    let share = if off == 0.0 { 0.0 } else { off / bound };
+    tally.note(share);
+    tally.count(Answer::wrong_if(!(share <= 1.0)), || {
+        format!("{}: {found:e}, not {exact:e}", describe())
+    });
+}
+
+/// One layer, ten, a hundred and so on, up to so many as there are questions.
+fn layers(trial: &Trial) -> Tally {
+    const MOST: u64 = 10_000_000;
+    let mut tally = Tally::default();
+    let mut count = 1;
+    while count <= trial.rays.min(MOST) {
+        for tau in [
+            0.0,
+            1e-12,
+            1e-3,
+            0.1,
+            1.0,
+            3.7,
+            30.0,
+            300.0,
+            700.0,
+            1e4,
+            f64::INFINITY,
+        ] {
+            let layer = tau / count as f64;
+            let found = (trial.subject.formulas.transmittance)(layer, count);
+            // Of what the layers add up to, which is not quite the whole.
+            let depth = Wide::of(layer) * Wide::of(count as f64);
+            let exact = if tau > 745.0 {
+                0.0
+            } else {
+                ((-depth).exp_m1() + Wide::ONE).nearest()
+            };
+            hold(&mut tally, (found, exact), 1e-9 * (1.0 + tau) * exact, || {
+                format!("depth {tau:e} in {count} layers")
+            });
+        }
+        count *= 10;
+    }
+    tally
+}
+
+/// What the samples of a pixel are.
+const MIXTURES: [&[f32]; 4] = [&[1.0], &[0.1], &[1.0, 1e8, 1e-8], &[1e8, 1e-8, -1e8, 1.0]];
+
+fn pixels(trial: &Trial) -> Tally {
+    const MOST: u64 = 1 << 30;
+    let mut tally = Tally::default();
+    // Whole packets, in four sums.
+    let packets = (trial.rays.min(MOST) / LANES as u64).max(1);
+    for (number, mixture) in MIXTURES.iter().enumerate() {
+        let sample = |i: u64| mixture[(i % mixture.len() as u64) as usize];
+        let lanes = |packet: u64| -> Lanes<f32> {
+            std::array::from_fn(|lane| sample(packet * LANES as u64 + lane as u64))
+        };
+        let found = (trial.subject.formulas.pixel_sum)(&lanes, packets);
+        let count = packets * LANES as u64;
+        let (rounds, rest) = (count / mixture.len() as u64, count % mixture.len() as u64);
+        let sum = |part: &[f32]| part.iter().fold(Wide::ZERO, |sum, &x| sum + Wide::of(x.into()));
+        let exact = sum(mixture) * Wide::of(rounds as f64) + sum(&mixture[..rest as usize]);
+        // Where signs mix, of what the absolute values add up to.
+        let size: f64 = mixture.iter().map(|x| f64::from(x.abs())).sum::<f64>() * (rounds + 1) as f64;
+        hold(&mut tally, (found, exact.nearest()), 1e-12 * size, || {
+            format!("mixture {number} of {count} samples")
+        });
+    }
+    tally
+}

@@ -1,0 +1,235 @@
+//! Placed spheres: mirrored, sheared, stretched, tiny and huge, and maps that place nothing.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, Hit};
+use crate::numeric::{Random, Ray, Wide};
+use crate::scene::{Geometry, Instance, Scene};
+use crate::shape::{Shape, Sphere};
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H23",
+        title: "stretched and mirrored",
+        construction: "spheres under maps of condition 1 to 10^4, mirrored, sheared and turned, from 2 to 100 sizes away",
+        oracle: "the map's inverse and the roots to 90 bits",
+        bound: "no wrong decision, t to 1 ulp; ties are right for a sphere moved by 16 roundings of f64 times the condition squared",
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: |trial| placed(trial, stretched),
+    },
+    Case {
+        id: "H24",
+        title: "maps without an inverse",
+        construction: "maps of rank 0, 1 and 2, of condition 10^13, of NaN and infinity; and sound ones of all sizes",
+        oracle: "how each was made",
+        bound: "the former are refused, the latter are not",
+        unit: "",
+        asks: Asks::Formulas,
+        required: Closes::Vertices,
+        run: |trial| Ok(trial.in_chunks(|random, count| singular(trial, random, count))),
+    },
+    Case {
+        id: "H25",
+        title: "parameters kept",
+        construction: "spheres scaled by 10^-6 to 10^6, rays with directions 10^-6 to 10^6 long",
+        oracle: "the map's inverse and the roots to 90 bits",
+        bound: "no wrong decision, t to 1 ulp; ties as for H23",
+        unit: "ulp of t",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: |trial| placed(trial, scaled),
+    },
+];
+
+/// Maps of a case, each with its share of the rays.
+const MAPS: usize = 64;
+/// By how many roundings, of 2^-53 of the coordinates involved, the sphere may seem to be moved, times the square of the
+/// condition number: the inverse is off by that number of roundings of itself, and what it carries is as much larger.
+const MOVED: f64 = 16.0 / (1u64 << 53) as f64;
+
+fn turn(random: &mut Random) -> DMat3 {
+    DMat3::from_quat(DQuat::from_axis_angle(
+        random.direction(),
+        random.within(0.0, 6.0),
+    ))
+}
+
+/// A map of any condition number up to 10^4.
+fn stretched(random: &mut Random) -> DAffine3 {
+    let mut stretch = || 10f64.powf(random.within(-2.0, 2.0)) * random.pick(&[1.0, -1.0]);
+    let diagonal = DMat3::from_diagonal(DVec3::new(stretch(), stretch(), stretch()));
+    let linear = turn(random) * diagonal * turn(random);
+    DAffine3 {
+        matrix3: linear,
+        translation: linear * random.in_cube() * random.pick(&[0.0, 1.0, 10.0]),
+    }
+}
+
+fn scaled(random: &mut Random) -> DAffine3 {
+    let scale = 10f64.powf(random.within(-6.0, 6.0));
+    DAffine3 {
+        matrix3: scale * DMat3::IDENTITY,
+        translation: 10.0 * scale * random.in_cube(),
+    }
+}
+
+fn placed(trial: &Trial, map: fn(&mut Random) -> DAffine3) -> Result<Tally, AccelError> {
+    let mut sum = Tally::default();
+    for part in 0..MAPS {
+        let map = map(&mut Random::new(0x3a9, part as u64));
+        let Ok(instance) = Instance::new("", 0, 0, map) else {
+            continue;
+        };
+        let scene = Scene {
+            geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
+            instances: vec![instance],
+            ..Scene::default()
+        };
+        let engine = trial.engine(&scene)?;
+        let oracle = Oracle::new(&map);
+        let ray = |random: &mut Random| {
+            let distance = 10f64.powf(random.within(0.3, 2.0));
+            let origin = map.transform_point3(distance * random.direction()).as_vec3();
+            let target = map.transform_point3(1.1 * random.unit().cbrt() * random.direction());
+            let length = 10f64.powf(random.within(-6.0, 6.0));
+            let way = (target - origin.as_dvec3()).normalize_or_zero();
+            Ray::new(origin, (length * way).as_vec3())
+        };
+        let tally = trial
+            .part(part, MAPS)
+            .nearest(&engine, ray, |ray, hit, tally| oracle.judge(ray, hit, tally));
+        sum = sum.with(tally);
+    }
+    Ok(sum)
+}
+
+type Wide3 = [Wide; 3];
+
+fn dot(a: Wide3, b: Wide3) -> Wide {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: Wide3, b: Wide3) -> Wide3 {
+    [0, 1, 2].map(|k| {
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        a[i] * b[j] - a[j] * b[i]
+    })
+}
+
+fn wide(v: DVec3) -> Wide3 {
+    v.to_array().map(Wide::of)
+}
+
+/// The unit sphere under a map.
+struct Oracle {
+    /// Rows of the inverse of the linear part.
+    inverse: [Wide3; 3],
+    translation: Wide3,
+    condition: f64,
+}
+
+impl Oracle {
+    fn new(map: &DAffine3) -> Oracle {
+        let [a, b, c] = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis].map(wide);
+        let rows = [cross(b, c), cross(c, a), cross(a, b)];
+        let determinant = dot(a, rows[0]);
+        let norm = |m: DMat3| (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element();
+        Oracle {
+            inverse: rows.map(|row| row.map(|x| x / determinant)),
+            translation: wide(map.translation),
+            condition: norm(map.matrix3) * norm(map.matrix3.inverse()),
+        }
+    }
+
+    /// In object space.
+    fn carried(&self, v: Wide3) -> Wide3 {
+        self.inverse.map(|row| dot(row, v))
+    }
+
+    /// Both roots for the sphere of radius 1 + `delta`.
+    fn roots(&self, ray: &Ray, delta: f64) -> Option<[f64; 2]> {
+        let o = wide(ray.origin.as_dvec3());
+        let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
+        let d = self.carried(wide(ray.direction.as_dvec3()));
+        let radius = Wide::ONE + Wide::of(delta);
+        let (a, b, c) = (dot(d, d), -dot(o, d), dot(o, o) - radius * radius);
+        let discriminant = b * b - a * c;
+        (discriminant > Wide::ZERO).then(|| {
+            let root = discriminant.sqrt();
+            let q = if b < Wide::ZERO { b - root } else { b + root };
+            let mut roots = [(c / q).nearest(), (q / a).nearest()];
+            roots.sort_by(f64::total_cmp);
+            roots
+        })
+    }
+
+    /// Rays start outside: the first root ahead is the entry.
+    fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+        let o = wide(ray.origin.as_dvec3());
+        let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
+        let place = self.carried(self.translation);
+        let length = |v: Wide3| dot(v, v).sqrt().nearest();
+        let far = 1.0 + length(o) + length(place);
+        let delta = MOVED * self.condition * self.condition * far;
+        let [inner, exact, outer] = [-delta, 0.0, delta].map(|delta| self.roots(ray, delta));
+        let ahead = |roots: Option<[f64; 2]>| roots.filter(|roots| roots[0] > 0.0).map(|roots| roots[0]);
+        match (hit, ahead(exact)) {
+            (None, None) => Answer::Right,
+            (None, Some(_)) if ahead(inner).is_none() => Answer::Tie,
+            (None, Some(_)) => Answer::Wrong,
+            (Some(hit), expected) => {
+                let ulp = f64::from(hit.t.next_up()) - f64::from(hit.t);
+                let t = f64::from(hit.t);
+                if let Some(exact) = expected {
+                    let off = (t - exact).abs() / ulp;
+                    if off <= 1.0 {
+                        tally.note(off);
+                        return Answer::Right;
+                    }
+                }
+                let Some(low) = ahead(outer) else {
+                    return Answer::Wrong;
+                };
+                let high = ahead(inner).or(outer.map(|roots| roots[1])).unwrap_or(low);
+                let is_between = low - ulp <= t && t <= high + ulp;
+                if is_between { Answer::Tie } else { Answer::Wrong }
+            }
+        }
+    }
+}
+
+/// A map, and whether it is to be refused.
+fn any_map(random: &mut Random) -> (DMat3, bool) {
+    let (left, right) = (turn(random), turn(random));
+    let size = 10f64.powf(random.within(-30.0, 30.0));
+    let between = |random: &mut Random| random.within(0.1, 1.0);
+    let (diagonal, is_bad) = match random.below(6) {
+        0 => (DVec3::ZERO, true),
+        1 => (DVec3::X, true),
+        2 => (DVec3::new(1.0, 0.5, 0.0), true),
+        3 => (DVec3::new(1.0, 1.0, 1e-13 * between(random)), true),
+        4 => (
+            DVec3::new(1.0, random.pick(&[f64::NAN, f64::INFINITY]), 1.0),
+            true,
+        ),
+        // Half a million times below what is refused.
+        _ => (DVec3::new(1.0, between(random), 1e-6 * between(random)), false),
+    };
+    (size * left * DMat3::from_diagonal(diagonal) * right, is_bad)
+}
+
+fn singular(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+    let mut tally = Tally::default();
+    for _ in 0..count {
+        let (matrix, is_bad) = any_map(random);
+        let is_refused = !(trial.subject.formulas.is_invertible)(&DAffine3::from_mat3(matrix));
+        tally.count(Answer::wrong_if(is_bad != is_refused), || {
+            format!("{matrix:?}: {}", if is_refused { "refused" } else { "taken" })
+        });
+    }
+    tally
+}

@@ -1,0 +1,253 @@
+//! One case put to one path: rays in chunks, all at once, and what is counted.
+
+use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::accel::{Accel, AccelError, EmbreeIdentity, Hit, LANES, RayOrder, RayPacket};
+use crate::numeric::{Lanes, Random, Ray};
+use crate::optics::{Fresnel, Refraction};
+use crate::scene::Scene;
+
+/// Builds what finds the hits of a scene.
+pub type Build<'a> = dyn for<'s> Fn(&'s Scene) -> Result<Box<dyn Accel + 's>, AccelError> + Sync + 'a;
+
+/// What is put to the test.
+pub struct Subject<'a> {
+    /// What finds hits.
+    pub build: &'a Build<'a>,
+    /// What is computed without a scene.
+    pub formulas: Formulas,
+}
+
+/// The formulas that cases ask, so that a test may put a careless one in the place of any.
+#[derive(Clone, Copy)]
+pub struct Formulas {
+    /// As [`crate::optics::dielectric`].
+    pub dielectric: fn(f64, f64, f64) -> Fresnel,
+    /// As [`crate::optics::refract`].
+    pub refract: fn(DVec3, DVec3, f64, f64) -> Option<Refraction>,
+    /// As [`crate::volume::composite::corrected_opacity`].
+    pub corrected_opacity: fn(f64, f64) -> f64,
+    /// The share of light that comes through so many layers of that depth, as [`crate::volume::transmittance_of`].
+    pub transmittance: fn(f64, u64) -> f64,
+    /// The white light seen in an even medium of an extinction over a length of at most 2, in steps of a length, and the
+    /// share let through: what [`crate::volume::March`] makes of it.
+    pub march: fn(f64, f64, f64) -> [f64; 2],
+    /// The sum of so many packets of samples, as [`crate::render::pixel_sum`].
+    pub pixel_sum: fn(&dyn Fn(u64) -> Lanes<f32>, u64) -> f64,
+    /// Whether a geometry can be placed by that map, as [`crate::scene::Instance::new`] has it.
+    pub is_invertible: fn(&DAffine3) -> bool,
+    /// As [`crate::numeric::spawn_point`].
+    pub spawn_point: fn(DVec3, DVec3, f64) -> glam::Vec3,
+}
+
+impl Formulas {
+    /// Those of the renderer.
+    pub const OURS: Formulas = Formulas {
+        dielectric: crate::optics::dielectric,
+        refract: crate::optics::refract,
+        corrected_opacity: crate::volume::composite::corrected_opacity,
+        transmittance: |layer, count| crate::volume::transmittance_of((0..count).map(|_| layer)),
+        march: super::marches::march,
+        pixel_sum: |packet, count| crate::render::pixel_sum((0..count).map(packet)),
+        is_invertible: |map| crate::scene::Instance::new("", 0, 0, *map).is_ok(),
+        spawn_point: crate::numeric::spawn_point,
+    };
+}
+
+/// What was counted.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Tally {
+    /// Questions asked: rays, or arguments of a formula.
+    pub rays: u64,
+    /// Answers that are wrong by more than the bound on rounding.
+    pub wrong: u64,
+    /// Answers that differ from the exact one within that bound.
+    pub ties: u64,
+    /// The largest error met, in the unit of the case; 0 where it has none.
+    pub worst: f64,
+    /// The first wrong answer, to be asked again.
+    pub example: Option<String>,
+}
+
+/// How one answer compares with the exact one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answer {
+    Right,
+    Tie,
+    Wrong,
+}
+
+impl Answer {
+    /// Wrong if `is_wrong`, else right.
+    pub(super) fn wrong_if(is_wrong: bool) -> Answer {
+        if is_wrong { Answer::Wrong } else { Answer::Right }
+    }
+}
+
+impl Tally {
+    /// Counts one answer.
+    pub(super) fn count(&mut self, answer: Answer, describe: impl FnOnce() -> String) {
+        self.rays += 1;
+        match answer {
+            Answer::Right => {}
+            Answer::Tie => self.ties += 1,
+            Answer::Wrong => {
+                self.wrong += 1;
+                self.example.get_or_insert_with(describe);
+            }
+        }
+    }
+
+    /// Notes an error, in the unit of the case.
+    pub(super) fn note(&mut self, error: f64) {
+        // A NaN is as bad as can be.
+        let error = if error.is_nan() { f64::INFINITY } else { error };
+        self.worst = self.worst.max(error);
+    }
+
+    /// Both together.
+    pub(super) fn with(self, other: Tally) -> Tally {
+        Tally {
+            rays: self.rays + other.rays,
+            wrong: self.wrong + other.wrong,
+            ties: self.ties + other.ties,
+            worst: self.worst.max(other.worst),
+            example: self.example.or(other.example),
+        }
+    }
+}
+
+/// Questions of a chunk: so many that threads share the work, so few that memory does not count.
+const CHUNK: u64 = 4096;
+
+/// One case put to one subject.
+pub(super) struct Trial<'a> {
+    pub(super) subject: &'a Subject<'a>,
+    /// How many questions, about.
+    pub(super) rays: u64,
+    seed: u64,
+}
+
+impl<'a> Trial<'a> {
+    /// The trial of a case: its name says which random numbers it takes.
+    pub(super) fn new(id: &str, rays: u64, subject: &'a Subject<'a>) -> Trial<'a> {
+        let seed = id.bytes().fold(0, |seed: u64, byte| seed << 8 | u64::from(byte));
+        Trial { subject, rays, seed }
+    }
+
+    /// The same with its share of the rays, where a case consists of `count` parts; this is number `part`.
+    pub(super) fn part(&self, part: usize, count: usize) -> Trial<'a> {
+        Trial {
+            subject: self.subject,
+            rays: (self.rays / count as u64).max(1),
+            seed: Random::new(self.seed, part as u64).bits(),
+        }
+    }
+
+    /// Builds what finds the hits of `scene`.
+    pub(super) fn engine<'s>(&self, scene: &'s Scene) -> Result<Engine<'s>, AccelError> {
+        (self.subject.build)(scene).map(Engine)
+    }
+
+    /// Asks `ask` for the questions of each chunk and adds up what it counts: the same for every number of threads.
+    pub(super) fn in_chunks(&self, ask: impl Fn(&mut Random, usize) -> Tally + Sync) -> Tally {
+        let chunk = |index: u64| {
+            let count = CHUNK.min(self.rays - index * CHUNK);
+            ask(&mut Random::new(self.seed, index), count as usize)
+        };
+        let tallies: Vec<Tally> = (0..self.rays.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(chunk)
+            .collect();
+        tallies.into_iter().fold(Tally::default(), Tally::with)
+    }
+
+    /// Asks for the nearest hits of rays that `ray` makes, and counts what `judge` says of each.
+    pub(super) fn nearest(
+        &self,
+        engine: &Engine,
+        ray: impl Fn(&mut Random) -> Ray + Sync,
+        judge: impl Fn(&Ray, Option<Hit>, &mut Tally) -> Answer + Sync,
+    ) -> Tally {
+        self.in_chunks(|random, count| {
+            let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
+            let mut tally = Tally::default();
+            for (ray, hit) in rays.iter().zip(engine.nearest(&rays, order(random))) {
+                let answer = judge(ray, hit, &mut tally);
+                tally.count(answer, || describe(ray, hit));
+            }
+            tally
+        })
+    }
+}
+
+/// Either order: it changes the speed, never the answer.
+pub(super) fn order(random: &mut Random) -> RayOrder {
+    random.pick(&[RayOrder::Coherent, RayOrder::Incoherent])
+}
+
+/// A ray and what was answered, so that both can be had again.
+pub(super) fn describe(ray: &Ray, hit: Option<Hit>) -> String {
+    let Ray {
+        origin: o,
+        direction: d,
+        t_near,
+        t_far,
+        ..
+    } = ray;
+    let answer = hit.map_or("nothing".to_owned(), |hit| {
+        format!(
+            "instance {} primitive {} at {:e}",
+            hit.instance, hit.primitive, hit.t
+        )
+    });
+    format!(
+        "from [{:e}, {:e}, {:e}] along [{:e}, {:e}, {:e}] between {t_near:e} and {t_far:e}: {answer}",
+        o.x, o.y, o.z, d.x, d.y, d.z
+    )
+}
+
+/// What was built over a scene.
+pub(super) struct Engine<'s>(Box<dyn Accel + 's>);
+
+impl Engine<'_> {
+    /// The rays in packets, asked for their nearest hits.
+    pub(super) fn traced(&self, rays: &[Ray], order: RayOrder) -> Vec<RayPacket> {
+        let mut packets = packets(rays);
+        self.0.intersect(&mut packets, order);
+        packets
+    }
+
+    /// The nearest hit of each ray.
+    pub(super) fn nearest(&self, rays: &[Ray], order: RayOrder) -> Vec<Option<Hit>> {
+        let packets = self.traced(rays, order);
+        (0..rays.len())
+            .map(|i| packets[i / LANES].hit(i % LANES))
+            .collect()
+    }
+
+    /// Whether each ray meets anything.
+    pub(super) fn blocked(&self, rays: &[Ray], order: RayOrder) -> Vec<bool> {
+        let mut packets = packets(rays);
+        self.0.occluded(&mut packets, order);
+        (0..rays.len())
+            .map(|i| packets[i / LANES].is_blocked(i % LANES))
+            .collect()
+    }
+}
+
+/// Which Embree a subject's is, if it is one.
+pub(super) fn embree_identity(subject: &Subject) -> Result<Option<EmbreeIdentity>, AccelError> {
+    let scene = Scene::default();
+    Ok((subject.build)(&scene)?.report().embree)
+}
+
+fn packets(rays: &[Ray]) -> Vec<RayPacket> {
+    let mut packets = vec![RayPacket::EMPTY; rays.len().div_ceil(LANES)];
+    for (i, ray) in rays.iter().enumerate() {
+        packets[i / LANES].set(i % LANES, ray);
+    }
+    packets
+}

@@ -189,7 +189,9 @@ fn loaded(name: &str, text: &str) -> FiledScene {
 const SCENES: [&str; 3] = ["table_of_shapes.toml", "glass_of_water.toml", "first_light.gltf"];
 
 fn picture(scene: &FiledScene, backend: Backend) -> LinearImage {
-    scene.picture(backend, &scene.settings(320, 1))
+    /// Pixels a row.
+    const WIDTH: u32 = 192;
+    scene.picture(backend, &scene.settings(WIDTH, 1))
 }
 
 /// How many pixels differ by more than a step of an 8-bit picture.

@@ -47,6 +47,11 @@ pub const PATHS: &[Path] = &[
         closes: Closes::Edges,
     },
     Path {
+        name: "embree watertight",
+        accel: Some((Backend::Embree, Precision::Watertight, Kernel::Packet)),
+        closes: Closes::Vertices,
+    },
+    Path {
         name: "bsp",
         accel: Some((Backend::Bsp, Precision::Watertight, Kernel::Packet)),
         closes: Closes::Vertices,

@@ -66,7 +66,7 @@ pub fn table(rows: &[VerifyRow]) -> String {
             let _ = writeln!(text, "\n{} {}: {}", row.case.id, row.case.title, row.case.bound);
             let _ = writeln!(
                 text,
-                "    {:14} {:7} {:>12} {:>10} {:>10} {:>16}",
+                "    {:17} {:7} {:>12} {:>10} {:>10} {:>16}",
                 "path", "isa", "rays", "wrong", "ties", "worst"
             );
             last = row.case.id;
@@ -75,7 +75,7 @@ pub fn table(rows: &[VerifyRow]) -> String {
         let isa = row.outcome.embree.as_ref().map_or("", |embree| &embree.isa);
         let _ = writeln!(
             text,
-            "    {:14} {:7} {:>12} {:>10} {:>10} {:>16}  {}",
+            "    {:17} {:7} {:>12} {:>10} {:>10} {:>16}  {}",
             row.path,
             isa,
             tally.rays,

@@ -1,8 +1,9 @@
 //! The cone x² + y² = w², w = (1 - z) / 2, between its base at z = -1 and its apex at z = 1.
 //!
 //! The discriminant is a sum of cross products (Lagrange's identity in the metric + + -), and the line is first moved
-//! to its point nearest to the origin: `a` vanishes for lines along the wall, so `a t²` would magnify its rounding for
-//! a distant ray. The finite root survives `a = 0`: there is no special case.
+//! to its point nearest to the apex: `a` vanishes for lines along the wall, so `a t²` would magnify its rounding for
+//! a distant ray, and beside the apex all that counts is as small as the distance from it. The finite root survives
+//! `a = 0`: there is no special case.
 
 use std::f64::consts::TAU;
 
@@ -49,8 +50,8 @@ impl Cone {
 #[inline(always)]
 fn wall_span(ray: &ShapeRay) -> Span {
     let d = ray.direction;
-    let (shift, o) = nearest_to_origin(ray.origin, d);
-    let (w, dw) = (0.5 * (1.0 - o.z), -0.5 * d.z);
+    let (shift, o) = nearest_to_origin(ray.origin - DVec3::Z, d);
+    let (w, dw) = (-0.5 * o.z, -0.5 * d.z);
     let a = d.x * d.x + d.y * d.y - dw * dw;
     let b = w * dw - (o.x * d.x + o.y * d.y);
     let rho = (o.x * o.x + o.y * o.y).sqrt();

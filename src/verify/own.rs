@@ -223,7 +223,8 @@ fn place(scene: &Scene, ray: &Ray, hits: [Option<Hit>; 2]) -> Place {
     }
     let any = |of: fn(&View) -> bool| views.iter().any(of);
     let is_same = |a: f64, b: f64| (a - b).abs() <= SAME_T * a.abs().max(b.abs());
-    let ends = [f64::from(ray.t_near), f64::from(ray.t_far)];
+    let ends = [ray.t_near, ray.t_far].map(f64::from).into_iter();
+    let ends: Vec<f64> = ends.filter(|end| end.is_finite()).collect();
     if any(|view| view.near_edges >= 2) {
         Place::Vertex
     } else if any(|view| view.near_edges == 1) {

@@ -109,9 +109,7 @@ fn cone() -> Solid {
     Solid {
         shape: Shape::Cone(Cone { capped: true }),
         inside: Box::new(inside),
-        // Beside the apex and along a generator the plain quadratic loses digits: a cone is only as exact as 2^-28 of its
-        // size there, which f32 does not show.
-        roundings: 33_554_432.0,
+        roundings: 16.0,
         corners: Vec::new(),
     }
 }

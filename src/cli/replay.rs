@@ -33,6 +33,7 @@ impl RaySet {
         // Raw calls check nothing.
         packets.iter_mut().for_each(|packet| {
             packet.drop_untraceable();
+            empty_idle_lanes(packet);
         });
         packets.retain(RayPacket::any_active);
         let packets = thinned(packets, MOST_PACKETS);
@@ -90,6 +91,16 @@ impl RaySet {
         match self.kind {
             RayKind::Camera | RayKind::Shadow => RayOrder::Coherent,
             RayKind::Reflection | RayKind::Random => RayOrder::Incoherent,
+        }
+    }
+}
+
+/// Leaves lanes that are off no interval: a processor that takes packets of eight at most has Embree ask for lanes of a packet
+/// of sixteen by their intervals alone, and whatever else they hold must not be looked at.
+fn empty_idle_lanes(packet: &mut RayPacket) {
+    for lane in 0..LANES {
+        if !packet.is_active(lane) {
+            packet.t_far[lane] = f32::NEG_INFINITY;
         }
     }
 }

@@ -7,8 +7,9 @@ use crate::accel::{RayOrder, RayPacket};
 impl EmbreeAccel<'_> {
     /// `rtcIntersect16` on every packet and nothing else.
     ///
-    /// Only for packets that went through [`RayPacket::drop_untraceable`]: Embree 3.13 as Debian builds it ends the
-    /// process on an active lane with a NaN or an infinite coordinate, and over its own instances on one beyond 2^36.
+    /// Only for packets that went through [`RayPacket::drop_untraceable`] and whose other lanes end before they begin:
+    /// Embree 3.13 as Debian builds it ends the process on a lane with a NaN or an infinite coordinate, on processors
+    /// without packets of 16 even if it is off, and over its own instances on one beyond 2^36.
     pub fn raw_intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
         let scene = self.world.as_ref();
         let mut query = new_query(scene.order(order));

@@ -184,8 +184,9 @@ fn any_mesh(random: &mut Random) -> Mesh {
     )
 }
 
-/// Reach of a ray at a triangle below which edge functions lose digits: 2^-50, whose square times 2^-24 is just normal.
-const SMALLEST: f32 = 1.0 / (1u64 << 50) as f32;
+/// Reach of a ray at a triangle below which the sums of a parameter lose digits: 2^-34, as a distance times an edge function
+/// is of its cube, and that times 2^-24 is just normal.
+const SMALLEST: f32 = 1.0 / (1u64 << 34) as f32;
 
 fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
     let engine = trial.engine(scene)?;

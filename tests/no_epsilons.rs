@@ -9,6 +9,9 @@ use std::path::{Path, PathBuf};
 /// Numbers below this look like tolerances.
 const SMALL: f64 = 1e-3;
 
+/// The folder whose numbers are asked for: hard cases and how right their answers must be. No picture depends on them.
+const PROOFS: &str = "verify/";
+
 /// The file under `src`, the number, and what it is.
 const ALLOWED: &[(&str, &str, &str)] = &[
     (
@@ -57,6 +60,11 @@ const ALLOWED: &[(&str, &str, &str)] = &[
         "numeric/spawn.rs",
         "5.960_464_5e-8",
         "2^-24, the rounding of f32, of values at hand",
+    ),
+    (
+        "numeric/wide.rs",
+        "2.319_046_813_846_299_6e-17",
+        "the low part of ln 2",
     ),
     (
         "optics/dispersion.rs",
@@ -161,6 +169,9 @@ fn every_small_number_is_known_to_be_no_tolerance() {
     let mut unknown = Vec::new();
     for file in files {
         let name = file.strip_prefix(&root).unwrap().to_str().unwrap().to_owned();
+        if name.starts_with(PROOFS) {
+            continue;
+        }
         let text = fs::read_to_string(&file).unwrap();
         for (number, line) in code(&text).enumerate() {
             for small in small_numbers(line) {

@@ -1,14 +1,13 @@
 //! Recorded rays and their replay: the same rays, copied the same way, through one backend after the other.
 
-use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Instant;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use crate::accel::agreement::{self, Agreement};
 use crate::accel::{Accel, Hit, LANES, RayOrder, RayPacket};
-use crate::numeric::{Bounds, Ray};
+use crate::numeric::{Bounds, Random, Ray};
 use crate::report::bench::{Mode, RayKind};
 use crate::scene::Scene;
 
@@ -50,7 +49,7 @@ impl RaySet {
     pub(super) fn random(bounds: &Bounds, count: usize) -> RaySet {
         let mut packets = Vec::new();
         if !bounds.is_empty() {
-            let mut random = SplitMix(0x5eed);
+            let mut random = Random::new(0x5eed, 0);
             packets.resize_with(count.min(MOST_PACKETS * LANES).div_ceil(LANES), || {
                 let mut packet = RayPacket::EMPTY;
                 for lane in 0..LANES {
@@ -119,33 +118,14 @@ fn thinned(packets: Vec<RayPacket>, most: usize) -> Vec<RayPacket> {
         .collect()
 }
 
-/// The generator of Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014.
-struct SplitMix(u64);
-
-impl SplitMix {
-    /// Uniform in [0, 1).
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^= z >> 31;
-        // The 53 bits that an f64 holds.
-        (z >> 11) as f64 * 0.5f64.powi(53)
-    }
-}
-
-fn random_ray(bounds: &Bounds, random: &mut SplitMix) -> Ray {
-    let position = DVec3::new(random.next(), random.next(), random.next());
-    let z = 2.0 * random.next() - 1.0;
-    let (sin, cos) = (TAU * random.next()).sin_cos();
-    let radius = (1.0 - z * z).sqrt();
+fn random_ray(bounds: &Bounds, random: &mut Random) -> Ray {
+    let position = DVec3::new(random.unit(), random.unit(), random.unit());
     Ray {
         origin: (bounds.min + position * bounds.extent()).as_vec3(),
-        direction: Vec3::new((radius * cos) as f32, (radius * sin) as f32, z as f32),
+        direction: random.direction().as_vec3(),
         t_near: 0.0,
         t_far: f32::INFINITY,
-        time: random.next() as f32,
+        time: random.unit() as f32,
     }
 }
 
@@ -258,6 +238,8 @@ fn shadow_agreement(scene: &Scene, ray: &Ray, accels: [&dyn Accel; 2], blocked: 
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
 
     #[test]

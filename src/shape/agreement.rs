@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::oracle::{Intervals, at, cut, dot, inside_quadric, inside_torus, is_within, whole};
+use super::oracle::{Intervals, at, cut, dodecahedron, dot, inside_quadric, inside_torus, is_within, whole};
 use super::{
     Cone, Cylinder, HalfSpace, Implicit, Leaving, Polyhedron, Quadric, Shape, ShapeRay, Side, Sphere, Torus,
 };
@@ -87,24 +87,6 @@ fn box_half_spaces(axes: std::ops::Range<usize>) -> Vec<HalfSpace> {
         })
     })
     .collect()
-}
-
-fn dodecahedron() -> Vec<HalfSpace> {
-    let golden = 0.5 * (1.0 + 5f64.sqrt());
-    let mut all = Vec::new();
-    for (a, b) in [(1.0, golden), (1.0, -golden), (-1.0, golden), (-1.0, -golden)] {
-        for n in [
-            DVec3::new(0.0, a, b),
-            DVec3::new(a, b, 0.0),
-            DVec3::new(b, 0.0, a),
-        ] {
-            all.push(HalfSpace {
-                n: n.normalize(),
-                h: 0.75,
-            });
-        }
-    }
-    all
 }
 
 fn referees() -> Vec<Referee> {

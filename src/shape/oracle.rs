@@ -6,6 +6,7 @@
 
 use glam::DVec3;
 
+use super::HalfSpace;
 use crate::numeric::Wide;
 
 /// A point or vector of wide numbers.
@@ -23,6 +24,25 @@ pub(crate) fn dot(a: Wide3, b: Wide3) -> Wide {
 pub(crate) fn at(o: DVec3, d: DVec3, t: Wide) -> Wide3 {
     let (o, d) = (wide3(o), wide3(d));
     [0, 1, 2].map(|k| o[k] + t * d[k])
+}
+
+/// The faces of a dodecahedron whose inscribed sphere has a radius of 3/4.
+pub(crate) fn dodecahedron() -> Vec<HalfSpace> {
+    let golden = 0.5 * (1.0 + 5f64.sqrt());
+    let mut all = Vec::new();
+    for (a, b) in [(1.0, golden), (1.0, -golden), (-1.0, golden), (-1.0, -golden)] {
+        for n in [
+            DVec3::new(0.0, a, b),
+            DVec3::new(a, b, 0.0),
+            DVec3::new(b, 0.0, a),
+        ] {
+            all.push(HalfSpace {
+                n: n.normalize(),
+                h: 0.75,
+            });
+        }
+    }
+    all
 }
 
 /// Disjoint intervals in ascending order.

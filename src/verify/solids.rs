@@ -16,7 +16,7 @@ use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{Random, Ray};
-use crate::shape::oracle::{Intervals, cut, inside_quadric, inside_torus, whole};
+use crate::shape::oracle::{self, Intervals, cut, inside_quadric, inside_torus, whole};
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Torus};
 
 const ORACLE: &str = "where the line is inside the solid made smaller and larger by rounding, to 100 bits";
@@ -165,21 +165,7 @@ fn cube() -> Solid {
 }
 
 fn dodecahedron() -> Solid {
-    let golden = 0.5 * (1.0 + 5f64.sqrt());
-    let mut all = Vec::new();
-    for (a, b) in [(1.0, golden), (1.0, -golden), (-1.0, golden), (-1.0, -golden)] {
-        for n in [
-            DVec3::new(0.0, a, b),
-            DVec3::new(a, b, 0.0),
-            DVec3::new(b, 0.0, a),
-        ] {
-            all.push(HalfSpace {
-                n: n.normalize(),
-                h: 0.75,
-            });
-        }
-    }
-    match Polyhedron::from_half_spaces(&all) {
+    match Polyhedron::from_half_spaces(&oracle::dodecahedron()) {
         // As it is held, its normals brought to unit length again.
         Ok(polyhedron) => {
             let half_spaces = polyhedron.half_spaces().to_vec();

@@ -52,9 +52,10 @@ fn has_tiny(packet: &RayPacket) -> bool {
     let [x, y, z] = &packet.direction;
     let mut any = false;
     for lane in 0..LANES {
-        // Without their signs, floats are ordered as their bits are; lanes that are off do not matter.
+        // Without their signs, floats are ordered as their bits are. Lanes that are off often have no direction at all.
         let size = |x: f32| x.to_bits() & 0x7fff_ffff;
-        any |= size(x[lane]).max(size(y[lane])).max(size(z[lane])) < SMALL.to_bits();
+        let is_tiny = size(x[lane]).max(size(y[lane])).max(size(z[lane])) < SMALL.to_bits();
+        any |= is_tiny & packet.is_active(lane);
     }
     any
 }

@@ -4,6 +4,7 @@
 //! 2 bad usage or bad input; 130 interrupted.
 
 mod args;
+mod asked_again;
 mod bench;
 mod extents;
 mod failure;

@@ -34,3 +34,9 @@ pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Fail
     })?;
     Ok(())
 }
+
+/// Writes `text` to `path`, whole or not at all.
+pub(super) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    write_atomically(path, |file| file.write_all(text.as_bytes()))?;
+    Ok(())
+}

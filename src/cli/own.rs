@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::accel::{self, Accel, AccelOptions, Backend};
-use crate::image::check_writable;
-use crate::render;
+use crate::image::{self, ImageFormat, LinearImage, ToneMap, check_writable};
+use crate::render::{self, Monitor, RenderSettings};
 use crate::report::own::OwnReport;
-use crate::scene::{EffectSet, Geometry, Scene};
+use crate::report::{overlay, own_page};
+use crate::scene::{Camera, EffectSet, Geometry, Scene};
 use crate::scene_file::{Output, SceneFile};
-use crate::verify::{Hygiene, Question, compare_all};
+use crate::verify::{Difference, Hygiene, RayKind, RaysFile, compare_all};
 
 use super::args::VerifyArgs;
 use super::failure::Failure;
@@ -19,41 +20,84 @@ use super::output;
 use super::progress::{Progress, Verbosity};
 use super::scene;
 
+/// Samples a pixel of a picture that differences are drawn over.
+const OVERLAY_SPP: u32 = 4;
+
 /// Checks each scene that the arguments name.
 pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
-    if let Some(path) = &args.json {
-        check_writable(path)?;
-    }
+    check_outputs(args)?;
     let tracing = Tracing::of_threads(args.threads);
     let pool = tracing.pool()?;
     let progress = Progress::new(Verbosity::Normal);
-    let mut reports = Vec::new();
+    let options = AccelOptions {
+        threads: tracing.threads,
+        isa: args.isa.clone(),
+        ..AccelOptions::default()
+    };
+    let mut checked = Vec::new();
     for path in &args.scenes {
         interrupt::check()?;
         let name = path.display().to_string();
         progress.phase(&name, "load");
-        let file = pool.install(|| scene::load(path, EffectSet::NONE))?;
-        progress.phase(&name, "compare");
-        let options = AccelOptions {
-            threads: tracing.threads,
-            isa: args.isa.clone(),
-            ..AccelOptions::default()
-        };
-        let report = pool.install(|| check(path, &file, args, &options))?;
-        progress.suspend(|| output::print(&report.text()))?;
-        reports.push(report);
+        let done = pool
+            .install(|| scene::load(path, EffectSet::NONE))
+            .and_then(|file| {
+                progress.phase(&name, "compare");
+                pool.install(|| check(path, &file, args, &options))
+            });
+        match done {
+            Ok(done) => {
+                progress.suspend(|| output::print(&done.report.text()))?;
+                checked.push(done);
+            }
+            // One that fails does not keep the others from being checked.
+            Err(failure) if args.scenes.len() > 1 && !matches!(failure, Failure::Interrupted) => {
+                progress.suspend(|| failure.print());
+            }
+            Err(failure) => return Err(failure),
+        }
     }
     progress.clear();
-    if let Some(path) = &args.json {
-        interrupt::finish_first(|| output::write_json(path, &reports))?;
+    write(args, &checked)?;
+    verdict(args, &checked)
+}
+
+/// What can be told before any scene is opened.
+fn check_outputs(args: &VerifyArgs) -> Result<(), Failure> {
+    let of_one = [
+        ("--overlay", &args.overlay),
+        ("--rays-out", &args.rays_out),
+        ("--replay", &args.replay),
+    ];
+    if let Some((flag, _)) = of_one.iter().find(|(_, file)| file.is_some())
+        && args.scenes.len() > 1
+    {
+        return Err(Failure::Input(format!("`{flag}` is for one scene: name one")));
     }
-    match reports.iter().filter(|report| report.is_wrong()).count() {
-        0 => Ok(()),
-        wrong => Err(Failure::Work(format!(
-            "backends differ by more than rounding in {wrong} of {} scenes",
-            reports.len()
-        ))),
+    if let Some(path) = &args.overlay
+        && ImageFormat::of_path(path) != Some(ImageFormat::Png)
+    {
+        return Err(Failure::Input(format!(
+            "an overlay is a PNG: end the name {} in .png",
+            path.display()
+        )));
     }
+    for path in [&args.json, &args.html, &args.overlay, &args.rays_out]
+        .into_iter()
+        .flatten()
+    {
+        check_writable(path)?;
+    }
+    Ok(())
+}
+
+/// A scene that was checked.
+struct Checked {
+    report: OwnReport,
+    /// The picture with what differs, where it was asked for.
+    overlay: Option<LinearImage>,
+    /// Instances, and triangles and parts of shapes.
+    holds: [u64; 2],
 }
 
 fn check(
@@ -61,12 +105,12 @@ fn check(
     SceneFile { scene, output, .. }: &SceneFile,
     args: &VerifyArgs,
     options: &AccelOptions,
-) -> Result<OwnReport, Failure> {
+) -> Result<Checked, Failure> {
     let picture = Output {
         size: args.size.map(|size| [size.width, size.height]),
         ..Output::default()
     };
-    let settings = render::RenderSettings {
+    let settings = RenderSettings {
         spp: 1,
         adaptive: None,
         ..settings(&picture.or(output))?
@@ -81,24 +125,59 @@ fn check(
     let accels: [&dyn Accel; 2] = [&*first, &*second];
     let recorded = render::record(scene, camera, accels[0], &settings);
     interrupt::check()?;
-    let kinds = [
-        ("camera", recorded.camera, Question::Nearest),
-        ("shadow", recorded.shadow, Question::Blocked),
-        ("reflection", recorded.reflection, Question::Nearest),
-    ];
+    let packets = [recorded.camera, recorded.shadow, recorded.reflection];
     let mut rays = BTreeMap::new();
-    for (kind, packets, question) in kinds {
+    for (kind, packets) in RayKind::ALL.into_iter().zip(packets) {
         interrupt::check()?;
-        rays.insert(kind, compare_all(scene, accels, &packets, question));
+        rays.insert(kind.word(), compare_all(scene, accels, &packets, kind));
     }
-    Ok(OwnReport {
+    let report = OwnReport {
         scene: path.to_owned(),
         backends: accels.map(|accel| accel.report().summary),
         embree: first.report().embree,
         rays,
         meshes: hygiene(scene),
         warnings: scene.warnings.clone(),
+    };
+    let overlay = if args.overlay.is_some() || args.html.is_some() {
+        draw(&report, (scene, camera), accels[0], settings)?
+    } else {
+        None
+    };
+    Ok(Checked {
+        report,
+        overlay,
+        holds: holds(scene),
     })
+}
+
+/// The picture with what differs drawn over it; `None` if it was cancelled.
+fn draw(
+    report: &OwnReport,
+    (scene, camera): (&Scene, &Camera),
+    accel: &dyn Accel,
+    settings: RenderSettings,
+) -> Result<Option<LinearImage>, Failure> {
+    let settings = RenderSettings {
+        spp: OVERLAY_SPP,
+        ..settings
+    };
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &interrupt::CANCELLED,
+    };
+    let rendering = render::render(scene, camera, accel, &settings, &monitor);
+    interrupt::check()?;
+    let view = camera.view(settings.width, settings.height);
+    let differences: Vec<&Difference> = report.differences().collect();
+    let [wrong, ties] = report.legend();
+    Ok(rendering.map(|rendering| overlay::draw(&rendering.image, &view, &differences, [&wrong, &ties])))
+}
+
+/// How many instances there are, and triangles and parts of shapes.
+pub(super) fn holds(scene: &Scene) -> [u64; 2] {
+    let primitives = scene.geometries.iter().map(Geometry::primitive_count);
+    [scene.instances.len() as u64, primitives.sum::<usize>() as u64]
 }
 
 /// Of all meshes together, each once.
@@ -108,4 +187,56 @@ fn hygiene(scene: &Scene) -> Hygiene {
         Geometry::Shape(_) => None,
     });
     meshes.fold(Hygiene::default(), Hygiene::with)
+}
+
+/// Writes all files that were asked for.
+fn write(args: &VerifyArgs, checked: &[Checked]) -> Result<(), Failure> {
+    if let Some(path) = &args.json {
+        let reports: Vec<&OwnReport> = checked.iter().map(|done| &done.report).collect();
+        interrupt::finish_first(|| output::write_json(path, &reports))?;
+    }
+    if let Some(path) = &args.html {
+        let scenes: Vec<own_page::Part> = checked
+            .iter()
+            .map(|done| own_page::Part {
+                report: &done.report,
+                overlay: done.overlay.as_ref(),
+            })
+            .collect();
+        let page = own_page::page(&scenes, args.date.as_deref());
+        interrupt::finish_first(|| output::write_text(path, &page))?;
+    }
+    for done in checked {
+        if let (Some(path), Some(overlay)) = (&args.overlay, &done.overlay) {
+            interrupt::finish_first(|| image::write(overlay, path, ImageFormat::Png, ToneMap::default()))?;
+        }
+        if let Some(path) = &args.rays_out {
+            let file = RaysFile {
+                scene: done.report.scene.display().to_string(),
+                holds: done.holds,
+                answers: done.report.backends.clone(),
+                rays: done.report.differences().copied().collect(),
+            };
+            interrupt::finish_first(|| output::write_text(path, &file.text()))?;
+        }
+    }
+    Ok(())
+}
+
+/// A failure where scenes could not be checked or anything is wrong.
+fn verdict(args: &VerifyArgs, checked: &[Checked]) -> Result<(), Failure> {
+    let wrong = checked.iter().filter(|done| done.report.is_wrong()).count();
+    if wrong > 0 {
+        return Err(Failure::Work(format!(
+            "backends differ by more than rounding in {wrong} of {} scenes",
+            checked.len()
+        )));
+    }
+    match args.scenes.len() - checked.len() {
+        0 => Ok(()),
+        failed => Err(Failure::Some {
+            failed,
+            total: args.scenes.len(),
+        }),
+    }
 }

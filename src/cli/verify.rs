@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use crate::accel::AccelError;
 use crate::image::check_writable;
 use crate::report::verify::{VerifyRow, case_list, table};
+use crate::report::verify_page;
 use crate::verify::{self, Case, PATHS, Path, Verdict};
 
 use super::args::VerifyArgs;
@@ -19,6 +20,9 @@ const INSTRUCTION_SETS: [&str; 5] = ["sse2", "sse4.2", "avx", "avx2", "avx512"];
 
 /// Runs the cases that the arguments ask for.
 pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
+    if let Some(file) = &args.replay {
+        return super::asked_again::run(args, file);
+    }
     if !args.scenes.is_empty() {
         return super::own::run(args);
     }
@@ -26,7 +30,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     if args.list {
         return output::print(&case_list(&cases));
     }
-    if let Some(path) = &args.json {
+    for path in args.json.iter().chain(&args.html) {
         check_writable(path)?;
     }
     if args.isa.is_some() && !cfg!(feature = "embree") {
@@ -40,13 +44,26 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         interrupt::check()?;
         progress.phase(case.id, path.name);
         progress.fraction(number as f64 / runs.len() as f64);
-        let outcome = pool.install(|| verify::check(case, args.rays, path, isa.as_deref()))?;
+        let check = if args.html.is_some() {
+            verify::check_drawn
+        } else {
+            verify::check
+        };
+        let outcome = pool.install(|| check(case, args.rays, path, isa.as_deref()))?;
         rows.push(VerifyRow::new(case, path, outcome));
     }
     progress.clear();
     output::print(&table(&rows))?;
     if let Some(path) = &args.json {
         interrupt::finish_first(|| output::write_json(path, &rows))?;
+    }
+    if let Some(path) = &args.html {
+        let run = verify_page::Run {
+            rays: args.rays,
+            date: args.date.clone(),
+        };
+        let page = verify_page::page(&rows, &run);
+        interrupt::finish_first(|| output::write_text(path, &page))?;
     }
     verdict(&rows)
 }

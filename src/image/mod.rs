@@ -159,6 +159,17 @@ pub fn write(image: &LinearImage, path: &Path, format: ImageFormat, tone: ToneMa
     })
 }
 
+/// `image` as the bytes of a PNG, for what holds pictures itself.
+///
+/// # Errors
+///
+/// Where the picture has more pixels than a PNG.
+pub fn png_bytes(image: &LinearImage, tone: ToneMap) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    png::encode(image, tone, &mut bytes)?;
+    Ok(bytes)
+}
+
 /// One more value a pixel, for the channels of an EXR file.
 #[derive(Clone, Copy, Debug)]
 pub struct ExtraChannel<'a> {

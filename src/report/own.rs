@@ -6,8 +6,9 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use super::table::in_groups;
 use crate::accel::EmbreeIdentity;
-use crate::verify::{Comparison, Hygiene, Place};
+use crate::verify::{Comparison, Difference, Hygiene, Place, RayKind};
 
 /// What was found in a scene.
 #[derive(Clone, Debug, Serialize)]
@@ -32,49 +33,86 @@ impl OwnReport {
         self.rays.values().any(|rays| rays.wrong_count() > 0)
     }
 
+    /// All differences that were kept, as the rays are sent: from the eye, to lights, from mirrors.
+    pub fn differences(&self) -> impl Iterator<Item = &Difference> {
+        self.comparisons().flat_map(|(_, rays)| &rays.differences)
+    }
+
+    /// Each kind of ray with how it went.
+    pub fn comparisons(&self) -> impl Iterator<Item = (RayKind, &Comparison)> {
+        RayKind::ALL
+            .into_iter()
+            .filter_map(|kind| Some((kind, self.rays.get(kind.word())?)))
+    }
+
+    /// What is wrong and what ties, each in one line.
+    pub fn legend(&self) -> [String; 2] {
+        let sum = |of: fn(&Comparison) -> &BTreeMap<Place, u64>| {
+            let mut sums: BTreeMap<Place, u64> = BTreeMap::new();
+            for (place, count) in self.rays.values().flat_map(of) {
+                *sums.entry(*place).or_default() += count;
+            }
+            (sums.values().sum::<u64>(), by_place(&sums))
+        };
+        let (wrong, wrong_places) = sum(|rays| &rays.wrong);
+        let (ties, tie_places) = sum(|rays| &rays.ties);
+        [
+            format!("wrong {wrong}{wrong_places}"),
+            format!("ties {ties}{tie_places}"),
+        ]
+    }
+
     /// The report for a person.
     pub fn text(&self) -> String {
         let [first, second] = &self.backends;
-        let mut text = format!("{}: {first} against {second}\n", self.scene.display());
-        for (kind, rays) in &self.rays {
-            // Writing to a string cannot fail.
+        // Writing to a string cannot fail.
+        let mut text = format!("{}\n    {first}\n    against {second}\n", self.scene.display());
+        for (kind, rays) in self.comparisons() {
+            if rays.rays == 0 {
+                let _ = writeln!(text, "    {:11} {:>13} rays", kind.word(), "no");
+                continue;
+            }
             let _ = writeln!(
                 text,
-                "    {kind:11} {:>10} rays, {} differ within rounding{}, {} wrong{}",
-                rays.rays,
-                rays.tie_count(),
-                by_place(&rays.ties),
+                "    {:11} {:>13} rays: {} wrong{}, {} ties{}",
+                kind.word(),
+                in_groups(rays.rays),
                 rays.wrong_count(),
                 by_place(&rays.wrong),
+                rays.tie_count(),
+                by_place(&rays.ties),
             );
             if let Some(example) = &rays.example {
-                let _ = writeln!(text, "        {example}");
+                let _ = writeln!(text, "        the first wrong one {example}");
             }
         }
         let advice = self.meshes.advice();
-        let state = if advice.is_empty() {
-            "closed and clean"
-        } else {
-            "with"
+        let state = match (self.meshes.triangles, advice.is_empty()) {
+            (0, _) => "",
+            (_, true) => ": closed and clean",
+            (_, false) => ":",
         };
-        let _ = writeln!(
-            text,
-            "    meshes      {:>10} triangles, {state}",
-            self.meshes.triangles
-        );
+        let triangles = in_groups(self.meshes.triangles);
+        let _ = writeln!(text, "    {:11} {triangles:>13} triangles{state}", "meshes");
         for (count, what, remedy) in advice {
-            let _ = writeln!(text, "        {count} {what}: {remedy}");
+            let _ = writeln!(text, "        {} {what}: {remedy}", in_groups(count));
+        }
+        for warning in &self.warnings {
+            let _ = writeln!(text, "    loading: {warning}");
         }
         text
     }
 }
 
-fn by_place(counts: &BTreeMap<Place, u64>) -> String {
+/// Counts with their places in brackets, most first; nothing where there are none.
+pub(super) fn by_place(counts: &BTreeMap<Place, u64>) -> String {
     if counts.is_empty() {
         return String::new();
     }
-    let all: Vec<String> = counts
-        .iter()
+    let mut sorted: Vec<(&Place, &u64)> = counts.iter().collect();
+    sorted.sort_by(|a, b| b.1.cmp(a.1));
+    let all: Vec<String> = sorted
+        .into_iter()
         .map(|(place, count)| format!("{count} {}", place.name()))
         .collect();
     format!(" ({})", all.join(", "))

@@ -31,7 +31,7 @@ impl VerifyRow {
     }
 
     /// What is measured: the largest error, if the case has one.
-    fn worst(&self) -> String {
+    pub(super) fn worst(&self) -> String {
         if self.case.unit.is_empty() {
             return String::new();
         }
@@ -40,7 +40,7 @@ impl VerifyRow {
 }
 
 /// What a verdict is called.
-fn word(verdict: Verdict) -> &'static str {
+pub(super) fn word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Holds => "holds",
         Verdict::Measured => "measured",
@@ -124,7 +124,7 @@ pub fn case_list(cases: &[&Case]) -> String {
 /// Cases that are to be.
 const PLANNED: u32 = 48;
 
-fn required_of(case: &Case) -> String {
+pub(super) fn required_of(case: &Case) -> String {
     if case.asks == Asks::Formulas {
         return "of the formulas".into();
     }

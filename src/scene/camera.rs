@@ -2,7 +2,7 @@
 
 use std::f64::consts::FRAC_PI_4;
 
-use glam::{DAffine3, DVec2, DVec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::{Lens, LensView};
 use crate::numeric::Motion;
@@ -231,6 +231,24 @@ impl CameraView {
         x * self.direction.across + y * self.direction.down
     }
 
+    /// The film point whose ray goes through `p`, the inverse of [`CameraView::ray`]; beyond [0, 1] where `p` is beside
+    /// the image, `None` where it is behind the camera.
+    pub fn film_point(&self, p: DVec3) -> Option<DVec2> {
+        let (columns, rest) = match self.eye() {
+            // Some multiple of the way to p is a direction: corner + x across + y down = s (p - eye).
+            Some(eye) => (
+                [self.direction.across, self.direction.down, eye - p],
+                -self.direction.corner,
+            ),
+            None => (
+                [self.origin.across, self.origin.down, self.direction.corner],
+                p - self.origin.corner,
+            ),
+        };
+        let solved = DMat3::from_cols_array_2d(&columns.map(|column| column.to_array())).inverse() * rest;
+        (solved.is_finite() && solved.z > 0.0).then(|| solved.truncate())
+    }
+
     /// Where rays begin, as a parameter along them: the depth of the near plane.
     pub fn t_near(&self) -> f64 {
         self.t_near
@@ -274,6 +292,27 @@ mod tests {
         let left = view.ray(0.0, 0.5);
         assert!((left.direction - DVec3::new(-2.0, 0.0, -1.0)).length() < 1e-15);
         assert_eq!(view.ray(0.5, 0.5).direction, DVec3::NEG_Z);
+    }
+
+    #[test]
+    fn a_point_is_found_on_the_film_where_its_ray_starts() {
+        let perspective = Projection::Perspective {
+            y_fov: 0.7,
+            aspect: None,
+        };
+        let orthographic = Projection::Orthographic {
+            y_mag: 2.0,
+            x_mag: None,
+        };
+        for projection in [perspective, orthographic] {
+            let view = camera(projection).view(160, 90);
+            for (x, y) in [(0.5, 0.5), (0.0, 1.0), (0.25, 0.125), (1.5, -0.5)] {
+                let ray = view.ray(x, y);
+                let found = view.film_point(ray.origin + 7.0 * ray.direction).unwrap();
+                assert!((found - DVec2::new(x, y)).length() < 1e-13, "{found}");
+                assert_eq!(view.film_point(ray.origin - 7.0 * ray.direction), None);
+            }
+        }
     }
 
     #[test]

@@ -119,5 +119,8 @@ fn threads(trial: &Trial) -> Result<Tally, AccelError> {
             });
         }
     }
+    if trial.is_drawn() {
+        tally.sketch.draw(&scene);
+    }
     Ok(tally)
 }

@@ -6,6 +6,7 @@ use std::cmp::Ordering;
 use glam::DVec3;
 
 use super::exact::Exact;
+use super::sketch::Axis;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::numeric::{Random, Wide};
@@ -50,6 +51,18 @@ pub(super) const CASES: &[Case] = &[
 const COSINE_ULPS: f64 = 4.0;
 /// Most ulps that a share of the light may be off.
 const SHARE_ULPS: f64 = 8.0;
+const COSINE: Axis = Axis {
+    label: "cosine of the angle of incidence",
+    bound: COSINE_ULPS,
+};
+const SHARE: Axis = Axis {
+    label: "cosine of the angle of incidence",
+    bound: SHARE_ULPS,
+};
+const ROUND: Axis = Axis {
+    label: "cosine of the angle of incidence",
+    bound: 1.0,
+};
 /// Most that reflectance and transmittance may differ from 1 by.
 const SUM_ERROR: f64 = 4.0 * f64::EPSILON;
 
@@ -109,7 +122,7 @@ fn critical(trial: &Trial, random: &mut Random, count: usize) -> Tally {
         let answer = if square.sign() == Ordering::Greater {
             let cos_t = square.wide().sqrt() / Wide::of(at.eta_t);
             let off = cos_t.ulps_from(found.cos_t);
-            tally.note(off);
+            tally.note_at(COSINE, at.cos_i, off);
             Answer::wrong_if(!(off <= COSINE_ULPS))
         } else {
             Answer::wrong_if(found.cos_t != 0.0 || found.reflectance.mean() != 1.0)
@@ -183,7 +196,7 @@ fn fresnel(trial: &Trial, random: &mut Random, count: usize) -> Tally {
             named.push(("R of p", r_p.ulps_from(found.reflectance.p)));
         }
         let off = named.iter().map(|(_, off)| *off).fold(0.0, f64::max);
-        tally.note(off);
+        tally.note_at(SHARE, at.cos_i, off);
         let sum = found.reflectance.mean() + found.transmittance.mean() - 1.0;
         let is_wrong = !(off <= SHARE_ULPS && sum.abs() <= SUM_ERROR);
         tally.count(Answer::wrong_if(is_wrong), || {
@@ -207,7 +220,7 @@ fn round_trips(trial: &Trial, random: &mut Random, count: usize) -> Tally {
         let sideways = random.direction().with_z(0.0).normalize_or_zero();
         let d = (((1.0 - cos) * (1.0 + cos)).sqrt() * sideways - cos * DVec3::Z).normalize();
         let off = through_slab(trial, d, eta).max(inside_cube(trial, d, eta)) / ROUND_TRIP;
-        tally.note(off);
+        tally.note_at(ROUND, cos, off);
         tally.count(Answer::wrong_if(!(off <= 1.0)), || {
             format!("along {d:?} into index {eta:e}: off by {off:e} of the bound")
         });

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 
+use super::sketch::Axis;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::volume::{
@@ -61,6 +62,10 @@ fn even_volume(sigma: f64, step: f64) -> Option<Volume> {
 
 /// What a march may be off by, times 1 and the depth.
 const BOUND: f64 = 1e-12;
+const STEPS: Axis = Axis {
+    label: "steps",
+    bound: 1.0,
+};
 
 fn marches(trial: &Trial) -> Tally {
     const MOST: u64 = 1_000_000;
@@ -89,7 +94,7 @@ fn ask(trial: &Trial, (sigma, length, step): (f64, f64, f64), tally: &mut Tally)
     let bound = (BOUND * (1.0 + depth)).max(length / step * 0.5 * f64::EPSILON);
     let off = |i: usize| (found[i] - exact[i]).abs() / (exact[i] * bound);
     let worst = off(0).max(off(1));
-    tally.note(worst);
+    tally.note_at(STEPS, length / step, worst);
     tally.count(Answer::wrong_if(!(off(0) <= 1.0 && off(1) <= 1.0)), || {
         format!("extinction {sigma:e} over {length:e} in steps of {step:e}: {found:?}, not {exact:?}")
     });

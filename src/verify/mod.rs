@@ -22,9 +22,13 @@ mod interfaces;
 mod marches;
 mod meshes;
 mod odd_rays;
+mod outline;
 mod own;
 mod path;
+mod place;
 mod placed;
+mod rays_file;
+mod sketch;
 mod slivers;
 mod solids;
 mod spawned;
@@ -37,9 +41,13 @@ mod trial;
 use serde::Serialize;
 
 pub use hygiene::Hygiene;
-pub use own::{Comparison, Place, Question, compare_all};
+pub use outline::{Outline, view};
+pub use own::{Comparison, Difference, MOST_DIFFERENCES, RayKind, Reply, ask_again, compare_all};
 pub use path::{Closes, PATHS, Path};
-pub use trial::{Build, Formulas, Subject, Tally};
+pub use place::Place;
+pub use rays_file::{RaysError, RaysFile, bits};
+pub use sketch::{Asked, Axis, CloseUp, Error, Sketch};
+pub use trial::{Answer, Build, Formulas, Subject, Tally, describe, describe_ray};
 
 use crate::accel::{self, Accel, AccelError, AccelOptions, Backend, EmbreeIdentity};
 use crate::scene::Scene;
@@ -149,6 +157,11 @@ impl Case {
     pub fn ask(&self, rays: u64, subject: &Subject) -> Result<Tally, AccelError> {
         (self.run)(&Trial::new(self.id, rays.max(1), subject))
     }
+
+    /// As [`Case::ask`], with lines of what the first rays are sent into: [`Tally::sketch`] is whole.
+    fn ask_drawn(&self, rays: u64, subject: &Subject) -> Result<Tally, AccelError> {
+        (self.run)(&Trial::new(self.id, rays.max(1), subject).drawn())
+    }
 }
 
 /// Puts a case to a path with about `rays` questions; Embree is held to the instruction set `isa` if one is given.
@@ -157,7 +170,25 @@ impl Case {
 ///
 /// Where a structure cannot be built: without Embree, on a machine without the instruction set.
 pub fn check(case: &Case, rays: u64, path: &Path, isa: Option<&str>) -> Result<Outcome, AccelError> {
-    let build: &Build = &|scene| built(scene, path, isa);
+    outcome(case, path, isa, |subject| case.ask(rays, subject))
+}
+
+/// As [`check`], with lines of what the first rays are sent into in [`Tally::sketch`].
+///
+/// # Errors
+///
+/// As for [`check`].
+pub fn check_drawn(case: &Case, rays: u64, path: &Path, isa: Option<&str>) -> Result<Outcome, AccelError> {
+    outcome(case, path, isa, |subject| case.ask_drawn(rays, subject))
+}
+
+fn outcome(
+    case: &Case,
+    path: &Path,
+    isa: Option<&str>,
+    ask: impl FnOnce(&Subject) -> Result<Tally, AccelError>,
+) -> Result<Outcome, AccelError> {
+    let build: &Build = &|scene| build_path(scene, path, isa);
     let subject = Subject {
         build,
         formulas: Formulas::OURS,
@@ -167,7 +198,7 @@ pub fn check(case: &Case, rays: u64, path: &Path, isa: Option<&str>) -> Result<O
     } else {
         None
     };
-    let tally = case.ask(rays, &subject)?;
+    let tally = ask(&subject)?;
     let required = case.requires(path);
     let verdict = match (tally.wrong, required) {
         (0, _) => Verdict::Holds,
@@ -194,8 +225,17 @@ pub fn has_instruction_set(isa: &str) -> bool {
     built.is_ok_and(|accel| accel.report().embree.is_some_and(|embree| embree.isa == isa))
 }
 
-/// What finds hits on that path; brute force where it finds none.
-fn built<'s>(scene: &'s Scene, path: &Path, isa: Option<&str>) -> Result<Box<dyn Accel + 's>, AccelError> {
+/// What finds hits on that path; brute force where it finds none. Embree is held to the instruction set `isa` if one is
+/// given.
+///
+/// # Errors
+///
+/// Where it cannot be built: without Embree, on a machine without the instruction set.
+pub fn build_path<'s>(
+    scene: &'s Scene,
+    path: &Path,
+    isa: Option<&str>,
+) -> Result<Box<dyn Accel + 's>, AccelError> {
     let Some((backend, precision, kernel)) = path.accel else {
         return accel::build(scene, Backend::Brute, &AccelOptions::default());
     };

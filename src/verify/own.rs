@@ -1,72 +1,133 @@
 //! A scene's own rays through two ways of finding hits: what differs, and why it may.
 //!
 //! Whether a difference is a tie or wrong says [`agreement`]; what kind of place it is at says the nearer of the two
-//! hits, or the one that only one of them has found.
+//! hits, or the one that only one of them has found. What differs is kept ray by ray, to be drawn, written down and
+//! asked again.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
-use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::trial::describe;
+use super::place::{Place, place};
+use super::trial::describe_ray;
 use crate::accel::agreement::{self, Agreement};
-use crate::accel::{Accel, Hit, LANES, RayOrder, RayPacket};
+use crate::accel::{Accel, Hit, Instancing, LANES, RayOrder, RayPacket};
 use crate::numeric::Ray;
-use crate::scene::{Geometry, Scene};
+use crate::scene::Scene;
 
-/// What kind of place two answers differ at.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Place {
-    /// A parameter is no number.
-    Nan,
-    /// An analytic shape.
-    Shape,
-    /// Two triangles at the same distance, away from their edges: they lie in one plane, or cross there.
-    Coplanar,
-    /// A corner.
-    Vertex,
-    /// An edge.
-    Edge,
-    /// A triangle lower than 10^-4 of its longest edge.
-    Sliver,
-    /// A triangle seen at less than about half a degree to its plane.
-    Grazing,
-    /// A triangle more than 10^5 of its own lengths away.
-    Far,
-    /// Right at one end of the ray.
-    End,
-    /// None of these.
-    Other,
+/// What a scene's rays are sent for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RayKind {
+    /// From the eye: what is hit first?
+    Camera,
+    /// From a surface to a light: is anything in the way?
+    Shadow,
+    /// From mirrors: what is hit first?
+    Reflection,
 }
 
-impl Place {
-    /// As a table has it.
-    pub fn name(self) -> &'static str {
+impl RayKind {
+    /// All of them.
+    pub const ALL: [RayKind; 3] = [RayKind::Camera, RayKind::Shadow, RayKind::Reflection];
+
+    /// As tables and files have it.
+    pub fn word(self) -> &'static str {
         match self {
-            Place::Nan => "not a number",
-            Place::Shape => "shape",
-            Place::Coplanar => "coplanar",
-            Place::Vertex => "vertex",
-            Place::Edge => "edge",
-            Place::Sliver => "sliver",
-            Place::Grazing => "grazing",
-            Place::Far => "far",
-            Place::End => "end of ray",
-            Place::Other => "elsewhere",
+            RayKind::Camera => "camera",
+            RayKind::Shadow => "shadow",
+            RayKind::Reflection => "reflection",
+        }
+    }
+
+    fn ask_all(self, accel: &dyn Accel, packets: &mut [RayPacket]) {
+        match self {
+            RayKind::Camera | RayKind::Reflection => accel.intersect(packets, RayOrder::Incoherent),
+            RayKind::Shadow => accel.occluded(packets, RayOrder::Incoherent),
+        }
+    }
+
+    /// What a packet that was asked holds for a lane.
+    fn reply(self, packet: &RayPacket, lane: usize) -> Reply {
+        match self {
+            RayKind::Camera | RayKind::Reflection => Reply::of_hit(packet.hit(lane)),
+            RayKind::Shadow if packet.is_blocked(lane) => Reply::Blocked,
+            RayKind::Shadow => Reply::Free,
         }
     }
 }
 
-/// What a set of rays is asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Question {
-    /// What is hit first.
-    Nearest,
-    /// Whether anything is hit.
+/// What was answered to one of these.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reply {
+    /// This is hit first.
+    Hit {
+        /// Index into [`Scene::instances`].
+        instance: u32,
+        /// Triangle of the mesh or part of the shape.
+        primitive: u32,
+        /// Parameter along the ray.
+        t: f32,
+    },
+    /// Nothing is hit.
+    Nothing,
+    /// Something is hit.
     Blocked,
+    /// Nothing is in the way.
+    Free,
 }
+
+impl Reply {
+    /// What is said of the nearest hit.
+    pub(super) fn of_hit(hit: Option<Hit>) -> Reply {
+        hit.map_or(Reply::Nothing, |hit| Reply::Hit {
+            instance: hit.instance,
+            primitive: hit.primitive,
+            t: hit.t,
+        })
+    }
+}
+
+impl fmt::Display for Reply {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Reply::Hit {
+                instance,
+                primitive,
+                t,
+            } => write!(f, "instance {instance} primitive {primitive} at {t:e}"),
+            Reply::Nothing => f.write_str("nothing"),
+            Reply::Blocked => f.write_str("blocked"),
+            Reply::Free => f.write_str("not blocked"),
+        }
+    }
+}
+
+/// A ray to which two structures answer differently.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    /// What it was sent for.
+    pub kind: RayKind,
+    /// The ray.
+    pub ray: Ray,
+    /// What each answered.
+    pub replies: [Reply; 2],
+    /// Whether rounding does not explain it.
+    pub is_wrong: bool,
+    /// What kind of place it is at.
+    pub place: Place,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let [first, second] = &self.replies;
+        write!(f, "{}: {first}, but {second}", describe_ray(&self.ray))
+    }
+}
+
+/// Differences of each kind, ties and wrong ones, that are kept of a set of rays.
+pub const MOST_DIFFERENCES: usize = 20_000;
 
 /// How two answers to a set of rays compare.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -79,6 +140,12 @@ pub struct Comparison {
     pub wrong: BTreeMap<Place, u64>,
     /// The first wrong one, to be asked again.
     pub example: Option<String>,
+    /// The first [`MOST_DIFFERENCES`] ties and as many wrong ones, in the order of the rays.
+    #[serde(skip)]
+    pub differences: Vec<Difference>,
+    /// How many ties and wrong ones those are.
+    #[serde(skip)]
+    kept: [usize; 2],
 }
 
 impl Comparison {
@@ -100,39 +167,54 @@ impl Comparison {
             }
         }
         self.example = self.example.or(other.example);
+        other
+            .differences
+            .iter()
+            .for_each(|difference| self.keep(difference));
         self
+    }
+
+    fn count(&mut self, difference: &Difference) {
+        let counts = if difference.is_wrong {
+            self.example.get_or_insert_with(|| difference.to_string());
+            &mut self.wrong
+        } else {
+            &mut self.ties
+        };
+        *counts.entry(difference.place).or_default() += 1;
+        self.keep(difference);
+    }
+
+    fn keep(&mut self, difference: &Difference) {
+        let count = &mut self.kept[usize::from(difference.is_wrong)];
+        if *count < MOST_DIFFERENCES {
+            *count += 1;
+            self.differences.push(*difference);
+        }
     }
 }
 
 /// Packets that go to a thread at once.
 const CHUNK: usize = 256;
 
-/// Compares what two structures over `scene` answer to all packets.
+/// Compares what two structures over `scene` answer to all packets, which were sent for `kind`.
 pub fn compare_all(
     scene: &Scene,
     accels: [&dyn Accel; 2],
     packets: &[RayPacket],
-    question: Question,
+    kind: RayKind,
 ) -> Comparison {
     let chunks: Vec<Comparison> = packets
         .par_chunks(CHUNK)
-        .map(|chunk| compare_chunk(scene, accels, chunk, question))
+        .map(|chunk| compare_chunk(scene, accels, chunk, kind))
         .collect();
     chunks.into_iter().fold(Comparison::default(), Comparison::with)
 }
 
-fn compare_chunk(
-    scene: &Scene,
-    accels: [&dyn Accel; 2],
-    asked: &[RayPacket],
-    question: Question,
-) -> Comparison {
-    let [a, b] = accels.map(|accel| {
+fn compare_chunk(scene: &Scene, accels: [&dyn Accel; 2], asked: &[RayPacket], kind: RayKind) -> Comparison {
+    let answered = accels.map(|accel| {
         let mut packets = asked.to_vec();
-        match question {
-            Question::Nearest => accel.intersect(&mut packets, RayOrder::Incoherent),
-            Question::Blocked => accel.occluded(&mut packets, RayOrder::Incoherent),
-        }
+        kind.ask_all(accel, &mut packets);
         packets
     });
     let mut comparison = Comparison::default();
@@ -140,38 +222,50 @@ fn compare_chunk(
         for lane in (0..LANES).filter(|&lane| packet.is_active(lane)) {
             comparison.rays += 1;
             let ray = packet.ray(lane);
-            let (agreement, hits) = match question {
-                Question::Nearest => {
-                    let hits = [a[number].hit(lane), b[number].hit(lane)];
-                    (agreement::compare(scene, &ray, hits[0], hits[1]), hits)
-                }
-                Question::Blocked => {
-                    let blocked = [a[number].is_blocked(lane), b[number].is_blocked(lane)];
-                    shadow(scene, &ray, accels, blocked)
-                }
+            let [a, b] = [0, 1].map(|i: usize| &answered[i][number]);
+            let (agreement, hits) = if kind == RayKind::Shadow {
+                shadow(scene, &ray, accels, [a.is_blocked(lane), b.is_blocked(lane)])
+            } else {
+                let hits = [a.hit(lane), b.hit(lane)];
+                (agreement::compare(scene, &ray, hits[0], hits[1]), hits)
             };
-            let counts = match agreement {
-                Agreement::Same => continue,
-                Agreement::Tie => &mut comparison.ties,
-                Agreement::Wrong => {
-                    let answers = || format!("{}, but {}", describe(&ray, hits[0]), answer(hits[1]));
-                    comparison.example.get_or_insert_with(answers);
-                    &mut comparison.wrong
-                }
-            };
-            *counts.entry(place(scene, &ray, hits)).or_default() += 1;
+            if agreement != Agreement::Same {
+                comparison.count(&Difference {
+                    kind,
+                    ray,
+                    replies: [a, b].map(|packet| kind.reply(packet, lane)),
+                    is_wrong: agreement == Agreement::Wrong,
+                    place: place(scene, &ray, hits),
+                });
+            }
         }
     }
     comparison
 }
 
-fn answer(hit: Option<Hit>) -> String {
-    hit.map_or("nothing".into(), |hit| {
-        format!(
-            "instance {} primitive {} at {:e}",
-            hit.instance, hit.primitive, hit.t
-        )
-    })
+/// What `accel` answers to a ray that was written down, and how that compares with what `reference` answers; meshes
+/// reach `accel` by that kind of instancing.
+pub fn ask_again(
+    scene: &Scene,
+    [reference, accel]: [&dyn Accel; 2],
+    asked: &Difference,
+    instancing: Instancing,
+) -> (Reply, Agreement) {
+    let ray = &asked.ray;
+    let packets = [reference, accel].map(|accel| {
+        let mut packet = [RayPacket::EMPTY];
+        packet[0].set(0, ray);
+        asked.kind.ask_all(accel, &mut packet);
+        packet[0].clone()
+    });
+    let agreement = if asked.kind == RayKind::Shadow {
+        let blocked = packets.each_ref().map(|packet| packet.is_blocked(0));
+        agreement::compare_occlusion_carried(scene, ray, blocked, instancing)
+    } else {
+        let hits = packets.each_ref().map(|packet| packet.hit(0));
+        agreement::compare_carried(scene, ray, hits, instancing)
+    };
+    (asked.kind.reply(&packets[1], 0), agreement)
 }
 
 /// Whether a shadow ray may be blocked or not as two structures tell, with their nearest hits: mostly these settle it;
@@ -198,93 +292,6 @@ fn shadow(
     (agreement, hits)
 }
 
-/// What is nearer to an edge than this share of the triangle's height above it is at the edge.
-const AT_EDGE: f64 = 1.0 / 4096.0;
-/// Sine of the angle to a plane below which a ray grazes it.
-const GRAZING: f64 = 0.01;
-/// Lower than this share of the longest edge a triangle is a sliver.
-const SLIVER: f64 = 1e-4;
-/// Lengths of a triangle from which on it is far.
-const FAR: f64 = 1e5;
-/// Parameters that differ by less than this share are the same.
-const SAME_T: f64 = 1.0 / (1 << 18) as f64;
-
-fn place(scene: &Scene, ray: &Ray, hits: [Option<Hit>; 2]) -> Place {
-    if hits.iter().flatten().any(|hit| hit.t.is_nan()) {
-        return Place::Nan;
-    }
-    let views: Vec<View> = hits
-        .iter()
-        .flatten()
-        .filter_map(|hit| View::of(scene, ray, hit))
-        .collect();
-    if views.len() < hits.iter().flatten().count() {
-        return Place::Shape;
-    }
-    let any = |of: fn(&View) -> bool| views.iter().any(of);
-    let is_same = |a: f64, b: f64| (a - b).abs() <= SAME_T * a.abs().max(b.abs());
-    let ends = [ray.t_near, ray.t_far].map(f64::from).into_iter();
-    let ends: Vec<f64> = ends.filter(|end| end.is_finite()).collect();
-    if any(|view| view.near_edges >= 2) {
-        Place::Vertex
-    } else if any(|view| view.near_edges == 1) {
-        Place::Edge
-    } else if any(|view| view.is_sliver) {
-        Place::Sliver
-    } else if any(|view| view.is_grazed) {
-        Place::Grazing
-    } else if views.len() == 2 && is_same(views[0].t, views[1].t) {
-        Place::Coplanar
-    } else if views
-        .iter()
-        .any(|view| ends.iter().any(|&end| is_same(view.t, end)))
-    {
-        Place::End
-    } else if any(|view| view.is_far) {
-        Place::Far
-    } else {
-        Place::Other
-    }
-}
-
-/// How a ray sees a triangle that it is said to hit.
-struct View {
-    t: f64,
-    /// Edges that it passes close to.
-    near_edges: usize,
-    is_sliver: bool,
-    is_grazed: bool,
-    is_far: bool,
-}
-
-impl View {
-    /// `None` for a shape.
-    fn of(scene: &Scene, ray: &Ray, hit: &Hit) -> Option<View> {
-        let instance = scene.instances.get(hit.instance as usize)?;
-        let Geometry::Mesh(mesh) = scene.geometries.get(instance.geometry as usize)? else {
-            return None;
-        };
-        let pose = instance.pose(ray.time);
-        let map = pose.world_from_object();
-        let [a, b, c] = mesh.corners_f64(hit.primitive).map(|p| map.transform_point3(p));
-        let d = ray.direction.as_dvec3();
-        let n = (b - a).cross(c - a);
-        let t = n.dot(a - ray.origin.as_dvec3()) / n.dot(d);
-        let p = ray.at(t);
-        // Each weight is the distance from an edge as a share of the height above it.
-        let weight = |q: DVec3, r: DVec3| (q - p).cross(r - p).dot(n) / n.length_squared();
-        let weights = [weight(b, c), weight(c, a), weight(a, b)];
-        let longest = (b - a).length().max((c - b).length()).max((a - c).length());
-        Some(View {
-            t,
-            near_edges: weights.iter().filter(|w| w.abs() < AT_EDGE).count(),
-            is_sliver: n.length() < SLIVER * longest * longest,
-            is_grazed: n.dot(d).abs() < GRAZING * n.length() * d.length(),
-            is_far: t * d.length() > FAR * longest,
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
@@ -292,6 +299,7 @@ mod tests {
     use super::super::meshes::{icosphere, scene};
     use super::*;
     use crate::accel::brute::BruteAccel;
+    use crate::scene::Geometry;
 
     /// Loses every hit on one triangle.
     struct Holed<'s>(BruteAccel<'s>, u32);
@@ -329,11 +337,19 @@ mod tests {
         let at = |target: Vec3| {
             let mut packet = RayPacket::EMPTY;
             packet.set(0, &Ray::new(Vec3::ZERO, target));
-            compare_all(&scene, [&brute, &holed], &[packet], Question::Nearest)
+            compare_all(&scene, [&brute, &holed], &[packet], RayKind::Camera)
         };
         let middle = at((a + b + c) / 3.0);
         assert_eq!(middle.wrong, BTreeMap::from([(Place::Other, 1)]));
         assert!(middle.example.is_some() && middle.ties.is_empty());
+        let [difference] = middle.differences[..] else {
+            panic!("one ray differs");
+        };
+        assert!(difference.is_wrong && difference.place == Place::Other);
+        assert!(matches!(
+            difference.replies,
+            [Reply::Hit { primitive: 7, .. }, Reply::Nothing]
+        ));
         // At the edge another triangle may have it: nothing, a tie, or this one's; never wrong elsewhere.
         let edge = at(0.5 * (a + b));
         assert!(!edge.wrong.contains_key(&Place::Other), "{edge:?}");

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
 
+use super::sketch::Asked;
 use super::spawned::{leave, outward};
 use super::trial::{Answer, Tally, Trial, describe, order};
 use super::{Asks, Case, Closes};
@@ -104,7 +105,7 @@ fn leaving(trial: &Trial, way: Way) -> Result<Tally, AccelError> {
 fn leaving_of(trial: &Trial, scene: &Scene, map: &DAffine3, way: Way) -> Result<Tally, AccelError> {
     let engine = trial.engine(scene)?;
     let departures = Departures::new(scene);
-    Ok(trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(|random, count| {
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
                 // In object space, so that stretched solids are met on all sides.
@@ -119,6 +120,11 @@ fn leaving_of(trial: &Trial, scene: &Scene, map: &DAffine3, way: Way) -> Result<
         let mut on = Vec::new();
         for (ray, at) in rays.iter().zip(&met) {
             let Some(at) = at else {
+                tally.sketch.keep(Asked {
+                    ray: *ray,
+                    hit: None,
+                    answer: Answer::Wrong,
+                });
                 tally.count(Answer::Wrong, || format!("missed: {}", describe(ray, None)));
                 continue;
             };
@@ -134,8 +140,9 @@ fn leaving_of(trial: &Trial, scene: &Scene, map: &DAffine3, way: Way) -> Result<
         }
         for (ray, is_blocked) in on.iter().zip(engine.blocked(&on, order(random))) {
             let is_wrong = is_blocked == (way == Way::Outward);
-            tally.count(Answer::wrong_if(is_wrong), || describe(ray, None));
+            tally.count_ray(Answer::wrong_if(is_wrong), ray, None);
         }
         tally
-    }))
+    });
+    Ok(trial.with_drawing(&engine, tally))
 }

@@ -3,6 +3,7 @@
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
 use super::meshes::{icosahedron, mesh, scene};
+use super::sketch::Asked;
 use super::trial::{Answer, Engine, Tally, Trial, describe, order};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
@@ -111,7 +112,7 @@ fn self_shadows_of(trial: &Trial, radius: f64, distance: f64) -> Result<Tally, A
     let departures = Departures::new(&scene);
     let bounds = scene.geometries[0].bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
-    Ok(trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(|random, count| {
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
                 let origin = (center + 4.0 * reach * random.direction()).as_vec3();
@@ -129,10 +130,11 @@ fn self_shadows_of(trial: &Trial, radius: f64, distance: f64) -> Result<Tally, A
         // Only the mesh that is left counts: the other may well stand in the way.
         for (ray, hit) in out.iter().zip(engine.nearest(&out, order(random))) {
             let is_own = hit.is_some_and(|hit| hit.instance == 0);
-            tally.count(Answer::wrong_if(is_own), || describe(ray, hit));
+            tally.count_ray(Answer::wrong_if(is_own), ray, hit);
         }
         tally
-    }))
+    });
+    Ok(trial.with_drawing(&engine, tally))
 }
 
 /// Most ulps of a gap that is tried.
@@ -161,11 +163,10 @@ fn smallest_gap(trial: &Trial) -> Result<Tally, AccelError> {
         let scene = sheets(gap);
         let engine = trial.engine(&scene)?;
         let departures = Departures::new(&scene);
-        sum = sum.with(
-            trial
-                .part(gap as usize, GAPS as usize)
-                .in_chunks(|random, count| across(trial, (&engine, &departures), gap, random, count)),
-        );
+        let tally = trial
+            .part(gap as usize, GAPS as usize)
+            .in_chunks(|random, count| across(trial, (&engine, &departures), gap, random, count));
+        sum = sum.with(trial.with_drawing(&engine, tally));
     }
     Ok(sum)
 }
@@ -209,6 +210,11 @@ fn across(
             (false, false) => Answer::Tie,
             (false, true) => Answer::Wrong,
         };
+        tally.sketch.keep(Asked {
+            ray: *ray,
+            hit: None,
+            answer,
+        });
         tally.count(answer, || format!("{gap} ulp apart, {}", describe(ray, None)));
     }
     tally

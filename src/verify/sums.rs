@@ -1,5 +1,6 @@
 //! Long sums and products: opacities for other steps, light through many layers, samples of a pixel.
 
+use super::sketch::Axis;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::numeric::{LANES, Lanes, Random, Wide};
@@ -42,6 +43,18 @@ pub(super) const CASES: &[Case] = &[
 
 /// Most ulps that an opacity may be off.
 const OPACITY_ULPS: f64 = 4.0;
+const OPACITY: Axis = Axis {
+    label: "length over the step that the opacity is of",
+    bound: OPACITY_ULPS,
+};
+const LAYERS: Axis = Axis {
+    label: "layers",
+    bound: 1.0,
+};
+const SAMPLES: Axis = Axis {
+    label: "mixture",
+    bound: 1.0,
+};
 
 fn opacities(trial: &Trial, random: &mut Random, count: usize) -> Tally {
     let mut tally = Tally::default();
@@ -56,7 +69,7 @@ fn opacities(trial: &Trial, random: &mut Random, count: usize) -> Tally {
         let found = (trial.subject.formulas.corrected_opacity)(alpha, ratio);
         let exact = -(Wide::of(ratio) * (-Wide::of(alpha)).ln_1p()).exp_m1();
         let off = exact.ulps_from(found);
-        tally.note(off);
+        tally.note_at(OPACITY, ratio, off);
         tally.count(Answer::wrong_if(!(off <= OPACITY_ULPS)), || {
             format!("{alpha:e} over {ratio:e} steps is {found:e}, {off} ulp off")
         });
@@ -64,11 +77,17 @@ fn opacities(trial: &Trial, random: &mut Random, count: usize) -> Tally {
     tally
 }
 
-/// Notes the error of `found` as a share of `bound` and counts it.
-fn hold(tally: &mut Tally, (found, exact): (f64, f64), bound: f64, describe: impl FnOnce() -> String) {
+/// Notes the error of `found` as a share of `bound` and counts it, plotted over `at`.
+fn hold(
+    tally: &mut Tally,
+    (axis, at): (Axis, f64),
+    [found, exact]: [f64; 2],
+    bound: f64,
+    describe: impl FnOnce() -> String,
+) {
     let off = (found - exact).abs();
     let share = if off == 0.0 { 0.0 } else { off / bound };
-    tally.note(share);
+    tally.note_at(axis, at, share);
     tally.count(Answer::wrong_if(!(share <= 1.0)), || {
         format!("{}: {found:e}, not {exact:e}", describe())
     });
@@ -102,7 +121,8 @@ fn layers(trial: &Trial) -> Tally {
             } else {
                 ((-depth).exp_m1() + Wide::ONE).nearest()
             };
-            hold(&mut tally, (found, exact), 1e-9 * (1.0 + tau) * exact, || {
+            let bound = 1e-9 * (1.0 + tau) * exact;
+            hold(&mut tally, (LAYERS, count as f64), [found, exact], bound, || {
                 format!("depth {tau:e} in {count} layers")
             });
         }
@@ -131,7 +151,8 @@ fn pixels(trial: &Trial) -> Tally {
         let exact = sum(mixture) * Wide::of(rounds as f64) + sum(&mixture[..rest as usize]);
         // Where signs mix, of what the absolute values add up to.
         let size: f64 = mixture.iter().map(|x| f64::from(x.abs())).sum::<f64>() * (rounds + 1) as f64;
-        hold(&mut tally, (found, exact.nearest()), 1e-12 * size, || {
+        let (at, answers) = ((SAMPLES, number as f64), [found, exact.nearest()]);
+        hold(&mut tally, at, answers, 1e-12 * size, || {
             format!("mixture {number} of {count} samples")
         });
     }

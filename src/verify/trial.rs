@@ -4,6 +4,8 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::own::Reply;
+use super::sketch::{Asked, Axis, Error, Sketch};
 use crate::accel::{Accel, AccelError, EmbreeIdentity, Hit, LANES, RayOrder, RayPacket};
 use crate::numeric::{Lanes, Random, Ray};
 use crate::optics::{Fresnel, Refraction};
@@ -69,13 +71,20 @@ pub struct Tally {
     pub worst: f64,
     /// The first wrong answer, to be asked again.
     pub example: Option<String>,
+    /// The first questions of each kind.
+    #[serde(skip)]
+    pub sketch: Sketch,
 }
 
 /// How one answer compares with the exact one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Answer {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Answer {
+    /// As exact as it must be.
     Right,
+    /// Another one, which rounding explains.
     Tie,
+    /// Another one, which it does not.
     Wrong,
 }
 
@@ -100,6 +109,20 @@ impl Tally {
         }
     }
 
+    /// Counts what was answered to a ray, and keeps it if it is among the first.
+    pub(super) fn count_ray(&mut self, answer: Answer, ray: &Ray, hit: Option<Hit>) {
+        let ray = *ray;
+        self.sketch.keep(Asked { ray, hit, answer });
+        self.count(answer, || describe(&ray, hit));
+    }
+
+    /// Notes the error of a formula at an argument, to be plotted.
+    pub(super) fn note_at(&mut self, axis: Axis, at: f64, off: f64) {
+        self.note(off);
+        let answer = Answer::wrong_if(!(off <= axis.bound));
+        self.sketch.plot(axis, Error { at, off, answer });
+    }
+
     /// Notes an error, in the unit of the case.
     pub(super) fn note(&mut self, error: f64) {
         // A NaN is as bad as can be.
@@ -115,8 +138,18 @@ impl Tally {
             ties: self.ties + other.ties,
             worst: self.worst.max(other.worst),
             example: self.example.or(other.example),
+            sketch: self.sketch.with(other.sketch),
         }
     }
+}
+
+/// What a trial keeps beside its counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Keeps {
+    /// The first questions.
+    Questions,
+    /// The first questions, and lines of what they are put to.
+    Drawings,
 }
 
 /// Questions of a chunk: so many that threads share the work, so few that memory does not count.
@@ -128,13 +161,27 @@ pub(super) struct Trial<'a> {
     /// How many questions, about.
     pub(super) rays: u64,
     seed: u64,
+    keeps: Keeps,
 }
 
 impl<'a> Trial<'a> {
     /// The trial of a case: its name says which random numbers it takes.
     pub(super) fn new(id: &str, rays: u64, subject: &'a Subject<'a>) -> Trial<'a> {
         let seed = id.bytes().fold(0, |seed: u64, byte| seed << 8 | u64::from(byte));
-        Trial { subject, rays, seed }
+        Trial {
+            subject,
+            rays,
+            seed,
+            keeps: Keeps::Questions,
+        }
+    }
+
+    /// The same with drawings of what is asked.
+    pub(super) fn drawn(self) -> Trial<'a> {
+        Trial {
+            keeps: Keeps::Drawings,
+            ..self
+        }
     }
 
     /// The same with its share of the rays, where a case consists of `count` parts; this is number `part`.
@@ -143,12 +190,14 @@ impl<'a> Trial<'a> {
             subject: self.subject,
             rays: (self.rays / count as u64).max(1),
             seed: Random::new(self.seed, part as u64).bits(),
+            keeps: self.keeps,
         }
     }
 
     /// Builds what finds the hits of `scene`.
     pub(super) fn engine<'s>(&self, scene: &'s Scene) -> Result<Engine<'s>, AccelError> {
-        (self.subject.build)(scene).map(Engine)
+        let accel = (self.subject.build)(scene)?;
+        Ok(Engine { accel, scene })
     }
 
     /// Asks `ask` for the questions of each chunk and adds up what it counts: the same for every number of threads.
@@ -157,11 +206,24 @@ impl<'a> Trial<'a> {
             let count = CHUNK.min(self.rays - index * CHUNK);
             ask(&mut Random::new(self.seed, index), count as usize)
         };
-        let tallies: Vec<Tally> = (0..self.rays.div_ceil(CHUNK))
+        // Neighbours are added up, in their order, as soon as both are there.
+        (0..self.rays.div_ceil(CHUNK))
             .into_par_iter()
             .map(chunk)
-            .collect();
-        tallies.into_iter().fold(Tally::default(), Tally::with)
+            .reduce(Tally::default, Tally::with)
+    }
+
+    /// Whether lines of scenes are wanted.
+    pub(super) fn is_drawn(&self) -> bool {
+        self.keeps == Keeps::Drawings
+    }
+
+    /// What was counted of rays through `engine`, with lines of its scene where they are wanted.
+    pub(super) fn with_drawing(&self, engine: &Engine, mut tally: Tally) -> Tally {
+        if self.is_drawn() {
+            tally.sketch.draw(engine.scene);
+        }
+        tally
     }
 
     /// Asks for the nearest hits of rays that `ray` makes, and counts what `judge` says of each.
@@ -171,15 +233,16 @@ impl<'a> Trial<'a> {
         ray: impl Fn(&mut Random) -> Ray + Sync,
         judge: impl Fn(&Ray, Option<Hit>, &mut Tally) -> Answer + Sync,
     ) -> Tally {
-        self.in_chunks(|random, count| {
+        let tally = self.in_chunks(|random, count| {
             let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
             let mut tally = Tally::default();
             for (ray, hit) in rays.iter().zip(engine.nearest(&rays, order(random))) {
                 let answer = judge(ray, hit, &mut tally);
-                tally.count(answer, || describe(ray, hit));
+                tally.count_ray(answer, ray, hit);
             }
             tally
-        })
+        });
+        self.with_drawing(engine, tally)
     }
 }
 
@@ -189,7 +252,12 @@ pub(super) fn order(random: &mut Random) -> RayOrder {
 }
 
 /// A ray and what was answered, so that both can be had again.
-pub(super) fn describe(ray: &Ray, hit: Option<Hit>) -> String {
+pub fn describe(ray: &Ray, hit: Option<Hit>) -> String {
+    format!("{}: {}", describe_ray(ray), Reply::of_hit(hit))
+}
+
+/// A ray, so that it can be had again.
+pub fn describe_ray(ray: &Ray) -> String {
     let Ray {
         origin: o,
         direction: d,
@@ -197,26 +265,23 @@ pub(super) fn describe(ray: &Ray, hit: Option<Hit>) -> String {
         t_far,
         ..
     } = ray;
-    let answer = hit.map_or("nothing".to_owned(), |hit| {
-        format!(
-            "instance {} primitive {} at {:e}",
-            hit.instance, hit.primitive, hit.t
-        )
-    });
     format!(
-        "from [{:e}, {:e}, {:e}] along [{:e}, {:e}, {:e}] between {t_near:e} and {t_far:e}: {answer}",
+        "from [{:e}, {:e}, {:e}] along [{:e}, {:e}, {:e}] between {t_near:e} and {t_far:e}",
         o.x, o.y, o.z, d.x, d.y, d.z
     )
 }
 
 /// What was built over a scene.
-pub(super) struct Engine<'s>(Box<dyn Accel + 's>);
+pub(super) struct Engine<'s> {
+    accel: Box<dyn Accel + 's>,
+    scene: &'s Scene,
+}
 
 impl Engine<'_> {
     /// The rays in packets, asked for their nearest hits.
     pub(super) fn traced(&self, rays: &[Ray], order: RayOrder) -> Vec<RayPacket> {
         let mut packets = packets(rays);
-        self.0.intersect(&mut packets, order);
+        self.accel.intersect(&mut packets, order);
         packets
     }
 
@@ -231,7 +296,7 @@ impl Engine<'_> {
     /// Whether each ray meets anything.
     pub(super) fn blocked(&self, rays: &[Ray], order: RayOrder) -> Vec<bool> {
         let mut packets = packets(rays);
-        self.0.occluded(&mut packets, order);
+        self.accel.occluded(&mut packets, order);
         (0..rays.len())
             .map(|i| packets[i / LANES].is_blocked(i % LANES))
             .collect()

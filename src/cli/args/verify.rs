@@ -21,8 +21,10 @@ Examples:
   whit verify
   whit verify --list
   whit verify --case H11 --case H12 --rays 10000000 --isa all
-  whit verify --rays 1000000 --json verify.json
+  whit verify --rays 1000000 --json verify.json --html verify.html
   whit verify scene.glb --size 1920x1080
+  whit verify scene.glb --overlay differences.png --rays-out differences.rays --html scene.html
+  whit verify scene.glb --replay differences.rays
 
 With scenes, the rays of their own pictures go through Embree and the BSP (without Embree: through the BSP and brute
 force). What differs is told by the kind of place, and what is wrong with the meshes with what to do about it.";
@@ -58,6 +60,26 @@ pub(in crate::cli) struct VerifyArgs {
     /// Write what was measured as JSON
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) json: Option<PathBuf>,
+
+    /// Picture to write (.png) with what differs drawn over it: wrong red, ties yellow; for one scene
+    #[arg(long, value_name = "FILE", requires = "scenes")]
+    pub(in crate::cli) overlay: Option<PathBuf>,
+
+    /// Write the rays that differ, to the bit, with what was answered; for one scene
+    #[arg(long, value_name = "FILE", requires = "scenes")]
+    pub(in crate::cli) rays_out: Option<PathBuf>,
+
+    /// Ask the rays of such a file again, on every path and by brute force, in place of the scene's own
+    #[arg(long, value_name = "FILE", requires = "scenes", conflicts_with_all = ["overlay", "rays_out", "json", "html", "size"])]
+    pub(in crate::cli) replay: Option<PathBuf>,
+
+    /// Write one page for a browser: how each case went, with pictures of what was asked
+    #[arg(long, value_name = "FILE", conflicts_with = "list")]
+    pub(in crate::cli) html: Option<PathBuf>,
+
+    /// Date or other words that the page states of when it was made
+    #[arg(long, value_name = "WORDS", requires = "html")]
+    pub(in crate::cli) date: Option<String>,
 
     /// Threads; 0 takes one a processor
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]

@@ -1,0 +1,116 @@
+//! `whit verify SCENE --replay FILE`: rays that were written down, asked again on every path.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use crate::accel::agreement::Agreement;
+use crate::accel::{self, Accel, AccelOptions, Backend, Instancing};
+use crate::scene::{EffectSet, Scene};
+use crate::verify::{self, Difference, PATHS, RaysFile, Reply, ask_again, describe_ray};
+
+use super::args::VerifyArgs;
+use super::failure::Failure;
+use super::interrupt;
+use super::job::Tracing;
+use super::output;
+use super::own::holds;
+use super::scene;
+
+/// Asks the rays of `file` again in the first scene of the arguments.
+pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
+    let rays = read(file)?;
+    let Some(path) = args.scenes.first() else {
+        return Err(Failure::Input("name the scene that the rays are of".into()));
+    };
+    let pool = Tracing::of_threads(args.threads).pool()?;
+    let loaded = pool.install(|| scene::load(path, EffectSet::NONE))?;
+    let found = holds(&loaded.scene);
+    if found != rays.holds {
+        return Err(Failure::Input(format!(
+            "{} is of another scene: of {} with {} instances and {} primitives, while {} has {} and {}",
+            file.display(),
+            rays.scene,
+            rays.holds[0],
+            rays.holds[1],
+            path.display(),
+            found[0],
+            found[1]
+        )));
+    }
+    let heard = pool.install(|| ask_all(&loaded.scene, &rays.rays, args.isa.as_deref()))?;
+    output::print(&told(&rays, &heard))
+}
+
+/// Reads a file of rays.
+fn read(path: &Path) -> Result<RaysFile, Failure> {
+    let text = fs::read_to_string(path)
+        .map_err(|error| Failure::Input(format!("could not read {}: {error}", path.display())))?;
+    RaysFile::parse(&text).map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
+}
+
+/// A path and what it answered to each ray.
+struct Heard {
+    name: &'static str,
+    replies: Vec<(Reply, Agreement)>,
+}
+
+/// Asks every path, one structure after the other, so that no two are in memory beside brute force, which needs none.
+fn ask_all(scene: &Scene, rays: &[Difference], isa: Option<&str>) -> Result<Vec<Heard>, Failure> {
+    let brute = accel::build(scene, Backend::Brute, &AccelOptions::default())?;
+    let ask = |name, accel: &dyn Accel, instancing| Heard {
+        name,
+        replies: rays
+            .par_iter()
+            .map(|ray| ask_again(scene, [&*brute, accel], ray, instancing))
+            .collect(),
+    };
+    let mut heard = Vec::new();
+    for path in PATHS.iter().filter(|path| path.is_built_in()) {
+        let Some((_, precision, _)) = path.accel else {
+            continue;
+        };
+        interrupt::check()?;
+        let accel = verify::build_path(scene, path, isa)?;
+        let instancing = if path.is_embree() {
+            Instancing::Auto.resolved(precision)
+        } else {
+            Instancing::Callback
+        };
+        heard.push(ask(path.name, &*accel, instancing));
+    }
+    heard.push(ask("brute force", &*brute, Instancing::Callback));
+    Ok(heard)
+}
+
+/// Each ray with what was answered when it was written down and what every path answers now.
+fn told(file: &RaysFile, heard: &[Heard]) -> String {
+    let mut text = format!("{} rays of {}\n", file.rays.len(), file.scene);
+    for (number, ray) in file.rays.iter().enumerate() {
+        let verdict = if ray.is_wrong { "wrong" } else { "tie" };
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "\n{} {} ray, {verdict}, {}: {}",
+            number + 1,
+            ray.kind.word(),
+            ray.place.name(),
+            describe_ray(&ray.ray)
+        );
+        for (name, reply) in file.answers.iter().zip(ray.replies) {
+            let _ = writeln!(text, "    was: {reply} ({name})");
+        }
+        for Heard { name, replies } in heard {
+            let (reply, agreement) = replies[number];
+            let judged = match agreement {
+                Agreement::Same => "",
+                Agreement::Tie => "  ties with brute force",
+                Agreement::Wrong => "  differs from brute force by more than rounding",
+            };
+            let _ = writeln!(text, "    {name:17} {reply}{judged}");
+        }
+    }
+    text
+}

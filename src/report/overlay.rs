@@ -1,0 +1,195 @@
+//! Where two structures differ, drawn over the picture: wrong rays red, ties yellow, a legend below.
+
+use glam::DVec2;
+
+use super::letters;
+use crate::image::LinearImage;
+use crate::scene::CameraView;
+use crate::verify::{Difference, RayKind};
+
+/// Of something wrong, linear RGB.
+const WRONG: [f32; 3] = [1.0, 0.02, 0.03];
+/// Of a tie.
+const TIE: [f32; 3] = [1.0, 0.7, 0.0];
+/// Of the ring around marks, and of the ground of the legend.
+const GROUND: [f32; 3] = [0.012; 3];
+/// Of the letters.
+const INK: [f32; 3] = [0.8; 3];
+/// What is left of the picture's own light and colour, so that marks stand out.
+const DIMMED: f32 = 0.5;
+/// A mark is this share of the picture's height, and at least a pixel, each way from its middle.
+const MARK: u32 = 240;
+/// A pixel of a letter is this share of the picture's height.
+const LETTER: u32 = 200;
+
+/// Where on the film a ray belongs: a camera ray where it is sent through, any other where it starts. `None` where that is
+/// behind the camera.
+pub fn place(view: &CameraView, difference: &Difference) -> Option<DVec2> {
+    let ray = &difference.ray;
+    let p = match difference.kind {
+        RayKind::Camera => ray.at(1.0),
+        RayKind::Shadow | RayKind::Reflection => ray.origin.as_dvec3(),
+    };
+    view.film_point(p)
+}
+
+/// The picture with a mark for each difference and the lines of `legend` below, the first in red, the second in yellow.
+pub fn draw(
+    picture: &LinearImage,
+    view: &CameraView,
+    differences: &[&Difference],
+    legend: [&str; 2],
+) -> LinearImage {
+    let mut image = dimmed(picture);
+    let reach = (picture.height / MARK).max(1);
+    // Wrong ones last, so that no tie covers them.
+    for is_wrong in [false, true] {
+        for difference in differences.iter().filter(|d| d.is_wrong == is_wrong) {
+            if let Some(at) = place(view, difference) {
+                let color = if is_wrong { WRONG } else { TIE };
+                mark(&mut image, at, reach, color);
+            }
+        }
+    }
+    let scale = (picture.height / LETTER).max(1);
+    for (words, color) in legend.into_iter().zip([WRONG, TIE]) {
+        add_line(&mut image, words, scale, color);
+    }
+    image
+}
+
+fn dimmed(picture: &LinearImage) -> LinearImage {
+    let pixels = picture.pixels.iter().map(|&[r, g, b]| {
+        // Rec. 709, and no brighter than white, which would outshine the marks.
+        let grey = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        [r, g, b].map(|x| (DIMMED * 0.5 * (x + grey)).clamp(0.0, DIMMED))
+    });
+    LinearImage {
+        pixels: pixels.collect(),
+        ..*picture
+    }
+}
+
+/// A square of that colour with a dark edge.
+fn mark(image: &mut LinearImage, at: DVec2, reach: u32, color: [f32; 3]) {
+    let size = DVec2::new(f64::from(image.width), f64::from(image.height));
+    let pixel = (at * size).floor();
+    let is_inside = pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();
+    if !is_inside {
+        return;
+    }
+    let (x, y) = (pixel.x as i64, pixel.y as i64);
+    let reach = i64::from(reach);
+    for (reach, color, is_edge) in [(reach + 1, GROUND, true), (reach, color, false)] {
+        for row in y - reach..=y + reach {
+            for column in x - reach..=x + reach {
+                let has = (0..i64::from(image.width)).contains(&column)
+                    && (0..i64::from(image.height)).contains(&row);
+                if !has {
+                    continue;
+                }
+                let pixel = &mut image.pixels[(row * i64::from(image.width) + column) as usize];
+                // The edge of one mark does not cover another.
+                if !(is_edge && (*pixel == WRONG || *pixel == TIE)) {
+                    *pixel = color;
+                }
+            }
+        }
+    }
+}
+
+/// Adds rows with a square of that colour and words, as many as have room.
+fn add_line(image: &mut LinearImage, words: &str, scale: u32, color: [f32; 3]) {
+    let height = (letters::HEIGHT + 2) * scale;
+    let first = image.pixels.len();
+    let width = image.width;
+    image.pixels.resize(first + (width * height) as usize, GROUND);
+    image.height += height;
+    let rows = &mut image.pixels[first..];
+    let advance = letters::WIDTH + 1;
+    for y in 0..height {
+        for x in 0..width {
+            let (column, row) = (x / scale, y / scale);
+            let Some(row) = row.checked_sub(1).filter(|&row| row < letters::HEIGHT) else {
+                continue;
+            };
+            let Some(column) = column.checked_sub(1) else {
+                continue;
+            };
+            let pixel = &mut rows[(y * width + x) as usize];
+            if column < letters::HEIGHT {
+                *pixel = color;
+            } else if let Some(at) = column.checked_sub(letters::HEIGHT + 1)
+                && let Some(letter) = words.chars().nth((at / advance) as usize)
+                && letters::is_set(letter, at % advance, row)
+            {
+                *pixel = INK;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::numeric::Ray;
+    use crate::scene::Camera;
+    use crate::verify::{Place, Reply};
+
+    fn difference(view: &CameraView, (x, y): (f64, f64), is_wrong: bool) -> Difference {
+        let ray = view.ray(x, y);
+        Difference {
+            kind: RayKind::Camera,
+            ray: Ray::new(ray.origin.as_vec3(), ray.direction.as_vec3()),
+            replies: [Reply::Nothing; 2],
+            is_wrong,
+            place: Place::Edge,
+        }
+    }
+
+    #[test]
+    fn marks_stand_where_rays_go_through_the_film_and_wrong_ones_on_top() {
+        let view = Camera::default().view(40, 30);
+        let all = [
+            difference(&view, (10.5 / 40.0, 5.5 / 30.0), true),
+            difference(&view, (11.5 / 40.0, 5.5 / 30.0), false),
+            difference(&view, (30.5 / 40.0, 20.5 / 30.0), false),
+            difference(&view, (3.0, 0.5), true),
+        ];
+        let black = LinearImage::black(40, 30);
+        let drawn = draw(
+            &black,
+            &view,
+            &all.iter().collect::<Vec<_>>(),
+            ["wrong 1", "ties 2"],
+        );
+        assert_eq!(drawn.pixel(10, 5), WRONG);
+        assert_eq!(drawn.pixel(11, 5), WRONG, "a tie next to it does not cover it");
+        assert_eq!(drawn.pixel(30, 20), TIE);
+        assert_eq!(drawn.pixel(20, 15), [0.0; 3]);
+        // Two lines of five rows, with a free one above and below each.
+        assert_eq!((drawn.width, drawn.height), (40, 30 + 2 * 7));
+        assert_eq!(drawn.pixels.len(), 40 * 44);
+        assert_eq!((drawn.pixel(1, 31), drawn.pixel(1, 38)), (WRONG, TIE));
+        assert!(drawn.pixels[40 * 30..].contains(&INK));
+    }
+
+    #[test]
+    fn a_shadow_ray_is_marked_where_it_starts_and_one_behind_the_camera_nowhere() {
+        let view = Camera::default().view(40, 30);
+        let from = |origin| Difference {
+            kind: RayKind::Shadow,
+            ray: Ray::new(origin, Vec3::Y),
+            ..difference(&view, (0.5, 0.5), true)
+        };
+        let middle = place(&view, &from(Vec3::new(0.0, 0.0, -3.0))).unwrap();
+        // A few roundings of the inverse of a 3x3 matrix.
+        assert!(
+            middle.distance(DVec2::splat(0.5)) < 8.0 * f64::EPSILON,
+            "{middle}"
+        );
+        assert_eq!(place(&view, &from(Vec3::new(0.0, 0.0, 3.0))), None);
+    }
+}

@@ -1,0 +1,173 @@
+//! Scenes' own rays through two backends as one page: `whit verify SCENE --html`.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::machine;
+use super::own::{OwnReport, by_place};
+use super::page::{self, Cell, Column, Table, escape, figure};
+use super::table::in_groups;
+use crate::image::{LinearImage, ToneMap, png_bytes};
+use crate::verify::{Difference, bits};
+
+/// Differences whose bits are shown, wrong ones first.
+const MOST_SHOWN: usize = 24;
+
+/// A scene of a page.
+#[derive(Clone, Copy, Debug)]
+pub struct Part<'a> {
+    /// What was found.
+    pub report: &'a OwnReport,
+    /// The picture with what differs drawn over it.
+    pub overlay: Option<&'a LinearImage>,
+}
+
+/// The page of all scenes; `date` is told as the user words it.
+pub fn page(scenes: &[Part], date: Option<&str>) -> String {
+    let mut body = "<h1>Scenes’ own rays, asked twice</h1>\n\
+                    <p>The rays of each scene’s picture went through two structures. Where the answers differ, the \
+                    bounds on rounding tell ties from wrong ones.</p>\n"
+        .to_owned();
+    let sum = |of: fn(&OwnReport) -> u64| scenes.iter().map(|part| of(part.report)).sum::<u64>();
+    let wrong = sum(|report| report.rays.values().map(|rays| rays.wrong_count()).sum());
+    let ties = sum(|report| report.rays.values().map(|rays| rays.tie_count()).sum());
+    let rays = sum(|report| report.rays.values().map(|rays| rays.rays).sum());
+    body += &page::numbers(&[
+        (scenes.len().to_string(), "scenes", ""),
+        (in_groups(rays), "rays", ""),
+        (
+            wrong.to_string(),
+            "wrong",
+            if wrong > 0 { "fails" } else { "holds" },
+        ),
+        (in_groups(ties), "ties", ""),
+    ]);
+    let mut facts = vec![
+        ("whit", env!("CARGO_PKG_VERSION").to_owned()),
+        ("processor", escape(&machine::processor())),
+    ];
+    if let Some(date) = date {
+        facts.push(("date", escape(date)));
+    }
+    body += &page::facts(&facts);
+    for (number, part) in scenes.iter().enumerate() {
+        body += &section(part, number);
+    }
+    page::page("whit verify: scenes’ own rays", &body)
+}
+
+fn section(part: &Part, number: usize) -> String {
+    let report = part.report;
+    let mut html = format!(
+        "<section id=\"scene{number}\">\n<h2>{}</h2>\n",
+        escape(&report.scene.display().to_string())
+    );
+    let [first, second] = &report.backends;
+    html += &page::facts(&[("first", escape(first)), ("second", escape(second))]);
+    if let Some(overlay) = part.overlay {
+        html += &picture(report, overlay);
+    }
+    html += "<h3>Rays</h3>\n";
+    html += &rays(report);
+    html += &differences(report);
+    html += "<h3>Meshes</h3>\n";
+    html += &meshes(report);
+    for warning in &report.warnings {
+        html += &format!("<p>Loading: {}</p>\n", escape(warning));
+    }
+    html + "</section>\n"
+}
+
+fn picture(report: &OwnReport, overlay: &LinearImage) -> String {
+    // A picture too large for a PNG is too large for a page.
+    let Ok(png) = png_bytes(overlay, ToneMap::default()) else {
+        return String::new();
+    };
+    let [wrong, ties] = report.legend();
+    let words = format!("The picture, dimmed, with what differs: red {wrong}; yellow {ties}");
+    let words = escape(&words);
+    let picture = format!(
+        "<img width=\"{}\" height=\"{}\" alt=\"{words}\" src=\"data:image/png;base64,{}\">",
+        overlay.width,
+        overlay.height,
+        STANDARD.encode(png)
+    );
+    figure(&picture, &words)
+}
+
+fn rays(report: &OwnReport) -> String {
+    let mut table = Table::new(&[
+        Column::Words("rays"),
+        Column::Numbers("asked"),
+        Column::Numbers("wrong"),
+        Column::Words("at"),
+        Column::Numbers("ties"),
+        Column::Words("at"),
+    ]);
+    for (kind, rays) in report.comparisons() {
+        let verdict = if rays.wrong_count() > 0 { "fails" } else { "holds" };
+        let places = |counts| by_place(counts).trim_matches([' ', '(', ')']).to_owned();
+        let cells = [
+            Cell::text(kind.word()),
+            Cell::count(rays.rays),
+            Cell::badge(&rays.wrong_count().to_string(), verdict),
+            Cell::wrapped(&places(&rays.wrong)),
+            Cell::count(rays.tie_count()),
+            Cell::wrapped(&places(&rays.ties)),
+        ];
+        table.row((verdict, kind.word()), &cells);
+    }
+    table.html("")
+}
+
+/// The first rays that differ, to be asked again.
+fn differences(report: &OwnReport) -> String {
+    let mut all: Vec<&Difference> = report.differences().collect();
+    if all.is_empty() {
+        return String::new();
+    }
+    // Stable: in the order of the rays among themselves.
+    all.sort_by_key(|difference| !difference.is_wrong);
+    let lines: Vec<String> = all
+        .iter()
+        .take(MOST_SHOWN)
+        .map(|difference| {
+            let verdict = if difference.is_wrong { "wrong" } else { "tie" };
+            format!(
+                "{} ray, {verdict}, {}: {difference}\n    bits {}",
+                difference.kind.word(),
+                difference.place.name(),
+                bits(&difference.ray)
+            )
+        })
+        .collect();
+    format!(
+        "<p>The first {} of {} that differ and were kept:</p>\n<pre>{}</pre>\n",
+        lines.len(),
+        all.len(),
+        escape(&lines.join("\n"))
+    )
+}
+
+fn meshes(report: &OwnReport) -> String {
+    let triangles = in_groups(report.meshes.triangles);
+    let advice = report.meshes.advice();
+    if advice.is_empty() {
+        let state = if report.meshes.triangles > 0 {
+            ", closed and clean"
+        } else {
+            ""
+        };
+        return format!("<p>{triangles} triangles{state}.</p>\n");
+    }
+    let mut table = Table::new(&[
+        Column::Numbers("count"),
+        Column::Words("what"),
+        Column::Words("what to do"),
+    ]);
+    for (count, what, remedy) in advice {
+        let cells = [Cell::count(count), Cell::wrapped(what), Cell::wrapped(remedy)];
+        table.row(("", ""), &cells);
+    }
+    format!("<p>{triangles} triangles:</p>\n{}", table.html(""))
+}

@@ -1,0 +1,231 @@
+//! Plots of points over an axis that is even or, where values span decades, logarithmic.
+
+use std::fmt::Write;
+
+use super::escape;
+
+const WIDTH: f64 = 560.0;
+const HEIGHT: f64 = 260.0;
+/// Room for labels: left, below, and a little above and at the right.
+const LEFT: f64 = 52.0;
+const BELOW: f64 = 42.0;
+const BESIDE: f64 = 14.0;
+/// What spans more is plotted by its logarithm.
+const DECADES: f64 = 100.0;
+/// The plot reaches so many times as high as its limit; what is higher is shown at the top.
+const ABOVE_LIMIT: f64 = 4.0;
+/// Ticks of an axis, about.
+const TICKS: f64 = 6.0;
+
+/// A point of a plot.
+#[derive(Clone, Copy, Debug)]
+pub struct Mark {
+    /// Along the horizontal axis.
+    pub x: f64,
+    /// Upward, from 0.
+    pub y: f64,
+    /// What the style knows it by.
+    pub class: &'static str,
+}
+
+/// A plot.
+#[derive(Clone, Debug)]
+pub struct Plot<'a> {
+    /// What the horizontal axis shows.
+    pub x_label: &'a str,
+    /// What the vertical axis shows.
+    pub y_label: &'a str,
+    /// A height that is drawn as a line.
+    pub limit: f64,
+    /// Its points.
+    pub marks: Vec<Mark>,
+}
+
+/// The horizontal axis: values, and whether their logarithms are shown.
+enum Axis {
+    Even { low: f64, high: f64 },
+    Logarithmic { low: f64, high: f64 },
+}
+
+impl Axis {
+    fn of(values: impl Iterator<Item = f64> + Clone) -> Axis {
+        let finite = values.filter(|x| x.is_finite());
+        let low = finite.clone().fold(f64::INFINITY, f64::min);
+        let high = finite.fold(f64::NEG_INFINITY, f64::max);
+        if low > 0.0 && high > DECADES * low {
+            return Axis::Logarithmic {
+                low: low.log10(),
+                high: high.log10(),
+            };
+        }
+        if low < high {
+            Axis::Even { low, high }
+        } else {
+            // One value, or none.
+            let middle = if low.is_finite() { low } else { 0.0 };
+            Axis::Even {
+                low: middle - 1.0,
+                high: middle + 1.0,
+            }
+        }
+    }
+
+    /// From 0 to 1.
+    fn place(&self, x: f64) -> f64 {
+        match *self {
+            Axis::Even { low, high } => (x - low) / (high - low),
+            Axis::Logarithmic { low, high } => (x.log10() - low) / (high - low),
+        }
+    }
+
+    /// Values with what is written there.
+    fn ticks(&self) -> Vec<(f64, String)> {
+        match *self {
+            Axis::Even { low, high } => even_ticks(low, high),
+            Axis::Logarithmic { low, high } => {
+                let step = ((high - low) / TICKS).ceil().max(1.0);
+                let first = (low / step).ceil() as i32;
+                let last = (high / step).floor() as i32;
+                let power = |i: i32| i * step as i32;
+                (first..=last)
+                    .map(|i| (10f64.powi(power(i)), format!("1e{}", power(i))))
+                    .collect()
+            }
+        }
+    }
+}
+
+/// Round numbers between two.
+fn even_ticks(low: f64, high: f64) -> Vec<(f64, String)> {
+    let rough = (high - low) / TICKS;
+    let power = 10f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .into_iter()
+        .map(|factor| factor * power)
+        .find(|&step| step >= rough)
+        .unwrap_or(10.0 * power);
+    let digits = (-step.log10().floor()).max(0.0) as usize;
+    let (first, last) = ((low / step).ceil() as i64, (high / step).floor() as i64);
+    (first..=last)
+        .map(|i| i as f64 * step)
+        .map(|x| (x, format!("{x:.digits$}")))
+        .collect()
+}
+
+impl Plot<'_> {
+    /// As SVG.
+    pub fn svg(&self) -> String {
+        let axis = Axis::of(self.marks.iter().map(|mark| mark.x));
+        let highest = self.marks.iter().map(|mark| mark.y).fold(0.0, f64::max);
+        let top = 1.1 * highest.clamp(self.limit, ABOVE_LIMIT * self.limit);
+        let across = |x: f64| LEFT + axis.place(x) * (WIDTH - LEFT - BESIDE);
+        let up = |y: f64| HEIGHT - BELOW - (y / top).min(1.0) * (HEIGHT - BELOW - BESIDE);
+        let mut svg = format!(
+            "<svg class=\"plot\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{} over {}\">",
+            escape(self.y_label),
+            escape(self.x_label)
+        );
+        // Writing to a string cannot fail.
+        for (x, name) in axis.ticks() {
+            let x = across(x);
+            let _ = write!(
+                svg,
+                "<path class=\"grid\" d=\"M{x:.1} {BESIDE}V{0:.1}\"/>\
+                 <text x=\"{x:.1}\" y=\"{1:.1}\" text-anchor=\"middle\">{name}</text>",
+                HEIGHT - BELOW,
+                HEIGHT - BELOW + 15.0
+            );
+        }
+        for (y, name) in even_ticks(0.0, top) {
+            let y = up(y);
+            let _ = write!(
+                svg,
+                "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{0:.1}\"/>\
+                 <text x=\"{1:.1}\" y=\"{2:.1}\" text-anchor=\"end\">{name}</text>",
+                WIDTH - BESIDE,
+                LEFT - 6.0,
+                y + 4.0
+            );
+        }
+        let _ = write!(
+            svg,
+            "<path class=\"limit\" d=\"M{LEFT} {0:.1}H{1:.1}\"/>\
+             <text class=\"limit\" x=\"{1:.1}\" y=\"{2:.1}\" text-anchor=\"end\">bound</text>",
+            up(self.limit),
+            WIDTH - BESIDE,
+            up(self.limit) - 4.0
+        );
+        for mark in self.marks.iter().filter(|mark| mark.x.is_finite()) {
+            let y = if mark.y.is_nan() { top } else { mark.y };
+            let _ = write!(
+                svg,
+                "<circle class=\"{}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"2.2\"/>",
+                mark.class,
+                across(mark.x),
+                up(y)
+            );
+        }
+        let _ = write!(
+            svg,
+            "<text class=\"label\" x=\"{0:.1}\" y=\"{1:.1}\" text-anchor=\"middle\">{2}</text>\
+             <text class=\"label\" x=\"{3}\" y=\"{4:.1}\" text-anchor=\"middle\" \
+             transform=\"rotate(-90 {3} {4:.1})\">{5}</text></svg>",
+            0.5 * (LEFT + WIDTH - BESIDE),
+            HEIGHT - 6.0,
+            escape(self.x_label),
+            12,
+            0.5 * (HEIGHT - BELOW),
+            escape(self.y_label)
+        );
+        svg
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_numbers_within_the_axis() {
+        let names =
+            |low, high| -> Vec<String> { even_ticks(low, high).into_iter().map(|tick| tick.1).collect() };
+        assert_eq!(names(0.0, 1.0), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
+        assert_eq!(names(-3.0, 9.5), ["0", "5"]);
+        let powers: Vec<String> = Axis::of([1e-9, 1e3].into_iter())
+            .ticks()
+            .into_iter()
+            .map(|tick| tick.1)
+            .collect();
+        assert_eq!(powers, ["1e-8", "1e-6", "1e-4", "1e-2", "1e0", "1e2"]);
+    }
+
+    #[test]
+    fn what_is_far_above_the_limit_or_no_number_stands_at_the_top() {
+        let mark = |y| Mark {
+            x: 1.0,
+            y,
+            class: "wrong",
+        };
+        let plot = Plot {
+            x_label: "a<b",
+            y_label: "ulp",
+            limit: 4.0,
+            marks: vec![mark(1.0), mark(f64::NAN), mark(f64::INFINITY), mark(1e9)],
+        };
+        let svg = plot.svg();
+        assert_eq!(svg.matches("<circle").count(), 4);
+        assert_eq!(svg.matches("cy=\"14.0\"").count(), 3, "{svg}");
+        assert!(svg.contains("a&lt;b") && !svg.contains("NaN"));
+    }
+
+    #[test]
+    fn a_plot_of_nothing_is_drawn_too() {
+        let plot = Plot {
+            x_label: "",
+            y_label: "",
+            limit: 1.0,
+            marks: Vec::new(),
+        };
+        assert!(!plot.svg().contains("NaN") && !plot.svg().contains("inf"));
+    }
+}

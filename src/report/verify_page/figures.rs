@@ -1,0 +1,173 @@
+//! Pictures of cases: rays and what they were sent into, what some of them pass, errors over arguments.
+
+use glam::{DVec2, DVec3};
+
+use crate::report::page::{Drawing, Mark, Plot, Region, escape, figure};
+use crate::report::verify::VerifyRow;
+use crate::verify::{Answer, Asked, Axis, CloseUp, Sketch, view};
+
+/// Side of the picture of all, in pixels.
+const LARGE: u32 = 360;
+/// Side of a close-up.
+const SMALL: u32 = 148;
+/// An object larger than so many times what rays meet of it is not shown whole.
+const WHOLE: f64 = 4.0;
+
+/// The class that an answer has.
+fn class(answer: Answer) -> &'static str {
+    match answer {
+        Answer::Right => "right",
+        Answer::Tie => "tie",
+        Answer::Wrong => "wrong",
+    }
+}
+
+/// Pictures of one case, whose rows these are: as the path saw it on which most was wrong, else the first.
+pub(super) fn of(rows: &[VerifyRow]) -> String {
+    let badness = |row: &&VerifyRow| (row.outcome.tally.wrong, row.outcome.tally.ties);
+    let Some(row) = rows.iter().rev().max_by_key(badness) else {
+        return String::new();
+    };
+    let sketch = &row.outcome.tally.sketch;
+    let mut html = String::new();
+    if let Some(axis) = sketch.axis {
+        html += &errors(sketch, axis, row.case.unit);
+    }
+    html += &whole(sketch, row.path);
+    if !sketch.close_ups.is_empty() {
+        let views: String = sketch
+            .close_ups
+            .iter()
+            .map(|view| close_up(sketch, view))
+            .collect();
+        html += &format!("<div class=\"small\">{views}</div>\n");
+    }
+    if html.is_empty() {
+        return html;
+    }
+    format!("<div class=\"pictures\">{html}</div>\n")
+}
+
+fn errors(sketch: &Sketch, axis: Axis, unit: &str) -> String {
+    let marks: Vec<Mark> = sketch
+        .shown_errors()
+        .map(|error| Mark {
+            x: error.at,
+            y: error.off,
+            class: class(error.answer),
+        })
+        .collect();
+    let y_label = format!("error, {unit}");
+    let words = format!("{} of the arguments asked, the worst among them", marks.len());
+    let plot = Plot {
+        x_label: axis.label,
+        y_label: &y_label,
+        limit: axis.bound,
+        marks,
+    };
+    figure(&plot.svg(), &words)
+}
+
+/// A point as seen in the picture.
+fn seen(p: DVec3) -> DVec2 {
+    let [right, up, _] = view();
+    DVec2::new(p.dot(right), p.dot(up))
+}
+
+/// Where a ray was said to end.
+fn end(asked: &Asked) -> Option<DVec3> {
+    let hit = asked.hit.filter(|_| asked.ray.is_traceable())?;
+    Some(asked.ray.at(hit.t.into())).filter(|p| p.is_finite())
+}
+
+/// All rays that were kept and the outline of what they were sent into.
+fn whole(sketch: &Sketch, path: &str) -> String {
+    let Some(outline) = &sketch.outline else {
+        return String::new();
+    };
+    let ends: Vec<DVec2> = sketch.asked.iter().filter_map(end).map(seen).collect();
+    let lines: Vec<[DVec2; 2]> = outline.lines.iter().map(|line| line.map(seen)).collect();
+    let target: Vec<DVec2> = outline.target.iter().flatten().map(|&p| seen(p)).collect();
+    let region = match (Region::around(&ends), Region::holding(&target)) {
+        (Some(ends), Some(target)) if target.half <= WHOLE * ends.half => Some(target),
+        (Some(ends), _) => Some(ends),
+        (None, target) => target,
+    };
+    let Some(region) = region else {
+        return String::new();
+    };
+    let mut drawing = Drawing::new(region, LARGE);
+    for &line in &lines {
+        drawing.line("outline", line);
+    }
+    for line in &outline.met {
+        drawing.line("met", line.map(seen));
+    }
+    // Farther than any corner of the view.
+    let far = 4.0 * (region.half + region.center.length());
+    for asked in sketch.asked.iter().filter(|asked| asked.ray.is_traceable()) {
+        let start = asked.ray.origin.as_dvec3();
+        let way = asked.ray.direction.as_dvec3().normalize_or_zero();
+        let stop = end(asked).unwrap_or(start + (far + start.length()) * way);
+        drawing.line(class(asked.answer), [seen(start), seen(stop)]);
+    }
+    for asked in &sketch.asked {
+        if let Some(p) = end(asked) {
+            drawing.dot(class(asked.answer), seen(p));
+        }
+    }
+    let count = |answer| sketch.asked.iter().filter(|asked| asked.answer == answer).count();
+    let words = format!(
+        "The first rays on {path}: {} right, {} ties, {} wrong, each to the dot where it was said to hit; \
+         the view is {} wide",
+        count(Answer::Right),
+        count(Answer::Tie),
+        count(Answer::Wrong),
+        length(2.0 * region.half)
+    );
+    figure(&drawing.svg(&words), &escape(&words))
+}
+
+/// What lies ahead of one ray.
+fn close_up(sketch: &Sketch, view: &CloseUp) -> String {
+    let asked = &sketch.asked[view.asked];
+    let region = Region {
+        center: DVec2::ZERO,
+        half: 1.0,
+    };
+    let mut drawing = Drawing::new(region, SMALL);
+    for &triangle in &view.triangles {
+        drawing.triangle("outline", triangle);
+    }
+    drawing.dot(class(asked.answer), DVec2::ZERO);
+    let answer = match (asked.answer, asked.hit) {
+        (Answer::Right, _) => "right",
+        (Answer::Tie, _) => "tie",
+        (Answer::Wrong, None) => "wrong: nothing hit",
+        (Answer::Wrong, Some(_)) => "wrong",
+    };
+    let words = format!("along a ray, {answer}; {} wide", length(2.0 * view.size));
+    figure(&drawing.svg(&words), &words)
+}
+
+/// A length in few digits.
+fn length(x: f64) -> String {
+    // Between a hundredth and ten thousand powers of ten are harder to read than zeros.
+    if (0.01..1e4).contains(&x) {
+        let digits = (2.0 - x.log10().floor()).max(0.0) as usize;
+        format!("{x:.digits$}")
+    } else {
+        format!("{x:.2e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_have_three_digits() {
+        let words = [0.01234, 1.5, 4023.4, 12_345.0, 1.5e-9].map(length);
+        assert_eq!(words, ["0.0123", "1.50", "4023", "1.23e4", "1.50e-9"]);
+    }
+}

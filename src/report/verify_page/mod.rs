@@ -1,0 +1,278 @@
+//! The suite of hard cases as one page: `whit verify --html`.
+
+mod figures;
+
+use std::collections::BTreeSet;
+
+use super::machine;
+use super::page::{self, Cell, Column, Table, escape};
+use super::verify::{VerifyRow, required_of, word};
+use crate::verify::{Answer, Verdict, bits, describe};
+
+/// Wrong answers of a path that are shown with their bits.
+const MOST_SHOWN: usize = 3;
+
+/// What a page says of the run besides its rows.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Rays, or arguments, that each case was asked with on each path, about.
+    pub rays: u64,
+    /// As the user words it, if at all.
+    pub date: Option<String>,
+}
+
+/// The page of all rows.
+pub fn page(rows: &[VerifyRow], run: &Run) -> String {
+    let mut body = summary(rows, run);
+    body += "<h2>Cases and paths</h2>\n\
+             <p>How many answers were wrong. Green: none. Amber: some, on a path that promises no better. Red: \
+             some that must not be.</p>\n";
+    body += &overview(rows);
+    body += "<h2>All checks</h2>\n";
+    body += &page::filter(&[("holds", "holds"), ("measured", "measured"), ("fails", "fails")]);
+    body += &checks(rows);
+    body += "<h2>What was asked</h2>\n\
+             <p class=\"key\">Rays and arguments: <i class=\"right\"></i>right <i class=\"tie\"></i>tie: rounding \
+             explains the answer <i class=\"wrong\"></i>wrong: it does not</p>\n";
+    for of_case in rows.chunk_by(|a, b| a.case.id == b.case.id) {
+        body += &section(of_case);
+    }
+    page::page("whit verify: hard cases with exact answers", &body)
+}
+
+/// The class that a verdict has.
+fn class(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Holds => "holds",
+        Verdict::Measured => "measured",
+        Verdict::Fails => "fails",
+    }
+}
+
+fn summary(rows: &[VerifyRow], run: &Run) -> String {
+    let count = |verdict| rows.iter().filter(|row| row.outcome.verdict == verdict).count();
+    let tile = |verdict, words| {
+        let class = if count(verdict) > 0 { class(verdict) } else { "" };
+        (count(verdict).to_string(), words, class)
+    };
+    let mut html = "<h1>Hard cases with exact answers</h1>\n\
+                    <p>Rays and arguments that sit where rounding decides, put to every way of finding hits. An \
+                    answer that differs from the exact one is wrong if the bounds on rounding do not explain it, \
+                    else a tie.</p>\n"
+        .to_owned();
+    html += &page::numbers(&[
+        (rows.len().to_string(), "checks", ""),
+        tile(Verdict::Holds, "hold"),
+        tile(Verdict::Measured, "measured without a promise"),
+        tile(Verdict::Fails, "failed"),
+    ]);
+    let embree: BTreeSet<String> = rows
+        .iter()
+        .filter_map(|row| row.outcome.embree.as_ref())
+        .map(|embree| format!("{} on {}", embree.version, embree.isa))
+        .collect();
+    let embree: Vec<String> = embree.into_iter().collect();
+    let mut facts = vec![
+        ("whit", env!("CARGO_PKG_VERSION").to_owned()),
+        (
+            "Embree",
+            if embree.is_empty() {
+                "none".into()
+            } else {
+                escape(&embree.join(", "))
+            },
+        ),
+        ("processor", escape(&machine::processor())),
+        ("rays a case and path", run.rays.to_string()),
+    ];
+    if let Some(date) = &run.date {
+        facts.push(("date", escape(date)));
+    }
+    html + &page::facts(&facts)
+}
+
+/// A path, with the instruction set where Embree was held to several.
+fn path_name(row: &VerifyRow, rows: &[VerifyRow]) -> String {
+    let isas: BTreeSet<&str> = rows.iter().filter_map(|row| isa(row)).collect();
+    match isa(row) {
+        Some(isa) if isas.len() > 1 => format!("{} {isa}", row.path),
+        _ => row.path.to_owned(),
+    }
+}
+
+fn isa(row: &VerifyRow) -> Option<&str> {
+    row.outcome.embree.as_ref().map(|embree| embree.isa.as_str())
+}
+
+/// Cases down, paths across, and how many were wrong.
+fn overview(rows: &[VerifyRow]) -> String {
+    let mut paths: Vec<String> = Vec::new();
+    for row in rows {
+        let name = path_name(row, rows);
+        if !paths.contains(&name) {
+            paths.push(name);
+        }
+    }
+    let mut columns = vec![Column::Words("case"), Column::Words("")];
+    columns.extend(paths.iter().map(|path| Column::Numbers(path)));
+    let mut table = Table::new(&columns);
+    for of_case in rows.chunk_by(|a, b| a.case.id == b.case.id) {
+        let case = &of_case[0].case;
+        let mut cells = vec![Cell::link(case.id, case.id), Cell::text(case.title)];
+        cells.extend(paths.iter().map(|path| {
+            let row = of_case.iter().find(|row| path_name(row, rows) == *path);
+            row.map_or(Cell::default(), |row| {
+                let wrong = row.outcome.tally.wrong.to_string();
+                Cell::badge_link((&wrong, class(row.outcome.verdict)), case.id)
+            })
+        }));
+        table.row(("", case.id), &cells);
+    }
+    table.html("overview")
+}
+
+fn checks(rows: &[VerifyRow]) -> String {
+    let mut table = Table::new(&[
+        Column::Words("case"),
+        Column::Words("path"),
+        Column::Words("isa"),
+        Column::Words("verdict"),
+        Column::Numbers("wrong"),
+        Column::Numbers("ties"),
+        Column::Numbers("rays"),
+        Column::Numbers("worst"),
+        Column::Words("bound"),
+    ]);
+    for row in rows {
+        let tally = &row.outcome.tally;
+        let class = class(row.outcome.verdict);
+        let cells = [
+            Cell::link(&format!("{} {}", row.case.id, row.case.title), row.case.id),
+            Cell::text(row.path),
+            Cell::text(isa(row).unwrap_or_default()),
+            Cell::badge(word(row.outcome.verdict), class),
+            Cell::count(tally.wrong),
+            Cell::count(tally.ties),
+            Cell::count(tally.rays),
+            Cell::text(&row.worst()),
+            Cell::short(row.case.bound),
+        ];
+        table.row((class, row.case.id), &cells);
+    }
+    table.html("wide filtered")
+}
+
+/// What one case asks and how it went, with pictures.
+fn section(rows: &[VerifyRow]) -> String {
+    let case = &rows[0].case;
+    let mut html = format!(
+        "<section id=\"{0}\" data-item=\"{0}\">\n<h3>{0} {1}</h3>\n",
+        escape(case.id),
+        escape(case.title)
+    );
+    html += &page::facts(&[
+        ("asks", escape(case.construction)),
+        ("knows", escape(case.oracle)),
+        ("bound", escape(case.bound)),
+        ("required", escape(&required_of(case))),
+    ]);
+    html += &figures::of(rows);
+    for row in rows.iter().filter(|row| row.outcome.tally.wrong > 0) {
+        html += &failures(row);
+    }
+    html + "</section>\n"
+}
+
+/// The first wrong answers of a path, to be asked again.
+fn failures(row: &VerifyRow) -> String {
+    let tally = &row.outcome.tally;
+    let wrong = tally
+        .sketch
+        .asked
+        .iter()
+        .filter(|asked| asked.answer == Answer::Wrong);
+    let mut lines: Vec<String> = wrong
+        .take(MOST_SHOWN)
+        .map(|asked| {
+            format!(
+                "{}\n    bits {}",
+                describe(&asked.ray, asked.hit),
+                bits(&asked.ray)
+            )
+        })
+        .collect();
+    if lines.is_empty() {
+        lines.extend(tally.example.clone());
+    }
+    let path = match isa(row) {
+        Some(isa) => format!("{} on {isa}", row.path),
+        None => row.path.to_owned(),
+    };
+    format!(
+        "<p><span class=\"badge {}\">{}</span> {}: {} wrong of {}; the first:</p>\n<pre>{}</pre>\n",
+        class(row.outcome.verdict),
+        word(row.outcome.verdict),
+        escape(&path),
+        tally.wrong,
+        tally.rays,
+        escape(&lines.join("\n"))
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::verify::{PATHS, Path, cases, check_drawn};
+
+    fn row(id: &str, path: &Path) -> VerifyRow {
+        let case = cases().into_iter().find(|case| case.id == id).unwrap();
+        VerifyRow::new(case, path, check_drawn(case, 300, path, None).unwrap())
+    }
+
+    fn bsp() -> &'static Path {
+        PATHS.iter().find(|path| path.name == "bsp").unwrap()
+    }
+
+    fn formulas() -> &'static Path {
+        PATHS.iter().find(|path| path.name == "formulas").unwrap()
+    }
+
+    fn run() -> Run {
+        Run {
+            rays: 300,
+            date: Some("<today>".into()),
+        }
+    }
+
+    #[test]
+    fn every_case_has_a_section_with_a_picture_and_rows_that_lead_to_it() {
+        let rows = [row("H11", bsp()), row("H35", formulas())];
+        let html = page(&rows, &run());
+        for id in ["H11", "H35"] {
+            assert!(html.contains(&format!("<section id=\"{id}\" data-item=\"{id}\">")));
+            assert!(html.contains(&format!("href=\"#{id}\"")));
+        }
+        let [_, h11, h35] = html.split("<section").collect::<Vec<_>>()[..] else {
+            panic!("two sections");
+        };
+        assert!(h11.contains("<path class=\"right\""), "rays are drawn");
+        assert!(h35.contains("class=\"plot\"") && h35.contains("<circle class=\"right\""));
+        assert!(html.contains("&lt;today&gt;") && !html.contains("<today>"));
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_with_its_bits_and_drawn_as_such() {
+        let mut failed = row("H11", bsp());
+        failed.outcome.verdict = Verdict::Fails;
+        failed.outcome.tally.wrong = 24;
+        for asked in &mut failed.outcome.tally.sketch.asked {
+            asked.answer = Answer::Wrong;
+        }
+        let first = failed.outcome.tally.sketch.asked[0].ray;
+        let html = page(&[failed], &run());
+        assert!(html.contains(&format!("bits {}", bits(&first))));
+        assert!(html.contains("<path class=\"wrong\""));
+        assert!(html.contains("<b>1</b><span>failed</span>"));
+        assert!(html.contains("data-verdict=\"fails\""));
+    }
+}

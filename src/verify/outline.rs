@@ -1,0 +1,243 @@
+//! Lines that show what stands in a scene, as drawn from one side: all edges of small meshes, silhouettes of large ones,
+//! circles and edges of shapes.
+
+use std::cmp::Reverse;
+use std::f64::consts::TAU;
+
+use glam::{DAffine3, DVec3};
+
+use crate::mesh::Mesh;
+use crate::scene::{Geometry, Instance, Scene};
+use crate::shape::{HalfSpace, Shape};
+
+/// A mesh with more edges is shown by its silhouette.
+const MOST_EDGES: usize = 600;
+/// Lines of a whole scene.
+const MOST_LINES: usize = 4000;
+/// Chords of a circle.
+const CHORDS: usize = 48;
+
+/// Lines of what stands in a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outline {
+    /// Both ends of each, in world space; all finite.
+    pub lines: Vec<[DVec3; 2]>,
+    /// Both ends of those of what was met most often; all where nothing was met.
+    pub target: Vec<[DVec3; 2]>,
+    /// Edges of triangles that were met.
+    pub met: Vec<[DVec3; 2]>,
+}
+
+/// What an outline is looked at along: the directions to the right, upward and towards the eye. A silhouette is right for
+/// this view alone.
+pub fn view() -> [DVec3; 3] {
+    let eye = DVec3::new(0.55, 0.42, 0.72).normalize();
+    let right = DVec3::Y.cross(eye).normalize();
+    [right, eye.cross(right), eye]
+}
+
+/// The outline of `scene` with the edges of the triangles `met`, as instance and primitive.
+pub(super) fn of(scene: &Scene, met: &[[u32; 2]]) -> Outline {
+    let mut outline = Outline::default();
+    let target = most_met(met);
+    for (number, instance) in (0..).zip(&scene.instances) {
+        if outline.lines.len() < MOST_LINES || Some(number) == target {
+            let lines = instance_lines(scene, instance);
+            if target.is_none_or(|target| target == number) {
+                outline.target.extend(&lines);
+            }
+            outline.lines.extend(lines);
+        }
+    }
+    for &[instance, primitive] in met {
+        let Some(instance) = scene.instances.get(instance as usize) else {
+            continue;
+        };
+        let Geometry::Mesh(mesh) = &scene.geometries[instance.geometry as usize] else {
+            continue;
+        };
+        if (primitive as usize) < mesh.triangles.len() {
+            let map = instance.world_from_object();
+            let [a, b, c] = mesh.corners_f64(primitive).map(|p| map.transform_point3(p));
+            outline.met.extend([[a, b], [b, c], [c, a]]);
+        }
+    }
+    for lines in [&mut outline.lines, &mut outline.target, &mut outline.met] {
+        lines.retain(|line| line.iter().all(|p| p.is_finite()));
+        lines.truncate(MOST_LINES);
+    }
+    outline
+}
+
+/// The instance that was met most often, the first of several.
+fn most_met(met: &[[u32; 2]]) -> Option<u32> {
+    let count = |instance: u32| met.iter().filter(|[other, _]| *other == instance).count();
+    let instances = met.iter().map(|&[instance, _]| instance);
+    instances.max_by_key(|&instance| (count(instance), Reverse(instance)))
+}
+
+fn instance_lines(scene: &Scene, instance: &Instance) -> Vec<[DVec3; 2]> {
+    let map = instance.world_from_object();
+    match &scene.geometries[instance.geometry as usize] {
+        Geometry::Mesh(mesh) => mesh_lines(mesh, &map),
+        Geometry::Shape(shape) => shape_lines(shape)
+            .into_iter()
+            .map(|line| line.map(|p| map.transform_point3(p)))
+            .collect(),
+    }
+}
+
+/// An edge from its lower to its higher vertex, and whether its triangle shows its face.
+type Side = ([u32; 2], bool);
+
+fn mesh_lines(mesh: &Mesh, map: &DAffine3) -> Vec<[DVec3; 2]> {
+    let [_, _, eye] = view();
+    let at = |v: u32| map.transform_point3(glam::Vec3::from(mesh.positions[v as usize]).as_dvec3());
+    let mut sides: Vec<Side> = Vec::with_capacity(3 * mesh.triangles.len());
+    for &[a, b, c] in mesh.triangles.iter() {
+        let (p, q, r) = (at(a), at(b), at(c));
+        let is_front = (q - p).cross(r - p).dot(eye) > 0.0;
+        for [from, to] in [[a, b], [b, c], [c, a]] {
+            sides.push(([from.min(to), from.max(to)], is_front));
+        }
+    }
+    sides.sort_unstable();
+    let edges: Vec<&[Side]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
+    let is_few = edges.len() <= MOST_EDGES;
+    // An open edge, or one between a face and a back.
+    let is_rim = |edge: &&[Side]| edge.len() == 1 || edge[0].1 != edge[edge.len() - 1].1;
+    edges
+        .into_iter()
+        .filter(|edge| is_few || is_rim(edge))
+        .map(|edge| edge[0].0.map(at))
+        .collect()
+}
+
+/// A circle around `center` through `center + a` and `center + b`.
+fn circle(center: DVec3, a: DVec3, b: DVec3) -> Vec<[DVec3; 2]> {
+    let at = |i: usize| {
+        let (sin, cos) = (TAU * i as f64 / CHORDS as f64).sin_cos();
+        center + cos * a + sin * b
+    };
+    (0..CHORDS).map(|i| [at(i), at(i + 1)]).collect()
+}
+
+fn polygon(corners: &[DVec3]) -> Vec<[DVec3; 2]> {
+    let next = corners.iter().cycle().skip(1);
+    corners.iter().zip(next).map(|(&a, &b)| [a, b]).collect()
+}
+
+/// Lines of a shape in its own space; none for what has no end.
+fn shape_lines(shape: &Shape) -> Vec<[DVec3; 2]> {
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let around = [x, y, -x, -y];
+    match shape {
+        Shape::Sphere(sphere) => {
+            let (c, r) = (sphere.center, sphere.radius);
+            let [right, up, _] = view();
+            // Its outline where it is not stretched, and three circles that make it round.
+            [(right, up), (x, y), (y, z), (z, x)]
+                .into_iter()
+                .flat_map(|(a, b)| circle(c, r * a, r * b))
+                .collect()
+        }
+        Shape::Cube => edges_of(&[x, -x, y, -y, z, -z].map(|n| HalfSpace { n, h: 1.0 })),
+        Shape::Disk => circle(DVec3::ZERO, x, y),
+        Shape::Quad => polygon(&[x + y, y - x, -x - y, x - y]),
+        Shape::Cylinder(_) => {
+            let sides = around.into_iter().map(|side| [side - z, side + z]);
+            let rims = circle(z, x, y).into_iter().chain(circle(-z, x, y));
+            rims.chain(sides).collect()
+        }
+        Shape::Cone(_) => {
+            let sides = around.into_iter().map(|side| [side - z, z]);
+            circle(-z, x, y).into_iter().chain(sides).collect()
+        }
+        Shape::Torus(torus) => {
+            let r = torus.minor_radius;
+            let long = [(1.0 + r, 0.0), (1.0 - r, 0.0), (1.0, r), (1.0, -r)];
+            let long = long
+                .into_iter()
+                .flat_map(|(wide, high)| circle(high * z, wide * x, wide * y));
+            let round = around.into_iter().flat_map(|out| circle(out, r * out, r * z));
+            long.chain(round).collect()
+        }
+        Shape::Polyhedron(polyhedron) => edges_of(polyhedron.half_spaces()),
+        Shape::Plane | Shape::Quadric(_) => Vec::new(),
+    }
+}
+
+/// The edges of a solid within half-spaces: what the others leave of each line where two of its planes meet.
+fn edges_of(half_spaces: &[HalfSpace]) -> Vec<[DVec3; 2]> {
+    let mut edges = Vec::new();
+    for (i, a) in half_spaces.iter().enumerate() {
+        for b in &half_spaces[i + 1..] {
+            let along = a.n.cross(b.n);
+            if along == DVec3::ZERO {
+                continue;
+            }
+            let start = (a.h * b.n.cross(along) + b.h * along.cross(a.n)) / along.length_squared();
+            let others = half_spaces.iter().filter(|s| **s != *a && **s != *b);
+            let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+            for s in others {
+                let (rest, slope) = (s.h - s.n.dot(start), s.n.dot(along));
+                if slope > 0.0 {
+                    high = high.min(rest / slope);
+                } else if slope < 0.0 {
+                    low = low.max(rest / slope);
+                } else if rest < 0.0 {
+                    high = f64::NEG_INFINITY;
+                }
+            }
+            if low < high {
+                edges.push([start + low * along, start + high * along]);
+            }
+        }
+    }
+    edges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::meshes::{icosphere, lattice_cube, scene};
+    use super::*;
+
+    fn lines(geometry: Geometry) -> Vec<[DVec3; 2]> {
+        of(&scene(vec![geometry]), &[]).lines
+    }
+
+    #[test]
+    fn a_small_mesh_shows_each_edge_once() {
+        // Euler: 80 triangles have 120 edges.
+        assert_eq!(lines(Geometry::Mesh(icosphere(1))).len(), 120);
+    }
+
+    #[test]
+    fn a_large_mesh_shows_a_closed_silhouette_at_the_distance_of_its_rim() {
+        let [right, up, _] = view();
+        let rim = lines(Geometry::Mesh(icosphere(5)));
+        assert!(rim.len() > 60 && rim.len() < 600, "{}", rim.len());
+        for [a, _] in &rim {
+            let r = (a.dot(right).powi(2) + a.dot(up).powi(2)).sqrt();
+            // Edges of 20 · 4^5 triangles are about 1/28 long.
+            assert!(r > 1.0 - 1.0 / 100.0 && r <= 1.0 + f64::from(f32::EPSILON), "{r}");
+        }
+        // From here a cube is a hexagon of six edges, of eleven parts each.
+        assert_eq!(lines(Geometry::Mesh(lattice_cube(11))).len(), 6 * 11);
+    }
+
+    #[test]
+    fn a_cube_has_twelve_edges_of_length_two() {
+        let edges = lines(Geometry::Shape(Shape::Cube));
+        assert_eq!(edges.len(), 12);
+        assert!(edges.iter().all(|[a, b]| (*b - *a).length() == 2.0));
+    }
+
+    #[test]
+    fn what_was_met_is_shown_and_what_does_not_exist_is_left_out() {
+        let scene = scene(vec![Geometry::Mesh(icosphere(0)), Geometry::Shape(Shape::Plane)]);
+        let outline = of(&scene, &[[0, 3], [0, 999], [1, 0], [7, 0]]);
+        assert_eq!(outline.met.len(), 3);
+        assert_eq!(outline.target.len(), 30, "an icosahedron has 30 edges");
+    }
+}

@@ -1,0 +1,332 @@
+//! What a case looks like: the first of its questions, and lines of what they are put to.
+//!
+//! Of rays of each kind (right, tie, wrong) the first are kept, with the scene that they were sent into: its edges if it
+//! has few, else its silhouette, and close-ups of what some of the rays pass. Of formulas the first arguments are kept
+//! with the errors there, and the worst.
+
+use glam::{DVec2, DVec3};
+
+use super::outline::{self, Outline};
+use super::trial::Answer;
+use crate::accel::Hit;
+use crate::mesh::Mesh;
+use crate::numeric::Ray;
+use crate::scene::{Geometry, Scene};
+
+/// Rays of each kind that are kept.
+const MOST_RAYS: usize = 24;
+/// Arguments that are kept, the worst one and wrong ones not counted.
+const MOST_ARGUMENTS: usize = 320;
+/// Close-ups of each kind of ray.
+const MOST_CLOSE_UPS: usize = 3;
+/// Triangles of a close-up.
+const MOST_TRIANGLES: usize = 64;
+/// A close-up shows so many times what the triangle in its middle measures.
+const AROUND: f64 = 1.7;
+
+/// A ray and what was answered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Asked {
+    /// As it was asked.
+    pub ray: Ray,
+    /// What was said to be hit, where that was asked.
+    pub hit: Option<Hit>,
+    /// How that compares with the exact answer.
+    pub answer: Answer,
+}
+
+/// What a formula's error is plotted against.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axis {
+    /// What the argument is called, with its unit.
+    pub label: &'static str,
+    /// The largest error that is right.
+    pub bound: f64,
+}
+
+/// The error of a formula at an argument, in the unit of the case.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Error {
+    /// The argument, as its [`Axis`] names it.
+    pub at: f64,
+    /// How far off the answer was.
+    pub off: f64,
+    /// What that was sorted into.
+    pub answer: Answer,
+}
+
+/// What lies around a ray, as seen along it: the ray is the point in the middle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CloseUp {
+    /// Index into [`Sketch::asked`].
+    pub asked: usize,
+    /// Triangles ahead; the picture shows the square [-1, 1]².
+    pub triangles: Vec<[DVec2; 3]>,
+    /// Half the width of that square, in the scene's unit.
+    pub size: f64,
+}
+
+/// The first questions of a case.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sketch {
+    /// Rays, in the order in which they were asked.
+    pub asked: Vec<Asked>,
+    /// How many of each kind were kept: right, tie, wrong.
+    counts: [usize; 3],
+    /// What the rays were sent into.
+    pub outline: Option<Outline>,
+    /// What some of the rays pass.
+    pub close_ups: Vec<CloseUp>,
+    /// What errors are plotted against, for formulas.
+    pub axis: Option<Axis>,
+    /// Errors of formulas.
+    pub errors: Vec<Error>,
+    worst: Option<Error>,
+}
+
+impl Sketch {
+    /// Keeps a ray if it is among the first of its kind.
+    pub(super) fn keep(&mut self, asked: Asked) {
+        let count = &mut self.counts[asked.answer as usize];
+        if *count < MOST_RAYS {
+            *count += 1;
+            self.asked.push(asked);
+        }
+    }
+
+    /// Keeps an error if it is among the first, the worst so far, or wrong.
+    pub(super) fn plot(&mut self, axis: Axis, error: Error) {
+        self.axis = Some(axis);
+        if self.worst.is_none_or(|worst| !(error.off <= worst.off)) {
+            self.worst = Some(error);
+        }
+        let count = &mut self.counts[error.answer as usize];
+        let is_early = self.errors.len() < MOST_ARGUMENTS;
+        if is_early || (error.answer == Answer::Wrong && *count < MOST_RAYS) {
+            *count += 1;
+            self.errors.push(error);
+        }
+    }
+
+    /// The errors to be shown: the first ones, and the worst.
+    pub fn shown_errors(&self) -> impl Iterator<Item = &Error> {
+        self.errors.iter().chain(&self.worst)
+    }
+
+    /// Both together; of two scenes the one where more went wrong, else the first.
+    pub(super) fn with(mut self, other: Sketch) -> Sketch {
+        if self.outline.is_some() && other.outline.is_some() {
+            return if other.rank() > self.rank() { other } else { self };
+        }
+        if other.outline.is_some() && self.asked.is_empty() {
+            return other;
+        }
+        other.asked.into_iter().for_each(|asked| self.keep(asked));
+        if let Some(axis) = other.axis {
+            for error in other.errors.into_iter().chain(other.worst) {
+                self.plot(axis, error);
+            }
+        }
+        self
+    }
+
+    /// What there is to see: 3 where something is wrong, 2 where something ties, 1 where there are rays at all.
+    fn rank(&self) -> usize {
+        match self.counts {
+            [0, 0, 0] => 0,
+            [_, 0, 0] => 1,
+            [_, _, 0] => 2,
+            _ => 3,
+        }
+    }
+
+    /// Adds what the rays were sent into.
+    pub(super) fn draw(&mut self, scene: &Scene) {
+        let met: Vec<[u32; 2]> = self
+            .asked
+            .iter()
+            .filter_map(|asked| asked.hit)
+            .map(|hit| [hit.instance, hit.primitive])
+            .collect();
+        self.outline = Some(outline::of(scene, &met));
+        for answer in [Answer::Wrong, Answer::Tie, Answer::Right] {
+            let kind = (0..self.asked.len()).filter(|&i| self.asked[i].answer == answer);
+            let views: Vec<CloseUp> = kind
+                .filter_map(|i| close_up(scene, &self.asked[i].ray, i))
+                .take(MOST_CLOSE_UPS)
+                .collect();
+            self.close_ups.extend(views);
+        }
+    }
+}
+
+/// A triangle seen along a ray.
+struct Seen {
+    corners: [DVec2; 3],
+    /// How far its middle is ahead.
+    depth: f64,
+    /// How far the ray passes beside it, 0 where it passes through.
+    beside: f64,
+}
+
+fn close_up(scene: &Scene, ray: &Ray, asked: usize) -> Option<CloseUp> {
+    if !ray.is_traceable() {
+        return None;
+    }
+    let ahead = ray.direction.as_dvec3().normalize();
+    let across = ahead.any_orthonormal_vector();
+    let up = across.cross(ahead);
+    let o = ray.origin.as_dvec3();
+    let mut seen = Vec::new();
+    for instance in &scene.instances {
+        let Geometry::Mesh(mesh) = &scene.geometries[instance.geometry as usize] else {
+            continue;
+        };
+        let map = instance.world_from_object();
+        seen.extend(triangles_of(mesh).filter_map(|corners| {
+            let corners = corners.map(|p| map.transform_point3(p) - o);
+            let depths = corners.map(|p| p.dot(ahead));
+            if depths.iter().all(|&depth| depth <= 0.0) {
+                return None;
+            }
+            let corners = corners.map(|p| DVec2::new(p.dot(across), p.dot(up)));
+            Some(Seen {
+                beside: beside(&corners),
+                depth: depths.iter().sum::<f64>() / 3.0,
+                corners,
+            })
+        }));
+    }
+    // What the ray passes through or comes closest to, and of that the nearest.
+    let order = |a: &Seen, b: &Seen| {
+        let by_depth = a.depth.total_cmp(&b.depth);
+        a.beside.total_cmp(&b.beside).then(by_depth)
+    };
+    let middle = seen.iter().min_by(|a, b| order(a, b))?;
+    let size = AROUND * middle.corners.iter().map(|p| p.length()).fold(0.0, f64::max);
+    if !(size > 0.0 && size < f64::INFINITY) {
+        return None;
+    }
+    seen.retain(|triangle| triangle.beside < size);
+    seen.sort_by(order);
+    seen.truncate(MOST_TRIANGLES);
+    // Far ones first, for who paints them.
+    seen.sort_by(|a, b| b.depth.total_cmp(&a.depth));
+    Some(CloseUp {
+        asked,
+        triangles: seen.iter().map(|seen| seen.corners.map(|p| p / size)).collect(),
+        size,
+    })
+}
+
+fn triangles_of(mesh: &Mesh) -> impl Iterator<Item = [DVec3; 3]> {
+    (0..mesh.triangles.len() as u32).map(|number| mesh.corners_f64(number))
+}
+
+/// The distance from the origin to a triangle, 0 inside.
+fn beside([a, b, c]: &[DVec2; 3]) -> f64 {
+    let sides = [(a, b), (b, c), (c, a)];
+    let turns = sides.map(|(p, q)| p.perp_dot(*q));
+    if turns.iter().all(|&t| t > 0.0) || turns.iter().all(|&t| t < 0.0) {
+        return 0.0;
+    }
+    let to_side = |(p, q): (&DVec2, &DVec2)| {
+        let along = *q - *p;
+        let length_squared = along.length_squared();
+        let t = if length_squared > 0.0 {
+            (-p.dot(along) / length_squared).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        (*p + t * along).length()
+    };
+    sides.map(to_side).into_iter().fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::meshes::{icosphere, scene};
+    use super::*;
+
+    fn asked(answer: Answer) -> Asked {
+        Asked {
+            ray: Ray::new(Vec3::ZERO, Vec3::new(0.1, 0.2, 1.0)),
+            hit: None,
+            answer,
+        }
+    }
+
+    #[test]
+    fn the_first_of_each_kind_are_kept_however_many_right_ones_come_before() {
+        let mut sketch = Sketch::default();
+        (0..1000).for_each(|_| sketch.keep(asked(Answer::Right)));
+        sketch.keep(asked(Answer::Wrong));
+        assert_eq!(sketch.counts, [MOST_RAYS, 0, 1]);
+        let twice = sketch.clone().with(sketch);
+        assert_eq!(twice.counts, [MOST_RAYS, 0, 2]);
+        assert_eq!(twice.asked.len(), MOST_RAYS + 2);
+    }
+
+    #[test]
+    fn of_two_scenes_the_one_where_something_is_wrong_is_shown() {
+        let with = |answer| {
+            let mut sketch = Sketch::default();
+            sketch.keep(asked(answer));
+            sketch.draw(&scene(vec![Geometry::Mesh(icosphere(1))]));
+            sketch
+        };
+        let [right, tie, wrong] = [Answer::Right, Answer::Tie, Answer::Wrong].map(with);
+        assert_eq!(right.clone().with(wrong.clone()), wrong);
+        assert_eq!(wrong.clone().with(right.clone()), wrong);
+        assert_eq!(right.clone().with(tie.clone()).with(wrong.clone()), wrong);
+        assert_eq!(tie.clone().with(right), tie);
+    }
+
+    #[test]
+    fn a_close_up_has_the_triangle_that_the_ray_meets_around_its_middle_and_nothing_from_behind() {
+        let mut sketch = Sketch::default();
+        sketch.keep(asked(Answer::Right));
+        sketch.draw(&scene(vec![Geometry::Mesh(icosphere(1))]));
+        let [view] = &sketch.close_ups[..] else {
+            panic!("one ray has one close-up");
+        };
+        let around = view.triangles.iter().filter(|t| beside(t) == 0.0).count();
+        assert_eq!(around, 1);
+        // The ray starts in the middle: of 80 triangles about half are behind it.
+        assert!(view.triangles.len() < 60, "{}", view.triangles.len());
+        assert!(view.size < 2.0);
+    }
+
+    #[test]
+    fn the_distance_to_a_triangle_is_that_to_its_nearest_side() {
+        let at = |x: f64, y: f64| DVec2::new(x, y);
+        assert_eq!(beside(&[at(-1.0, -1.0), at(1.0, -1.0), at(0.0, 1.0)]), 0.0);
+        assert_eq!(beside(&[at(-1.0, 2.0), at(1.0, 2.0), at(0.0, 3.0)]), 2.0);
+        assert_eq!(beside(&[at(3.0, 4.0); 3]), 5.0);
+    }
+
+    #[test]
+    fn the_worst_argument_is_shown_whenever_it_comes() {
+        let mut sketch = Sketch::default();
+        let axis = Axis {
+            label: "x",
+            bound: 4.0,
+        };
+        for i in 0..10_000 {
+            let off = if i == 7777 { 3.0 } else { 0.5 };
+            let at = f64::from(i);
+            sketch.plot(
+                axis,
+                Error {
+                    at,
+                    off,
+                    answer: Answer::Right,
+                },
+            );
+        }
+        assert_eq!(sketch.shown_errors().count(), MOST_ARGUMENTS + 1);
+        assert!(sketch.shown_errors().any(|error| error.at == 7777.0));
+    }
+}

@@ -1,14 +1,16 @@
 //! Primitives that are asked about together: runs of a few whose boxes a ray had better meet as one.
 //!
-//! From the top down, by the surface area heuristic (Goldsmith and Salmon 1987): a set is cut in two across one axis, by the
+//! From the top down: by the cells of an octree first (along Morton's curve), then by the surface area heuristic (Goldsmith and Salmon 1987): a set is cut in two across one axis, by the
 //! midpoints of its boxes, where the halves' areas times the cost of asking about them sum to the least; a set that fits into
 //! a cluster stays whole where that costs no more. A large set is cut at the borders of bins (Wald, "On fast construction
 //! of SAH-based bounding volume hierarchies", 2007), a small one wherever it can be. Asking costs by the cluster and by the
 //! member, which alone makes clusters full: a set of seventeen is better cut into eight and nine than into one and sixteen.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::numeric::Bounds;
+use crate::numeric::morton::{Key, sorted_keys};
 
 /// What it costs to ask a ray's question.
 #[derive(Clone, Copy, Debug)]
@@ -32,6 +34,9 @@ pub(super) struct Clusters {
     ends: Vec<u32>,
 }
 
+/// Sets of more than so many are cut through the middle of octree cells, which costs next to nothing, and only then where
+/// it is best: how clusters look is decided in the last few cuts.
+const CELL_COUNT: usize = 1 << 10;
 /// Sets of at least so many are cut by several threads.
 const PARALLEL_COUNT: usize = 1 << 12;
 /// Boxes that a thread bins at once.
@@ -50,12 +55,11 @@ impl Clusters {
     ///
     /// The same whatever the number of threads.
     pub(super) fn of(count: usize, bounds: impl Fn(u32) -> Bounds + Sync, cost: &Cost) -> Clusters {
-        let mut items: Vec<Item> = (0..count as u32)
-            .into_par_iter()
-            .map(|index| Item::new(index, &bounds(index)))
-            .collect();
+        let item = |index: u32| Item::new(index, &bounds(index));
+        let (_, keys) = sorted_keys(count, |index| item(index as u32).midpoint());
+        let mut items: Vec<Item> = keys.par_iter().map(|&(_, index)| item(index)).collect();
         if count > 0 {
-            divide(&mut items, cost, CUT_LIMIT);
+            divide_cell(&mut items, &keys, cost);
         }
         Clusters {
             members: items.iter().map(|item| item.index).collect(),
@@ -116,11 +120,34 @@ impl Item {
         self.last != 0
     }
 
+    fn midpoint(&self) -> DVec3 {
+        DVec3::from_array([0, 1, 2].map(|axis| f64::from(self.center(axis))))
+    }
+
     /// The midpoint of the box along an axis.
     #[inline(always)]
     fn center(&self, axis: usize) -> f32 {
         0.5 * (self.min[axis] + self.max[axis])
     }
+}
+
+/// Marks the last member of every cluster of the boxes in a cell of an octree, of which there are some, and sorts them;
+/// their `keys` along the curve rise.
+fn divide_cell(items: &mut [Item], keys: &[Key], cost: &Cost) {
+    let place = |key: Option<&Key>| key.map_or(0, |&(place, _)| place);
+    let (first, last) = (place(keys.first()), place(keys.last()));
+    let is_one_place = first == last;
+    if items.len() <= CELL_COUNT || is_one_place {
+        return divide(items, cost, CUT_LIMIT);
+    }
+    // The highest digit in which they differ is that of the cut through the middle.
+    let middle = 1 << (first ^ last).ilog2();
+    let cut = keys.partition_point(|&(place, _)| place & middle == 0);
+    let ((low, high), (low_keys, high_keys)) = (items.split_at_mut(cut), keys.split_at(cut));
+    rayon::join(
+        || divide_cell(low, low_keys, cost),
+        || divide_cell(high, high_keys, cost),
+    );
 }
 
 /// Marks the last member of every cluster of a set that is not empty, which it sorts.
@@ -426,8 +453,6 @@ fn part(items: &mut [Item], is_first: impl Fn(&Item) -> bool) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
 
     const COST: Cost = Cost {

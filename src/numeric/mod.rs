@@ -4,6 +4,7 @@
 //! Each carries its source and its error bound. Nothing here knows what a scene is.
 
 mod bounds;
+pub(crate) mod morton;
 mod motion;
 pub mod noise;
 mod random;

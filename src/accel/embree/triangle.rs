@@ -21,7 +21,7 @@ const FEW_RAYS: f32 = 3.0 / 8.0;
 /// Tests the triangles of a patch; says which asked lanes were hit.
 #[inline(always)]
 pub(super) fn answer_patch<const W: usize>(
-    patch: &Patch,
+    patch: Patch,
     packet: Foreign,
     asked: &[i32; W],
     question: Question,
@@ -36,7 +36,7 @@ pub(super) fn answer_patch<const W: usize>(
 
 /// The triangles of a patch against the asked lanes of a packet; says which were hit.
 struct PatchLanes<'a, const W: usize> {
-    patch: &'a Patch,
+    patch: Patch<'a>,
     packet: Foreign,
     asked: &'a [i32; W],
     question: Question,
@@ -114,10 +114,12 @@ impl<const W: usize> PatchLanes<'_, W> {
     #[inline(always)]
     fn answer_group<I: Isa>(&self, isa: I, shears: &ShearLanes<W>, group: u32, hit: &mut [i32; W]) {
         let patch = self.patch;
-        let along = shears.along_axes(patch.corners());
         let mut projected = [const { MaybeUninit::<Flat<W>>::uninit() }; CORNERS];
-        for index in 0..patch.corner_count() {
-            projected[index].write(shears.flatten([along[0][index], along[1][index], along[2][index]]));
+        let mut depths = [0.0; CORNERS];
+        for (index, slot) in projected.iter_mut().enumerate().take(patch.corner_count()) {
+            let corner = shears.along_axes(patch.corner(index));
+            slot.write(shears.flatten(corner));
+            depths[index] = corner[2];
         }
         let first = projected.as_ptr().cast::<Flat<W>>();
         // SAFETY: a triangle's corners are below `corner_count`, and so many were written.
@@ -138,10 +140,7 @@ impl<const W: usize> PatchLanes<'_, W> {
         for member in lanes(members) {
             let maybe = masks[member] & asked;
             let [a, b, c] = patch.triangle(member);
-            let triangle = (
-                [flat(a), flat(b), flat(c)],
-                [along[2][a], along[2][b], along[2][c]],
-            );
+            let triangle = ([flat(a), flat(b), flat(c)], [depths[a], depths[b], depths[c]]);
             let (mut met, on_edge) = shears.meet(isa, triangle, maybe, [&t_near, &found.t]);
             if on_edge != 0 {
                 settle(&mut met, on_edge, (shears, patch, member), [&t_near, &found.t]);
@@ -170,7 +169,7 @@ impl<const W: usize> PatchLanes<'_, W> {
 fn settle<const W: usize>(
     met: &mut Met<W>,
     on_edge: u32,
-    (shears, patch, member): (&ShearLanes<W>, &Patch, usize),
+    (shears, patch, member): (&ShearLanes<W>, Patch, usize),
     [t_near, t_far]: [&[f32; W]; 2],
 ) {
     let corners = patch.triangle(member).map(|corner| patch.corner(corner));
@@ -209,7 +208,7 @@ impl<const W: usize> Found<W> {
 
     /// Takes over hits within the intervals, but those of lanes whose equally near hit has a lower number.
     #[inline(always)]
-    fn merge<I: Isa>(&mut self, isa: I, met: &Met<W>, patch: &Patch, member: usize) {
+    fn merge<I: Isa>(&mut self, isa: I, met: &Met<W>, patch: Patch, member: usize) {
         let number = [patch.instance(), patch.primitive(member)];
         let mut taken = met.mask;
         for lane in lanes(met.mask & isa.eq(&met.t, &self.t)) {
@@ -278,26 +277,18 @@ fn bits_of<const W: usize>(values: &[f32; W]) -> [u32; W] {
 
 /// What a ray meets of a patch within its interval: the nearest, of equals the one with the lowest number, or anything.
 #[inline(always)]
-fn nearest_of<I: Isa>(isa: I, patch: &Patch, ray: &Ray, question: Question) -> Option<Hit> {
+fn nearest_of<I: Isa>(isa: I, patch: Patch, ray: &Ray, question: Question) -> Option<Hit> {
     let shear = Shear::new(ray);
-    let [x, y] = shear.flatten(patch.corners());
-    let mut maybe = 0;
-    for first in (0..MEMBERS).step_by(PACK) {
-        if first >= patch.member_count() {
-            break;
+    let first = shear.flatten(patch.first());
+    // Of boxes, which have eight corners, there are many.
+    let mut maybe = match patch.more() {
+        [] => may_hold(isa, patch, &first),
+        [second] => may_hold(isa, patch, &joined::<2, 16>([first, shear.flatten(second)])),
+        [second, third, ..] => {
+            let all = [first, shear.flatten(second), shear.flatten(third)];
+            may_hold(isa, patch, &joined::<3, CORNERS>(all))
         }
-        let mut index = [[0u32; PACK]; 3];
-        for row in 0..3 {
-            for i in 0..PACK {
-                index[row][i] = u32::from(patch.triangles()[row][first + i]);
-            }
-        }
-        let [a, b, c] = &index;
-        let a = [isa.pick(&x, a), isa.pick(&y, a)];
-        let b = [isa.pick(&x, b), isa.pick(&y, b)];
-        let c = [isa.pick(&x, c), isa.pick(&y, c)];
-        maybe |= may_hold_origin(isa, [&a, &b, &c]) << first;
-    }
+    };
     // Triangles that there are not are points, which are met by nothing and may be by everything.
     maybe &= (1 << patch.member_count()) - 1;
     let mut best: Option<Hit> = None;
@@ -323,6 +314,53 @@ fn nearest_of<I: Isa>(isa: I, patch: &Patch, ray: &Ray, question: Question) -> O
         }
     }
     best
+}
+
+/// Blocks of projected corners one after the other.
+#[inline(always)]
+fn joined<const M: usize, const N: usize>(blocks: [Flat<PACK>; M]) -> Flat<N> {
+    let mut all = [[0.0; N]; 2];
+    for (number, block) in blocks.iter().enumerate() {
+        for i in 0..2 {
+            all[i][PACK * number..PACK * (number + 1)].copy_from_slice(&block[i]);
+        }
+    }
+    all
+}
+
+/// Bit `i` says whether triangle `i` may be met, of the corners as they are projected.
+#[inline(always)]
+fn may_hold<I: Isa, const N: usize>(isa: I, patch: Patch, [x, y]: &Flat<N>) -> u32 {
+    if is_aside(isa, x) || is_aside(isa, y) {
+        return 0;
+    }
+    let mut maybe = 0;
+    for first in (0..MEMBERS).step_by(PACK) {
+        if first >= patch.member_count() {
+            break;
+        }
+        let mut index = [[0u32; PACK]; 3];
+        for row in 0..3 {
+            for i in 0..PACK {
+                index[row][i] = u32::from(patch.triangles()[row][first + i]);
+            }
+        }
+        let [a, b, c] = &index;
+        let a = [isa.pick(x, a), isa.pick(y, a)];
+        let b = [isa.pick(x, b), isa.pick(y, b)];
+        let c = [isa.pick(x, c), isa.pick(y, c)];
+        maybe |= may_hold_origin(isa, [&a, &b, &c]) << first;
+    }
+    maybe
+}
+
+/// Whether all are on one side of zero: no triangle of such corners holds the origin, as signs of edge functions are
+/// exact.
+#[inline(always)]
+fn is_aside<I: Isa, const N: usize>(isa: I, all: &[f32; N]) -> bool {
+    let zero = [0.0; N];
+    let whole = u32::MAX >> (u32::BITS as usize - N);
+    isa.lt(all, &zero) == whole || isa.lt(&zero, all) == whole
 }
 
 #[cfg(test)]

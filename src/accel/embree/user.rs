@@ -50,7 +50,7 @@ pub(super) enum Primitive<'a> {
     /// Spheres, and the instances that they are.
     Spheres(&'a SphereCluster, &'a [u32; MEMBERS]),
     /// Triangles.
-    Patch(&'a Patch),
+    Patch(Patch<'a>),
     /// One instance, with its number.
     Instance(u32, &'a Instance),
 }

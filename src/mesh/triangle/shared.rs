@@ -59,11 +59,11 @@ pub(crate) struct Met<const N: usize> {
 }
 
 impl<const N: usize> ShearLanes<N> {
-    /// The coordinates of points by axis, in the order of the rays' axes.
+    /// The coordinates of a point in the order of the rays' axes.
     #[inline(always)]
-    pub(crate) fn along_axes<'p, const M: usize>(&self, points: &'p [[f32; M]; 3]) -> [&'p [f32; M]; 3] {
+    pub(crate) fn along_axes(&self, point: [f32; 3]) -> [f32; 3] {
         let [kx, ky, kz] = self.axes;
-        [&points[kx], &points[ky], &points[kz]]
+        [point[kx], point[ky], point[kz]]
     }
 
     /// Projects one point for each ray; its coordinates are [along](ShearLanes::along_axes) the rays' axes.
@@ -171,10 +171,7 @@ mod tests {
                 [0, 1, 2].map(|axis| std::array::from_fn(|lane| of(&rays[lane])[axis]))
             };
             let shears = ShearLanes::<8>::new(dominant, &rows(|r| r.origin), &rows(|r| r.direction));
-            let along: [[f32; 3]; 3] = corners.map(|corner| {
-                let coordinates = corner.map(|x| [x]);
-                shears.along_axes(&coordinates).map(|x| x[0])
-            });
+            let along = corners.map(|corner| shears.along_axes(corner));
             let flat = along.map(|corner| shears.flatten(corner));
             let [a, b, c] = &flat;
             let asked = may_hold_origin(isa, [a, b, c]);

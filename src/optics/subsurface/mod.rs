@@ -16,7 +16,6 @@ mod dipole;
 mod exponential;
 mod gather;
 mod lattice;
-mod morton;
 mod presets;
 mod samples;
 mod scattering;

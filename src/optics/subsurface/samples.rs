@@ -12,7 +12,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::morton::sorted_keys;
+use crate::numeric::morton::sorted_keys;
 
 /// Most points on one surface, whatever is asked for: some 400 megabytes with their irradiance and their tree.
 pub const MAX_SAMPLES: usize = 1 << 21;

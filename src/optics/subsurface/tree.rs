@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::Dipole;
 use super::dipole::Kernel;
-use super::morton::{Key, sorted_keys};
+use crate::numeric::morton::{Key, sorted_keys};
 
 /// The solid angle, in steradians, below which a cell is far, where nothing else is asked for: errors of 0.04 % (root
 /// mean square) and 0.2 % (greatest) at a hundredth of 100 000 evaluations, by the tests of this room.

@@ -3,18 +3,18 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::numeric::Bounds;
+use super::Bounds;
 
 /// Binary digits of each coordinate.
 const DIGITS: u32 = 21;
 
 /// A place along the curve and whose it is.
-pub(super) type Key = (u64, u32);
+pub(crate) type Key = (u64, u32);
 
 /// The places of `position(0..count)` in the cube around them, in the curve's order; equal ones by their index.
 ///
 /// The same for any number of threads. `count` is below 2^32, positions are finite.
-pub(super) fn sorted_keys(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> (Bounds, Vec<Key>) {
+pub(crate) fn sorted_keys(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> (Bounds, Vec<Key>) {
     let bounds = (0..count)
         .into_par_iter()
         .map(|i| Bounds::of_points([position(i)]))

@@ -130,11 +130,22 @@ fn what_differs_is_drawn_written_down_and_asked_again() {
     assert_eq!(lines("brute force"), count, "{}", again.stdout);
     assert_eq!(lines("bsp single"), count);
     assert_eq!(lines("embree fast"), count);
-    // What was answered then is answered now.
-    let first: Vec<&str> = again.stdout.lines().skip(2).take(4).collect();
-    assert!(
-        first[0].starts_with("1 ") && first[1].trim().starts_with("was: "),
-        "{first:?}"
+    // What was answered then is answered now, by the same structures.
+    let replies = |name: &str| -> Vec<String> {
+        let of_name = |line: &str| Some(line.trim().strip_prefix(name)?.trim().to_owned());
+        again.stdout.lines().filter_map(of_name).collect()
+    };
+    let now: Vec<String> = replies("embree robust");
+    assert_eq!(now.len(), count);
+    for (then, now) in replies("first, then").iter().zip(&now) {
+        assert!(now.starts_with(then.as_str()), "{now} now, {then} then");
+    }
+    assert_eq!(
+        replies("second, then"),
+        replies("bsp")
+            .into_iter()
+            .filter(|reply| !reply.starts_with("single"))
+            .collect::<Vec<_>>()
     );
 }
 

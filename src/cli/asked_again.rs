@@ -87,7 +87,12 @@ fn ask_all(scene: &Scene, rays: &[Difference], isa: Option<&str>) -> Result<Vec<
 
 /// Each ray with what was answered when it was written down and what every path answers now.
 fn told(file: &RaysFile, heard: &[Heard]) -> String {
-    let mut text = format!("{} rays of {}\n", file.rays.len(), file.scene);
+    let [first, second] = &file.answers;
+    let mut text = format!(
+        "{} rays of {}, answered differently by\n    {first}\n    {second}\n",
+        file.rays.len(),
+        file.scene
+    );
     for (number, ray) in file.rays.iter().enumerate() {
         let verdict = if ray.is_wrong { "wrong" } else { "tie" };
         // Writing to a string cannot fail.
@@ -99,8 +104,8 @@ fn told(file: &RaysFile, heard: &[Heard]) -> String {
             ray.place.name(),
             describe_ray(&ray.ray)
         );
-        for (name, reply) in file.answers.iter().zip(ray.replies) {
-            let _ = writeln!(text, "    was: {reply} ({name})");
+        for (name, reply) in ["first, then", "second, then"].into_iter().zip(ray.replies) {
+            let _ = writeln!(text, "    {name:17} {reply}");
         }
         for Heard { name, replies } in heard {
             let (reply, agreement) = replies[number];

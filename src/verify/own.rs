@@ -350,6 +350,10 @@ mod tests {
             difference.replies,
             [Reply::Hit { primitive: 7, .. }, Reply::Nothing]
         ));
+        // Asked again, brute force finds it, and the holed one still does not.
+        let again = |accel: &dyn Accel| ask_again(&scene, [&brute, accel], &difference, Instancing::Callback);
+        assert_eq!(again(&brute), (difference.replies[0], Agreement::Same));
+        assert_eq!(again(&holed), (Reply::Nothing, Agreement::Wrong));
         // At the edge another triangle may have it: nothing, a tie, or this one's; never wrong elsewhere.
         let edge = at(0.5 * (a + b));
         assert!(!edge.wrong.contains_key(&Place::Other), "{edge:?}");

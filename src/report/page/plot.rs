@@ -12,6 +12,10 @@ const BELOW: f64 = 42.0;
 const BESIDE: f64 = 14.0;
 /// What spans more is plotted by its logarithm.
 const DECADES: f64 = 100.0;
+/// Errors that are all smaller than this share of the limit are plotted by their logarithm.
+const SMALL: f64 = 1.0 / 32.0;
+/// How far down such a plot reaches, as a share of the largest error; what is smaller stands at its foot.
+const DEPTH: f64 = 1.0 / 4096.0;
 /// The plot reaches so many times as high as its limit; what is higher is shown at the top.
 const ABOVE_LIMIT: f64 = 4.0;
 /// Ticks of an axis, about.
@@ -41,7 +45,7 @@ pub struct Plot<'a> {
     pub marks: Vec<Mark>,
 }
 
-/// The horizontal axis: values, and whether their logarithms are shown.
+/// An axis: the values at its ends, or their decimal logarithms where these are shown.
 enum Axis {
     Even { low: f64, high: f64 },
     Logarithmic { low: f64, high: f64 },
@@ -113,13 +117,27 @@ fn even_ticks(low: f64, high: f64) -> Vec<(f64, String)> {
 }
 
 impl Plot<'_> {
+    /// The vertical axis: from 0, or by logarithms where nothing comes near the limit.
+    fn height(&self) -> Axis {
+        let highest = self.marks.iter().map(|mark| mark.y).fold(0.0, f64::max);
+        if highest > 0.0 && highest < SMALL * self.limit {
+            return Axis::Logarithmic {
+                low: (DEPTH * highest).log10(),
+                high: (2.0 * self.limit).log10(),
+            };
+        }
+        Axis::Even {
+            low: 0.0,
+            high: 1.1 * highest.clamp(self.limit, ABOVE_LIMIT * self.limit),
+        }
+    }
+
     /// As SVG.
     pub fn svg(&self) -> String {
         let axis = Axis::of(self.marks.iter().map(|mark| mark.x));
-        let highest = self.marks.iter().map(|mark| mark.y).fold(0.0, f64::max);
-        let top = 1.1 * highest.clamp(self.limit, ABOVE_LIMIT * self.limit);
+        let height = self.height();
         let across = |x: f64| LEFT + axis.place(x) * (WIDTH - LEFT - BESIDE);
-        let up = |y: f64| HEIGHT - BELOW - (y / top).min(1.0) * (HEIGHT - BELOW - BESIDE);
+        let up = |y: f64| HEIGHT - BELOW - height.place(y).clamp(0.0, 1.0) * (HEIGHT - BELOW - BESIDE);
         let mut svg = format!(
             "<svg class=\"plot\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{} over {}\">",
             escape(self.y_label),
@@ -136,7 +154,7 @@ impl Plot<'_> {
                 HEIGHT - BELOW + 15.0
             );
         }
-        for (y, name) in even_ticks(0.0, top) {
+        for (y, name) in height.ticks() {
             let y = up(y);
             let _ = write!(
                 svg,
@@ -156,7 +174,7 @@ impl Plot<'_> {
             up(self.limit) - 4.0
         );
         for mark in self.marks.iter().filter(|mark| mark.x.is_finite()) {
-            let y = if mark.y.is_nan() { top } else { mark.y };
+            let y = if mark.y.is_nan() { f64::INFINITY } else { mark.y };
             let _ = write!(
                 svg,
                 "<circle class=\"{}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"2.2\"/>",
@@ -216,6 +234,25 @@ mod tests {
         assert_eq!(svg.matches("<circle").count(), 4);
         assert_eq!(svg.matches("cy=\"14.0\"").count(), 3, "{svg}");
         assert!(svg.contains("a&lt;b") && !svg.contains("NaN"));
+    }
+
+    #[test]
+    fn errors_far_below_the_limit_are_told_apart_by_their_powers_of_ten() {
+        let mark = |y| Mark {
+            x: 1.0,
+            y,
+            class: "right",
+        };
+        let plot = Plot {
+            x_label: "",
+            y_label: "",
+            limit: 1.0,
+            marks: vec![mark(1e-7), mark(1e-6), mark(0.0)],
+        };
+        let svg = plot.svg();
+        assert!(svg.contains(">1e-6<") && !svg.contains("NaN"), "{svg}");
+        let foot = format!("cy=\"{:.1}\"", HEIGHT - BELOW);
+        assert_eq!(svg.matches(&foot).count(), 1, "only 0 is at the foot: {svg}");
     }
 
     #[test]

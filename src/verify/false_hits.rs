@@ -40,7 +40,7 @@ pub(super) const CASES: &[Case] = &[
     Case {
         id: "H48e",
         title: "segments beside triangles",
-        construction: "Embree #423: segments nearly in the plane of a small triangle, at least two of its sizes beside it",
+        construction: "Embree #423: segments nearly in the plane of a triangle and two of its sizes beside it, or ending as far before it",
         oracle: "their boxes lie apart",
         bound: "0 hits",
         unit: "",
@@ -188,6 +188,15 @@ fn small(number: usize, random: &mut Random) -> [DVec3; 3] {
 /// A segment beside a triangle.
 fn segment(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
     let [a, b, c] = random.pick(triangles);
+    if random.below(4) == 0 {
+        // Straight at it, but only half of the way.
+        let target = (a + b + c) / 3.0;
+        let origin = target + 6.0 * SIZE * random.direction();
+        return Ray {
+            t_far: 1.0,
+            ..Ray::new(origin.as_vec3(), (0.5 * (target - origin)).as_vec3())
+        };
+    }
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let x = (b - a).normalize_or_zero();
     let y = normal.cross(x);

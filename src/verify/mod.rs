@@ -12,11 +12,16 @@
 //!
 //! Each case can fail: the tests put a careless formula or structure in the place of ours and see it caught.
 
+mod backends;
 mod boxes;
+mod carried;
 mod cells;
 mod closed;
+mod degenerate;
 mod exact;
+mod false_hits;
 mod frames;
+mod holes;
 mod hygiene;
 mod interfaces;
 mod marches;
@@ -24,10 +29,13 @@ mod meshes;
 mod odd_rays;
 mod outline;
 mod own;
+mod passages;
 mod path;
 mod place;
 mod placed;
+mod poison;
 mod rays_file;
+mod regressions;
 mod sketch;
 mod slivers;
 mod solids;
@@ -37,6 +45,7 @@ mod stacked;
 mod sums;
 mod transforms;
 mod trial;
+mod worlds;
 
 use serde::Serialize;
 
@@ -132,6 +141,14 @@ pub fn cases() -> Vec<&'static Case> {
         sums::CASES,
         marches::CASES,
         frames::CASES,
+        regressions::CASES,
+        holes::CASES,
+        false_hits::CASES,
+        passages::CASES,
+        degenerate::CASES,
+        poison::CASES,
+        backends::CASES,
+        carried::CASES,
     ];
     let mut all: Vec<&Case> = rooms.into_iter().flatten().collect();
     all.sort_by_key(|case| case.id);

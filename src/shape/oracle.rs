@@ -57,7 +57,10 @@ pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -
         let mut sum = Wide::of(0.0);
         for (i, row) in PLACE.iter().enumerate() {
             for (j, place) in row.iter().enumerate() {
-                sum = sum + Wide::of(q[*place]) * u[i] * v[j];
+                // Most are zero.
+                if q[*place] != 0.0 {
+                    sum = sum + Wide::of(q[*place]) * u[i] * v[j];
+                }
             }
         }
         sum
@@ -96,6 +99,9 @@ pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -
 
 /// The part of `intervals` with n · x <= h.
 pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) -> Intervals {
+    if intervals.iter().all(|interval| is_kept(interval, n, h, (o, d))) {
+        return intervals;
+    }
     let slope = dot(wide3(n), wide3(d));
     let room = Wide::of(h) - dot(wide3(n), wide3(o));
     let zero = Wide::of(0.0);
@@ -113,6 +119,20 @@ pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) ->
         .into_iter()
         .map(|[a, b]| [if a < low { low } else { a }, if b > high { high } else { b }]);
     clipped.filter(|[a, b]| a <= b).collect()
+}
+
+/// What f64 may be off by in the height of a point over a plane, as a share of its terms' sizes: eight products and sums
+/// of 2^-53 each, and as much again.
+const HEIGHT_ERROR: f64 = 8.0 * f64::EPSILON;
+
+/// Whether both ends of an interval are below a plane by more than rounding, as far as f64 can tell.
+fn is_kept(interval: &[Wide; 2], n: DVec3, h: f64, (o, d): (DVec3, DVec3)) -> bool {
+    interval.iter().all(|end| {
+        let p = o + end.nearest() * d;
+        let size = n.abs().dot(o.abs() + end.nearest().abs() * d.abs()) + h.abs();
+        // Comparisons with what is no number are false.
+        n.dot(p) < h - HEIGHT_ERROR * size
+    })
 }
 
 /// Samples of a line between which a torus's distance is monotone, but for the extrema that are then looked for.

@@ -4,11 +4,11 @@
 use glam::{DVec3, Vec3};
 
 use super::meshes::{mesh, scene};
+use super::referee::Referee;
 use super::slivers::compared;
 use super::trial::{Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
-use crate::accel::brute::BruteAccel;
 use crate::mesh::Mesh;
 use crate::numeric::{Random, Ray};
 use crate::scene::Geometry;
@@ -111,8 +111,8 @@ fn through_corners(random: &mut Random) -> Ray {
 fn among_boxes(trial: &Trial, ray: impl Fn(&mut Random) -> Ray + Sync) -> Result<Tally, AccelError> {
     let scene = scene(vec![Geometry::Mesh(boxes())]);
     let engine = trial.engine(&scene)?;
-    let brute = BruteAccel::new(&scene);
+    let referee = Referee::new(&scene);
     Ok(trial.nearest(&engine, ray, |ray, hit, _| {
-        compared(&scene, ray, brute.nearest(ray), hit)
+        compared(&scene, ray, referee.nearest(ray), hit)
     }))
 }

@@ -26,6 +26,7 @@ mod hygiene;
 mod interfaces;
 mod marches;
 mod meshes;
+mod nested;
 mod odd_rays;
 mod outline;
 mod own;
@@ -35,7 +36,9 @@ mod place;
 mod placed;
 mod poison;
 mod rays_file;
+mod referee;
 mod regressions;
+mod seams;
 mod sketch;
 mod slivers;
 mod solids;
@@ -43,9 +46,12 @@ mod spawned;
 mod spheres;
 mod stacked;
 mod sums;
+mod terminator;
 mod transforms;
 mod trial;
 mod worlds;
+
+use std::time::Instant;
 
 use serde::Serialize;
 
@@ -56,7 +62,7 @@ pub use path::{Closes, PATHS, Path};
 pub use place::Place;
 pub use rays_file::{RaysError, RaysFile, bits};
 pub use sketch::{Asked, Axis, CloseUp, Error, Sketch};
-pub use trial::{Answer, Build, Formulas, Subject, Tally, describe, describe_ray};
+pub use trial::{Answer, Build, Formulas, Render, Subject, Tally, describe, describe_ray};
 
 use crate::accel::{self, Accel, AccelError, AccelOptions, Backend, EmbreeIdentity};
 use crate::scene::Scene;
@@ -121,6 +127,8 @@ pub struct Outcome {
     pub required: bool,
     /// Which Embree answered, if one did.
     pub embree: Option<EmbreeIdentity>,
+    /// Seconds that it took, with making the rays and working out what the answers should be.
+    pub seconds: f64,
 }
 
 /// All cases, in the order of their names.
@@ -149,6 +157,9 @@ pub fn cases() -> Vec<&'static Case> {
         poison::CASES,
         backends::CASES,
         carried::CASES,
+        nested::CASES,
+        terminator::CASES,
+        seams::CASES,
     ];
     let mut all: Vec<&Case> = rooms.into_iter().flatten().collect();
     all.sort_by_key(|case| case.id);
@@ -215,7 +226,9 @@ fn outcome(
     } else {
         None
     };
+    let start = Instant::now();
     let tally = ask(&subject)?;
+    let seconds = start.elapsed().as_secs_f64();
     let required = case.requires(path);
     let verdict = match (tally.wrong, required) {
         (0, _) => Verdict::Holds,
@@ -227,6 +240,7 @@ fn outcome(
         verdict,
         required,
         embree,
+        seconds,
     })
 }
 

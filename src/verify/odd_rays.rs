@@ -3,10 +3,10 @@
 use glam::{DVec3, Vec3};
 
 use super::meshes::{icosphere, scene};
+use super::referee::Referee;
 use super::slivers::compared;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
-use crate::accel::brute::BruteAccel;
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{Random, Ray};
 use crate::scene::{Geometry, Scene};
@@ -50,8 +50,8 @@ fn any_bits(trial: &Trial) -> Result<Tally, AccelError> {
         Geometry::Shape(Shape::Sphere(ball)),
     ]);
     let engine = trial.engine(&scene)?;
-    let brute = BruteAccel::new(&scene);
-    Ok(trial.nearest(&engine, odd_ray, |ray, hit, _| judge(&scene, &brute, ray, hit)))
+    let referee = Referee::new(&scene);
+    Ok(trial.nearest(&engine, odd_ray, |ray, hit, _| judge(&scene, &referee, ray, hit)))
 }
 
 /// Every other ray is sound; of the others a number or more are odd.
@@ -78,9 +78,9 @@ fn odd_ray(random: &mut Random) -> Ray {
     ray
 }
 
-fn judge(scene: &Scene, brute: &BruteAccel, ray: &Ray, hit: Option<Hit>) -> Answer {
+fn judge(scene: &Scene, referee: &Referee, ray: &Ray, hit: Option<Hit>) -> Answer {
     if !ray.is_traceable() {
         return Answer::wrong_if(hit.is_some());
     }
-    compared(scene, ray, brute.nearest(ray), hit)
+    compared(scene, ray, referee.nearest(ray), hit)
 }

@@ -77,11 +77,13 @@ fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
     let faces = (0..SLIVERS as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
     let scene = scene(vec![Geometry::Mesh(mesh(&corners, faces.collect()))]);
     let engine = trial.engine(&scene)?;
+    let needles: Vec<Needle> = triangles.iter().map(Needle::of).collect();
     Ok(trial.nearest(
         &engine,
         |random| grazing(&triangles, random),
         |ray, hit, tally| {
-            let exact = exact_nearest(&triangles, ray);
+            let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+            let exact = exact_nearest(&triangles, ray, |number| !needles[number].is_missed(o, d));
             if let (Some((first, t)), Some(hit)) = (&exact, hit)
                 && first.primitive == hit.primitive
             {
@@ -93,8 +95,48 @@ fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
     ))
 }
 
-/// The first triangle that the ray meets, and where.
-pub(super) fn exact_nearest(triangles: &[[DVec3; 3]], ray: &Ray) -> Option<(Hit, f64)> {
+/// A sliver as a line along its first edge, which all of it is close to.
+struct Needle {
+    a: DVec3,
+    along: DVec3,
+    /// How far from the line it reaches at most.
+    height: f64,
+}
+
+impl Needle {
+    fn of([a, b, c]: &[DVec3; 3]) -> Needle {
+        let (along, up) = (b - a, c - a);
+        let height = up.cross(along).length() / along.length();
+        Needle {
+            a: *a,
+            along,
+            // With what the cross product cancels.
+            height: height + NEEDLE_ERROR * up.length(),
+        }
+    }
+
+    /// Whether the line `o + t d` surely passes beside it: farther from its line than it reaches.
+    fn is_missed(&self, o: DVec3, d: DVec3) -> bool {
+        let w = self.a - o;
+        let apart = d.dot(w.cross(self.along)).abs();
+        let across = d.cross(self.along);
+        // The largest of three coordinates is at least 1 / √3 of a length.
+        let size = 6.0 * w.abs().max_element() * self.along.abs().max_element() * d.abs().max_element();
+        let rest = apart - NEEDLE_ERROR * size;
+        rest > 0.0 && rest * rest > self.height * self.height * across.length_squared() * (1.0 + NEEDLE_ERROR)
+    }
+}
+
+/// Roundings of a triple product, of 2^-53 of its size each: 3 differences, 3 products, 5 sums, and as many for what it is
+/// compared with.
+const NEEDLE_ERROR: f64 = 16.0 * f64::EPSILON;
+
+/// The first triangle that the ray meets, and where, among those whose numbers `is_near` admits.
+pub(super) fn exact_nearest(
+    triangles: &[[DVec3; 3]],
+    ray: &Ray,
+    is_near: impl Fn(usize) -> bool,
+) -> Option<(Hit, f64)> {
     let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let meets = |corners: &[DVec3; 3]| {
         matches!(
@@ -102,7 +144,11 @@ pub(super) fn exact_nearest(triangles: &[[DVec3; 3]], ray: &Ray) -> Option<(Hit,
             Crossing::Through | Crossing::Touching
         )
     };
-    let met = triangles.iter().enumerate().filter(|(_, corners)| meets(corners));
+    let near = triangles
+        .iter()
+        .enumerate()
+        .filter(|&(number, _)| is_near(number));
+    let met = near.filter(|(_, corners)| meets(corners));
     let at = met.map(|(number, corners)| (number, exact::parameter(o, d, *corners)));
     let ahead = at.filter(|(_, t)| t.nearest() >= 0.0);
     let (number, t) = ahead.reduce(|a, b| if b.1 < a.1 { b } else { a })?;

@@ -11,6 +11,7 @@ use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{Random, Ray, Wide};
+use crate::shape::oracle::{Wide3, dot, wide3};
 use crate::shape::{Shape, Sphere};
 
 const ORACLE: &str = "exact sign of the discriminant, roots to 100 bits";
@@ -92,20 +93,20 @@ struct Exact {
 impl Exact {
     fn new(sphere: &Sphere, ray: &Ray) -> Exact {
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-        let f = exact::between(o, sphere.center);
-        let direction = exact::exact3(d);
-        let discriminant = exact::discriminant(o, d, sphere.center, sphere.radius);
-        let a = exact::dot(&direction, &direction).wide();
-        let b = -exact::dot(&f, &direction).wide();
-        let r = exact::Exact::of(sphere.radius);
-        let c = exact::dot(&f, &f).minus(&r.times(&r)).wide();
+        let f = [0, 1, 2].map(|k| Wide::of(o[k]) - Wide::of(sphere.center[k]));
+        let direction = wide3(d);
+        let square = Wide::of(sphere.radius) * Wide::of(sphere.radius);
+        let a = dot(direction, direction);
+        let b = -dot(f, direction);
+        let c = dot(f, f) - square;
+        let (discriminant, sign) = discriminant(sphere, (o, d), f, a * square);
         let delta = MOVED * (o.length() + sphere.center.length() + sphere.radius);
         let length = a.nearest().sqrt();
-        let half_chord = discriminant.wide().nearest().abs().sqrt() / length;
+        let half_chord = discriminant.nearest().abs().sqrt() / length;
         // r² - h² for a line outside, where h is imaginary: the distance from the sphere is h² / 2r.
         let is_tangent = half_chord * half_chord <= 2.0 * sphere.radius * delta;
         let slack = delta * sphere.radius / half_chord.max((sphere.radius * delta).sqrt()) / length;
-        if discriminant.sign() == Ordering::Less {
+        if sign == Ordering::Less {
             let nearest = b.nearest() / a.nearest();
             return Exact {
                 t: None,
@@ -114,7 +115,7 @@ impl Exact {
                 is_tangent,
             };
         }
-        let root = discriminant.wide().sqrt();
+        let root = discriminant.sqrt();
         let q = if b < Wide::ZERO { b - root } else { b + root };
         let mut roots = [(c / q).nearest(), (q / a).nearest()];
         roots.sort_by(f64::total_cmp);
@@ -158,6 +159,26 @@ impl Exact {
             }
         }
     }
+}
+
+/// What a discriminant of 106 bits may be off by, as a share of its terms: 12 roundings of 2^-104 and a few to spare.
+const DISCRIMINANT_ERROR: f64 = 32.0 / (1u64 << 52) as f64 / (1u64 << 52) as f64;
+
+/// `a r² - |f x d|²` and its sign, which is exact. `f` is the line's origin `o` as seen from the centre.
+fn discriminant(sphere: &Sphere, (o, d): (DVec3, DVec3), f: Wide3, chord: Wide) -> (Wide, Ordering) {
+    let direction = wide3(d);
+    let moment = [0, 1, 2].map(|k| {
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        f[i] * direction[j] - f[j] * direction[i]
+    });
+    let found = chord - dot(moment, moment);
+    // The products that a moment is the difference of may be larger than it.
+    let size = chord.nearest() + dot(f, f).nearest() * d.length_squared();
+    if found.nearest().abs() > DISCRIMINANT_ERROR * size {
+        return (found, found.nearest().total_cmp(&0.0));
+    }
+    let exact = exact::discriminant(o, d, sphere.center, sphere.radius);
+    (exact.wide(), exact.sign())
 }
 
 fn tie_if(is_tie: bool) -> Answer {

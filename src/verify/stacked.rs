@@ -109,7 +109,7 @@ fn in_order(trial: &Trial) -> Result<Tally, AccelError> {
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
     Ok(trial.nearest(&engine, ray, |ray, hit, _| {
-        let exact = exact_nearest(pairs.as_flattened(), ray).map(|(first, _)| first);
+        let exact = exact_nearest(pairs.as_flattened(), ray, |_| true).map(|(first, _)| first);
         compared(&scene, ray, exact, hit)
     }))
 }

@@ -151,7 +151,7 @@ impl Oracle {
     }
 
     /// Both roots for the sphere of radius 1 + `delta`.
-    fn roots(&self, ray: &Ray, delta: f64) -> Option<[f64; 2]> {
+    fn roots(&self, ray: &Ray, delta: f64) -> Option<[Wide; 2]> {
         let o = wide(ray.origin.as_dvec3());
         let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
         let d = self.carried(wide(ray.direction.as_dvec3()));
@@ -161,40 +161,62 @@ impl Oracle {
         (discriminant > Wide::ZERO).then(|| {
             let root = discriminant.sqrt();
             let q = if b < Wide::ZERO { b - root } else { b + root };
-            let mut roots = [(c / q).nearest(), (q / a).nearest()];
-            roots.sort_by(f64::total_cmp);
-            roots
+            let [first, second] = [c / q, q / a];
+            if first < second {
+                [first, second]
+            } else {
+                [second, first]
+            }
         })
     }
 
-    /// Rays start outside: the first root ahead is the entry.
-    fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+    /// The entry, if it lies ahead.
+    fn ahead(roots: Option<[Wide; 2]>) -> Option<f64> {
+        roots.map(|roots| roots[0].nearest()).filter(|&t| t > 0.0)
+    }
+
+    /// By how much the sphere may seem to be moved, in its own space.
+    fn slack(&self, ray: &Ray) -> f64 {
         let o = wide(ray.origin.as_dvec3());
         let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
         let place = self.carried(self.translation);
         let length = |v: Wide3| dot(v, v).sqrt().nearest();
-        let far = 1.0 + length(o) + length(place);
-        let delta = MOVED * self.condition * self.condition * far;
-        let [inner, exact, outer] = [-delta, 0.0, delta].map(|delta| self.roots(ray, delta));
-        let ahead = |roots: Option<[f64; 2]>| roots.filter(|roots| roots[0] > 0.0).map(|roots| roots[0]);
-        match (hit, ahead(exact)) {
-            (None, None) => Answer::Right,
-            (None, Some(_)) if ahead(inner).is_none() => Answer::Tie,
-            (None, Some(_)) => Answer::Wrong,
-            (Some(hit), expected) => {
+        MOVED * self.condition * self.condition * (1.0 + length(o) + length(place))
+    }
+
+    /// Rays start outside: the first root ahead is the entry.
+    fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+        let expected = Oracle::ahead(self.roots(ray, 0.0));
+        match (hit, expected) {
+            (None, None) => return Answer::Right,
+            (Some(hit), Some(exact)) => {
+                let ulp = f64::from(hit.t.next_up()) - f64::from(hit.t);
+                let off = (f64::from(hit.t) - exact).abs() / ulp;
+                if off <= 1.0 {
+                    tally.note(off);
+                    return Answer::Right;
+                }
+            }
+            _ => {}
+        }
+        self.moved(ray, hit)
+    }
+
+    /// Judges an answer that is not the exact one, by spheres that are as much smaller and larger as rounding explains.
+    fn moved(&self, ray: &Ray, hit: Option<Hit>) -> Answer {
+        let delta = self.slack(ray);
+        let [inner, outer] = [-delta, delta].map(|delta| self.roots(ray, delta));
+        match hit {
+            None if Oracle::ahead(inner).is_none() => Answer::Tie,
+            None => Answer::Wrong,
+            Some(hit) => {
                 let ulp = f64::from(hit.t.next_up()) - f64::from(hit.t);
                 let t = f64::from(hit.t);
-                if let Some(exact) = expected {
-                    let off = (t - exact).abs() / ulp;
-                    if off <= 1.0 {
-                        tally.note(off);
-                        return Answer::Right;
-                    }
-                }
-                let Some(low) = ahead(outer) else {
+                let Some(low) = Oracle::ahead(outer) else {
                     return Answer::Wrong;
                 };
-                let high = ahead(inner).or(outer.map(|roots| roots[1])).unwrap_or(low);
+                let last = outer.map(|roots| roots[1].nearest());
+                let high = Oracle::ahead(inner).or(last).unwrap_or(low);
                 let is_between = low - ulp <= t && t <= high + ulp;
                 if is_between { Answer::Tie } else { Answer::Wrong }
             }

@@ -1,5 +1,7 @@
 //! One case put to one path: rays in chunks, all at once, and what is counted.
 
+use std::sync::atomic::AtomicBool;
+
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -9,7 +11,8 @@ use super::sketch::{Asked, Axis, Error, Sketch};
 use crate::accel::{Accel, AccelError, EmbreeIdentity, Hit, LANES, RayOrder, RayPacket};
 use crate::numeric::{Lanes, Random, Ray};
 use crate::optics::{Fresnel, Refraction};
-use crate::scene::{Scene, SceneError};
+use crate::render::{Monitor, RenderSettings, Rendering};
+use crate::scene::{Camera, Scene, SceneError};
 
 /// Builds what finds the hits of a scene.
 pub type Build<'a> = dyn for<'s> Fn(&'s Scene) -> Result<Box<dyn Accel + 's>, AccelError> + Sync + 'a;
@@ -46,7 +49,12 @@ pub struct Formulas {
     pub validate: fn(&Scene) -> Result<(), SceneError>,
     /// As [`Scene::normalise`].
     pub normalise: fn(&mut Scene),
+    /// As [`crate::render::render`].
+    pub render: Render,
 }
+
+/// Makes a picture of a scene.
+pub type Render = fn(&Scene, &Camera, &dyn Accel, &RenderSettings, &Monitor) -> Option<Rendering>;
 
 impl Formulas {
     /// Those of the renderer.
@@ -61,6 +69,7 @@ impl Formulas {
         spawn_point: crate::numeric::spawn_point,
         validate: Scene::validate,
         normalise: Scene::normalise,
+        render: crate::render::render,
     };
 }
 
@@ -204,6 +213,32 @@ impl<'a> Trial<'a> {
     pub(super) fn engine<'s>(&self, scene: &'s Scene) -> Result<Engine<'s>, AccelError> {
         let accel = (self.subject.build)(scene)?;
         Ok(Engine { accel, scene })
+    }
+
+    /// A picture of `scene` with one sample in the middle of each of `size` x `size` pixels and `depth` generations of
+    /// rays that weigh `weight_cutoff` or more.
+    pub(super) fn picture(
+        &self,
+        (scene, camera): (&Scene, &Camera),
+        size: u32,
+        (depth, weight_cutoff): (u32, f32),
+    ) -> Result<Option<Rendering>, AccelError> {
+        let accel = (self.subject.build)(scene)?;
+        let settings = RenderSettings {
+            width: size,
+            height: size,
+            spp: 1,
+            depth,
+            weight_cutoff,
+            ..RenderSettings::default()
+        };
+        let monitor = Monitor {
+            progress: &|_| {},
+            cancel: &AtomicBool::new(false),
+        };
+        Ok((self.subject.formulas.render)(
+            scene, camera, &*accel, &settings, &monitor,
+        ))
     }
 
     /// Asks `ask` for the questions of each chunk and adds up what it counts: the same for every number of threads.

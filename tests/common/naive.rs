@@ -11,7 +11,8 @@ use glam::{DVec3, Vec3};
 use whit::accel::{Accel, AccelReport, Hit, LANES, RayOrder, RayPacket};
 use whit::numeric::Ray;
 use whit::optics::{Fresnel, Polarised, Refraction};
-use whit::scene::{Geometry, Scene};
+use whit::render::{Monitor, RenderSettings, Rendering};
+use whit::scene::{Camera, Geometry, Scene};
 use whit::shape::{Implicit, Shape, ShapeRay};
 use whit::verify::Formulas;
 
@@ -42,7 +43,31 @@ pub const FORMULAS: Formulas = Formulas {
     spawn_point: |p, _, _| p.as_vec3(),
     validate: |_| Ok(()),
     normalise: |_| (),
+    render: careless_picture,
 };
+
+/// A picture that knows nothing of priorities and gives up after three generations, without a word.
+fn careless_picture(
+    scene: &Scene,
+    camera: &Camera,
+    accel: &dyn Accel,
+    settings: &RenderSettings,
+    monitor: &Monitor,
+) -> Option<Rendering> {
+    let mut scene = scene.clone();
+    for material in &mut scene.materials {
+        if let Some(inside) = &mut material.interior {
+            inside.priority = 0;
+        }
+    }
+    let settings = RenderSettings {
+        depth: settings.depth.min(3),
+        ..*settings
+    };
+    let mut rendering = whit::render::render(&scene, camera, accel, &settings, monitor)?;
+    rendering.ledger.max_lost_weight = 0.0;
+    Some(rendering)
+}
 
 /// Refraction in f32.
 pub const SINGLE: Formulas = Formulas {

@@ -1,0 +1,132 @@
+//! The seams between instances of one tile: each carries rays into its own space, and rounds them there.
+
+use glam::{DAffine3, DVec3};
+
+use super::meshes::{mesh, scene};
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, Hit};
+use crate::numeric::{Random, Ray, Wide};
+use crate::scene::{Geometry, Instance, Scene};
+
+pub(super) const CASES: &[Case] = &[Case {
+    id: "H47",
+    title: "seams of instances",
+    construction: "ground of 8 by 8 instances of a tile, 1 to 10^6 from the origin, with and without real gaps, and rays at its seams",
+    oracle: "the tiles' edges in the world to 106 bits: what goes through a gap meets nothing, all else the tile below it",
+    bound: "no leak and no hit beyond the gaps by more than the derived roundings of rays that are carried to a tile",
+    unit: "of the bound",
+    asks: Asks::Triangles,
+    required: Closes::Edges,
+    run: seams,
+}];
+
+/// Tiles each way.
+const TILES: usize = 8;
+/// Powers of ten of the distance from the origin.
+const DISTANCES: std::ops::RangeInclusive<i32> = 0..=6;
+/// Steps between tiles. A tile is the f32 nearest to it wide: exactly 1; 1.2e-8 too narrow; and as much too wide.
+const STEPS: [f64; 3] = [1.0, 0.7, 0.3];
+
+/// Roundings, of 2^-24 of a tile's farthest corner, that a ray may seem to pass an edge by: 2 for the ray's origin and
+/// direction in the tile's space, 10 for each of two corners in the sheared frame of the watertight test, 4 for an edge
+/// function, and the larger of that and the 28 of a triple product (see the comparison of backends); twice, as the origin
+/// is as far away as the corner.
+const ROUNDINGS: f64 = 64.0;
+
+/// Ground in the plane y = 0.
+struct Ground {
+    /// Where tiles begin, along x and along z.
+    starts: Vec<f64>,
+    /// How wide a tile is.
+    width: f32,
+    scene: Scene,
+}
+
+impl Ground {
+    fn new(distance: f64, step: f64) -> Ground {
+        let width = step as f32;
+        let side = f64::from(width);
+        let at = |x: f64, z: f64| DVec3::new(x, 0.0, z);
+        let corners = [at(0.0, 0.0), at(0.0, side), at(side, side), at(side, 0.0)];
+        let mut scene = scene(vec![Geometry::Mesh(mesh(&corners, vec![[0, 1, 2], [0, 2, 3]]))]);
+        let starts: Vec<f64> = (0..TILES).map(|i| distance + i as f64 * step).collect();
+        let places = starts.iter().flat_map(|&z| starts.iter().map(move |&x| at(x, z)));
+        scene.instances = places
+            .filter_map(|place| Instance::new("", 0, 0, DAffine3::from_translation(place)).ok())
+            .collect();
+        Ground { starts, width, scene }
+    }
+
+    /// A ray down at a seam, or near one, or at the rim.
+    fn ray(&self, random: &mut Random) -> Ray {
+        let step = f64::from(self.width);
+        let mut coordinate = |is_seam: bool| {
+            let start = self.starts[random.below(TILES)];
+            let beside = random.pick(&[0.0, 1e-7, 1e-4]) * random.within(-1.0, 1.0);
+            match is_seam {
+                true => start + step * random.pick(&[0.0, 1.0]) + beside,
+                false => start + step * random.unit(),
+            }
+        };
+        let (along_x, along_z) = (coordinate(true), coordinate(false));
+        let (x, z) = random.pick(&[(along_x, along_z), (along_z, along_x)]);
+        let target = DVec3::new(x, 0.0, z);
+        let aside = DVec3::new(random.within(-1.0, 1.0), 1.0, random.within(-1.0, 1.0));
+        let origin = (target + random.within(0.5, 4.0) * aside).as_vec3();
+        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    }
+
+    /// How far inside the nearest tile a coordinate is; negative in gaps and outside.
+    fn inside(&self, x: Wide) -> f64 {
+        let inside_of = |&start: &f64| {
+            let left = x - Wide::of(start);
+            let right = Wide::of(self.width.into()) - left;
+            left.nearest().min(right.nearest())
+        };
+        self.starts
+            .iter()
+            .map(inside_of)
+            .fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        if !(d.y < 0.0) {
+            return Answer::wrong_if(hit.is_some());
+        }
+        let t = Wide::of(-o.y) / Wide::of(d.y);
+        let at = |axis: usize| Wide::of(o[axis]) + t * Wide::of(d[axis]);
+        let inside = self.inside(at(0)).min(self.inside(at(2)));
+        if hit.is_some() == (inside >= 0.0) {
+            return Answer::Right;
+        }
+        // A tile's farthest corner as seen from the ray, and how much faster it moves along the ground than down.
+        let reach = 2.0 * f64::from(self.width) + t.nearest() * d.abs().max_element();
+        let slant = 1.0 + d.x.abs().max(d.z.abs()) / d.y.abs();
+        let bound = ROUNDINGS / f64::from(1 << 24) * reach * slant;
+        tally.note(inside.abs() / bound);
+        if inside.abs() <= bound {
+            Answer::Tie
+        } else {
+            Answer::Wrong
+        }
+    }
+}
+
+fn seams(trial: &Trial) -> Result<Tally, AccelError> {
+    let grounds: Vec<Ground> = DISTANCES
+        .flat_map(|power| STEPS.map(|step| Ground::new(10f64.powi(power), step)))
+        .collect();
+    let mut sum = Tally::default();
+    for (part, ground) in grounds.iter().enumerate() {
+        let engine = trial.engine(&ground.scene)?;
+        let tally = trial.part(part, grounds.len()).nearest(
+            &engine,
+            |random| ground.ray(random),
+            |ray, hit, tally| ground.judge(ray, hit, tally),
+        );
+        sum = sum.with(tally);
+    }
+    Ok(sum)
+}

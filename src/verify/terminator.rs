@@ -1,0 +1,145 @@
+//! The shading terminator: where light just grazes a sphere of triangles, facets fall into shadow that the smooth normals
+//! would light, and others may be lit that look away.
+
+use std::f64::consts::PI;
+
+use glam::{DAffine3, DVec3};
+
+use super::meshes::{rings, scene};
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::AccelError;
+use crate::mesh::Mesh;
+use crate::scene::{
+    Background, Camera, Geometry, Lecture, Light, LightKind, Material, Model, Projection, Scene,
+};
+use crate::shape::{Shape, Sphere};
+
+pub(super) const CASES: &[Case] = &[Case {
+    id: "H46",
+    title: "shading terminator",
+    construction: "spheres of 8, 16, ... up to 512 rings of triangles with smooth normals, lit from the side",
+    oracle: "the analytic sphere, whose light is the cosine of the angle to the lamp",
+    bound: "0 lit beyond the terminator, 0 dark before it, by more than a facet's tilt; the mean error falls with every doubling",
+    unit: "of the coarser one's error",
+    asks: Asks::Triangles,
+    required: Closes::Faces,
+    run: terminators,
+}];
+
+/// Rings of the coarsest sphere and of the finest.
+const RINGS: [u32; 2] = [8, 512];
+/// Triangles that are asked about however few rays there are.
+const LEAST_TRIANGLES: u64 = 4096;
+/// Half the height of what is seen.
+const REACH: f64 = 1.05;
+/// Pixels each way, at least and at most.
+const SIZES: [f64; 2] = [24.0, 512.0];
+
+/// A ball before a camera that looks along -z, lit along x by a lamp of which it reflects the cosine.
+fn lit(geometry: Geometry) -> Scene {
+    let mut scene = scene(vec![geometry]);
+    scene.materials = vec![Material {
+        model: Model::Lecture(Lecture {
+            ambient: [0.0; 3],
+            ..Lecture::DEFAULT
+        }),
+        base_color: [1.0, 1.0, 0.0, 1.0],
+        ..Material::default()
+    }];
+    // What is not the ball is blue.
+    scene.background = Background::Uniform([0.0, 0.0, 1.0]);
+    scene.lights = vec![Light {
+        name: String::new(),
+        intensity: [1.0; 3],
+        kind: LightKind::Directional { to_light: DVec3::X },
+    }];
+    scene
+}
+
+fn camera() -> Camera {
+    Camera {
+        world_from_camera: DAffine3::from_translation(3.0 * DVec3::Z),
+        projection: Projection::Orthographic {
+            y_mag: REACH,
+            x_mag: None,
+        },
+        ..Camera::default()
+    }
+}
+
+/// A ball of triangles with the normals of the sphere.
+fn ball(ring_count: u32) -> Mesh {
+    let mesh = rings(ring_count, DVec3::ZERO, |_, _| 1.0);
+    Mesh {
+        normals: Some(mesh.positions.to_vec().into()),
+        ..mesh
+    }
+}
+
+/// What is seen of a ball: the light of each pixel, NaN beside it.
+fn seen(trial: &Trial, geometry: Geometry, size: u32) -> Result<Option<Vec<f64>>, AccelError> {
+    let rendering = trial.picture((&lit(geometry), &camera()), size, (0, 0.0))?;
+    let light = |pixel: &[f32; 3]| match pixel[2] {
+        0.0 => f64::from(pixel[0]),
+        _ => f64::NAN,
+    };
+    Ok(rendering.map(|rendering| rendering.image.pixels.iter().map(light).collect()))
+}
+
+fn terminators(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut tally = Tally::default();
+    let steps = (RINGS[1] / RINGS[0]).ilog2() + 1;
+    let size = ((trial.rays / u64::from(steps)) as f64)
+        .sqrt()
+        .clamp(SIZES[0], SIZES[1]) as u32;
+    let Some(exact) = seen(trial, Geometry::Shape(Shape::Sphere(Sphere::UNIT)), size)? else {
+        return Ok(tally);
+    };
+    let mut coarser = f64::INFINITY;
+    let mut ring_count = RINGS[0];
+    while ring_count <= RINGS[1] && 4 * u64::from(ring_count).pow(2) <= trial.rays.max(LEAST_TRIANGLES) {
+        let Some(found) = seen(trial, Geometry::Mesh(ball(ring_count)), size)? else {
+            break;
+        };
+        let error = judge(ring_count, size, (&exact, &found), &mut tally);
+        tally.note(error / coarser);
+        tally.count(Answer::wrong_if(!(error < coarser)), || {
+            format!("{ring_count} rings are off by {error:e} of all light, half as many by {coarser:e}")
+        });
+        coarser = error;
+        ring_count *= 2;
+    }
+    Ok(tally)
+}
+
+/// Counts the pixels and returns what they are off by together, as a share of all light.
+fn judge(ring_count: u32, size: u32, (exact, found): (&[f64], &[f64]), tally: &mut Tally) -> f64 {
+    let pixel = 2.0 * REACH / f64::from(size);
+    // A facet is at most that far across, and tilted against no point of the sphere below it by more.
+    let tilt = 2f64.sqrt() * PI / f64::from(ring_count);
+    let (mut sum, mut error) = (0.0, 0.0);
+    for (number, (&exact, &found)) in exact.iter().zip(found).enumerate() {
+        // Beside either ball.
+        if exact.is_nan() || found.is_nan() {
+            continue;
+        }
+        let column = (number % size as usize) as f64;
+        let cosine = (column + 0.5) * pixel - REACH;
+        let is_off = (exact - cosine.max(0.0)).abs() > COSINE_ERROR;
+        let leaks = cosine < -tilt && found > 0.0;
+        let is_dark = cosine > tilt && !(found > 0.0);
+        tally.count(Answer::wrong_if(is_off || leaks || is_dark), || {
+            format!(
+                "{ring_count} rings, pixel {number} of {size} x {size}: {found:e}, of the sphere {exact:e}"
+            )
+        });
+        sum += exact;
+        error += (found - exact).abs();
+    }
+    error / sum
+}
+
+/// What the light of the analytic sphere may be off by: the normal and the sum over its products are rounded to f32, three
+/// times each.
+const COSINE_ERROR: f64 = 8.0 / (1 << 24) as f64;

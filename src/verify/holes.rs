@@ -147,7 +147,7 @@ type Pair = [[DVec3; 3]; 2];
 /// A pair about a point: half of them are a unit square with whole corners, cut along a diagonal.
 fn pair(number: usize, random: &mut Random) -> Pair {
     let center = APART * DVec3::new((number % 8) as f64, (number / 8) as f64, 0.0);
-    let [a, b, c, d] = if number % 2 == 0 {
+    let [a, b, c, d] = if number.is_multiple_of(2) {
         [DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0), DVec3::Y, DVec3::X]
     } else {
         // Folded towards the back by up to half a radian, so that both sides still face most rays.

@@ -24,6 +24,17 @@ pub(super) const CASES: &[Case] = &[
         run: self_shadows,
     },
     Case {
+        id: "H19s",
+        title: "self-shadows of slivers",
+        construction: "rays that leave single triangles, 1 to 10^6 times as long as high",
+        oracle: "a triangle is flat: what leaves it does not meet it again",
+        bound: "0 false shadows",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Vertices,
+        run: sliver_shadows,
+    },
+    Case {
         id: "H20",
         title: "smallest gap",
         construction: "rays from one sheet to another that is 1 to 64 ulp of the coordinates in front of it",
@@ -131,6 +142,62 @@ fn self_shadows_of(trial: &Trial, radius: f64, distance: f64) -> Result<Tally, A
         for (ray, hit) in out.iter().zip(engine.nearest(&out, order(random))) {
             let is_own = hit.is_some_and(|hit| hit.instance == 0);
             tally.count_ray(Answer::wrong_if(is_own), ray, hit);
+        }
+        tally
+    });
+    Ok(trial.with_drawing(&engine, tally))
+}
+
+/// Powers of ten of how many times a triangle is as long as high.
+const ASPECTS: std::ops::RangeInclusive<i32> = 0..=6;
+/// Triangles of each kind.
+const TRIANGLES: usize = 16;
+
+fn sliver_shadows(trial: &Trial) -> Result<Tally, AccelError> {
+    let cells: Vec<i32> = ASPECTS
+        .flat_map(|aspect| std::iter::repeat_n(aspect, TRIANGLES))
+        .collect();
+    let mut sum = Tally::default();
+    for (number, &aspect) in cells.iter().enumerate() {
+        let mut random = Random::new(0x19, number as u64);
+        let corners = triangle(&mut random, 10f64.powi(aspect));
+        let part = trial.part(number, cells.len());
+        sum = sum.with(shadows_of_triangle(&part, corners)?);
+    }
+    Ok(sum)
+}
+
+/// A triangle within a few units of the origin, so many times as long as high.
+fn triangle(random: &mut Random, aspect: f64) -> [DVec3; 3] {
+    let a = 2.0 * random.in_cube();
+    let along = random.within(0.3, 1.0) * random.direction();
+    let across = along.cross(random.direction()).normalize_or_zero() * along.length() / aspect;
+    [a, a + along, a + random.unit() * along + across]
+}
+
+fn shadows_of_triangle(trial: &Trial, corners: [DVec3; 3]) -> Result<Tally, AccelError> {
+    let scene = Scene {
+        materials: vec![Material::default()],
+        ..scene(vec![Geometry::Mesh(mesh(&corners, vec![[0, 1, 2]]))])
+    };
+    let engine = trial.engine(&scene)?;
+    let departures = Departures::new(&scene);
+    let [a, b, c] = corners;
+    let tally = trial.in_chunks(|random, count| {
+        let rays: Vec<Ray> = (0..count)
+            .map(|_| {
+                let (u, v) = (random.unit(), random.unit());
+                let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                let target = a + u * (b - a) + v * (c - a);
+                let origin = (target + random.within(1.0, 3.0) * random.direction()).as_vec3();
+                Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+            })
+            .collect();
+        let leaving = leaving(trial, (&engine, &departures), &rays, random, outward);
+        let out: Vec<Ray> = leaving.iter().map(|&(_, ray)| ray).collect();
+        let mut tally = Tally::default();
+        for (ray, hit) in out.iter().zip(engine.nearest(&out, order(random))) {
+            tally.count_ray(Answer::wrong_if(hit.is_some()), ray, hit);
         }
         tally
     });

@@ -1,7 +1,7 @@
 //! The general quadric xᵀ Q x = 0 with homogeneous x = (x, y, z, 1), cut off by a box.
 //!
-//! The quadratic's coefficients are formed at the line's point nearest to the box's centre, where they are as small as
-//! they can be.
+//! The quadratic's coefficients are formed at the line's point nearest to the box's centre, and then once more halfway
+//! between the roots, where they are as small as they can be: a thin ellipsoid's are huge anywhere else.
 
 use glam::DVec3;
 
@@ -81,12 +81,18 @@ impl Quadric {
     fn both(&self, ray: &ShapeRay) -> Crossings {
         let d = ray.direction;
         let center = self.clip.center();
-        let (shift, o) = nearest_to_origin(ray.origin - center, d);
-        let (c, half_gradient) = self.value(center + o);
+        let (mut shift, mut o) = nearest_to_origin(ray.origin - center, d);
+        let (mut c, half_gradient) = self.value(center + o);
         let a = d.dot(self.linear(d));
-        let b = -d.dot(half_gradient);
-        let [t0, t1] = quadratic_roots(a, b, c, ray.discriminant(b * b - a * c)).map(|t| shift + t);
+        let mut b = -d.dot(half_gradient);
         let kept = self.clip_span(ray);
+        // Not far outside, where they would be larger again.
+        if kept.contains(shift + b / a) {
+            (shift, o) = (shift + b / a, o + (b / a) * d);
+            let (value, half_gradient) = self.value(center + o);
+            (c, b) = (value, -d.dot(half_gradient));
+        }
+        let [t0, t1] = quadratic_roots(a, b, c, ray.discriminant(b * b - a * c)).map(|t| shift + t);
         let cut = |t: f64| {
             if kept.contains(t) {
                 ShapeHit { t, part: 0 }

@@ -17,6 +17,7 @@ mod cells;
 mod closed;
 mod exact;
 mod frames;
+mod furnace;
 mod hygiene;
 mod interfaces;
 mod marches;
@@ -28,6 +29,7 @@ mod own;
 mod path;
 mod place;
 mod placed;
+mod quadrics;
 mod rays_file;
 mod referee;
 mod seams;
@@ -140,7 +142,9 @@ pub fn cases() -> Vec<&'static Case> {
         sums::CASES,
         marches::CASES,
         frames::CASES,
+        quadrics::CASES,
         nested::CASES,
+        furnace::CASES,
         terminator::CASES,
         seams::CASES,
     ];

@@ -10,17 +10,21 @@
 //!   has the right sign; where it is zero, it is computed again in f64, where products of f32 are exact. Hence no fused
 //!   multiply-add here, which would round one product and not the other.
 //!
+//! A hit that is as near the start of its ray as its own error is asked about again in f64, see [`start`].
+//!
 //! [`Shear::intersect`] is the reference; the forms for eight triangles and for sixteen rays give the same bits.
 
 #[cfg(feature = "embree")]
 mod shared;
+mod start;
 
 use glam::Vec3;
 
-use super::lanes::{Isa, add, div, lanes, max, min, mul, sub};
+use super::lanes::{AnyIsa, Isa, add, div, lanes, max, min, mul, sub};
 use crate::numeric::Ray;
 #[cfg(feature = "embree")]
 pub(crate) use shared::{Flat, Met, may_hold_origin};
+use start::may_be_behind;
 
 /// Triangles in a [`TrianglePack`].
 pub const PACK: usize = 8;
@@ -142,7 +146,7 @@ impl Shear {
             *out = [
                 (p[kx] - self.origin[0]) - sx * z,
                 (p[ky] - self.origin[1]) - sy * z,
-                sz * z,
+                z,
             ];
         }
         let [a, b, c] = projected;
@@ -150,19 +154,66 @@ impl Shear {
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
         if u == 0.0 || v == 0.0 || w == 0.0 {
-            return on_an_edge(projected, t_near, t_far);
+            return self.on_an_edge(corners, projected, [t_near, t_far]);
         }
         let inside = (u > 0.0 && v > 0.0 && w > 0.0) || (u < 0.0 && v < 0.0 && w < 0.0);
         if !inside {
             return None;
         }
         let det = (u + v) + w;
-        let t = ((u * a[2] + v * b[2]) + w * c[2]) / det;
+        let t = ((u * (sz * a[2]) + v * (sz * b[2])) + w * (sz * c[2])) / det;
+        let t = self.settled_start(corners, projected, det, [t_near, t]);
         let within = t_near <= t && t <= t_far && t < f32::INFINITY;
         within.then(|| TriangleHit {
             t,
             u: v / det,
             v: w / det,
+        })
+    }
+
+    /// `t`, or where it may be behind the start of the ray, `t_near`, though it seems not to be, the exact parameter.
+    #[inline(always)]
+    fn settled_start(
+        &self,
+        corners: [[f32; 3]; 3],
+        projected: [[f32; 3]; 3],
+        det: f32,
+        [t_near, t]: [f32; 2],
+    ) -> f32 {
+        let [a, b, c] = projected.map(|p| p.map(|x| [x]));
+        let rows = [&a, &b, &c].map(|[x, y, z]| [x, y, z]);
+        if t_near <= t && may_be_behind(AnyIsa, rows, &[self.shear[2]], &[det], [&[t_near], &[t]]) != 0 {
+            return self.exact_parameter(corners, t);
+        }
+        t
+    }
+
+    /// Decides in f64 what f32 cannot: the ray meets an edge or a corner, or the triangle edge-on.
+    #[cold]
+    #[inline(never)]
+    fn on_an_edge(
+        &self,
+        corners: [[f32; 3]; 3],
+        projected: [[f32; 3]; 3],
+        [t_near, t_far]: [f32; 2],
+    ) -> Option<TriangleHit> {
+        let [a, b, c] = projected.map(|p| p.map(f64::from));
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        let outside = (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0);
+        let det = u + v + w;
+        if outside || det == 0.0 {
+            return None;
+        }
+        let [za, zb, zc] = projected.map(|p| f64::from(self.shear[2] * p[2]));
+        let t = ((u * za + v * zb + w * zc) / det) as f32;
+        let t = self.settled_start(corners, projected, det as f32, [t_near, t]);
+        let within = t_near <= t && t <= t_far && t < f32::INFINITY;
+        within.then(|| TriangleHit {
+            t,
+            u: (v / det) as f32,
+            v: (w / det) as f32,
         })
     }
 
@@ -185,8 +236,8 @@ impl Shear {
         let b = project([&b[kx], &b[ky], &b[kz]], &origin, &shear);
         let c = project([&c[kx], &c[ky], &c[kz]], &origin, &shear);
         let test = edge_test(isa, [a, b, c], [sz; PACK], [&[t_near; PACK], &[t_far; PACK]]);
-        if test.on_edge != 0 {
-            return self.settle_edges(test, pack, t_near, t_far);
+        if test.unsettled != 0 {
+            return self.settle(test, pack, t_near, t_far);
         }
         test.hits
     }
@@ -194,14 +245,14 @@ impl Shear {
     // By value, so that the arrays of the common path can stay in registers.
     #[cold]
     #[inline(never)]
-    fn settle_edges(
+    fn settle(
         &self,
         mut test: EdgeTest<PACK>,
         pack: &TrianglePack,
         t_near: f32,
         t_far: f32,
     ) -> LaneHits<PACK> {
-        for lane in lanes(test.on_edge) {
+        for lane in lanes(test.unsettled) {
             test.settle(lane, self.intersect(pack.triangle(lane), t_near, t_far));
         }
         test.hits
@@ -257,21 +308,21 @@ impl<const N: usize> ShearLanes<N> {
         let b = project([&[b[kx]; N], &[b[ky]; N], &[b[kz]; N]], &self.origin, &shear);
         let c = project([&[c[kx]; N], &[c[ky]; N], &[c[kz]; N]], &self.origin, &shear);
         let test = edge_test(isa, [a, b, c], sz, [t_near, t_far]);
-        if test.on_edge != 0 {
-            return self.settle_edges(test, corners, [*t_near, *t_far]);
+        if test.unsettled != 0 {
+            return self.settle(test, corners, [*t_near, *t_far]);
         }
         test.hits
     }
 
     #[cold]
     #[inline(never)]
-    fn settle_edges(
+    fn settle(
         &self,
         mut test: EdgeTest<N>,
         corners: [[f32; 3]; 3],
         [t_near, t_far]: [[f32; N]; 2],
     ) -> LaneHits<N> {
-        for lane in lanes(test.on_edge) {
+        for lane in lanes(test.unsettled) {
             let hit = self.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
             test.settle(lane, hit);
         }
@@ -279,32 +330,10 @@ impl<const N: usize> ShearLanes<N> {
     }
 }
 
-/// Decides in f64 what f32 cannot: the ray meets an edge or a corner, or the triangle edge-on.
-#[cold]
-#[inline(never)]
-fn on_an_edge(projected: [[f32; 3]; 3], t_near: f32, t_far: f32) -> Option<TriangleHit> {
-    let [a, b, c] = projected.map(|p| p.map(f64::from));
-    let u = c[0] * b[1] - c[1] * b[0];
-    let v = a[0] * c[1] - a[1] * c[0];
-    let w = b[0] * a[1] - b[1] * a[0];
-    let outside = (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0);
-    let det = u + v + w;
-    if outside || det == 0.0 {
-        return None;
-    }
-    let t = ((u * a[2] + v * b[2] + w * c[2]) / det) as f32;
-    let within = t_near <= t && t <= t_far && t < f32::INFINITY;
-    within.then(|| TriangleHit {
-        t,
-        u: (v / det) as f32,
-        v: (w / det) as f32,
-    })
-}
-
 /// The f32 part of `N` tests, with the lanes that need f64.
 struct EdgeTest<const N: usize> {
     hits: LaneHits<N>,
-    on_edge: u32,
+    unsettled: u32,
 }
 
 impl<const N: usize> EdgeTest<N> {
@@ -347,7 +376,10 @@ fn edge_test<I: Isa, const N: usize>(
         v: zero,
     };
     if inside == 0 {
-        return EdgeTest { hits, on_edge };
+        return EdgeTest {
+            hits,
+            unsettled: on_edge,
+        };
     }
     let det = add(&add(&u, &v), &w);
     let [za, zb, zc] = [mul(&sz, &a[2]), mul(&sz, &b[2]), mul(&sz, &c[2])];
@@ -355,11 +387,14 @@ fn edge_test<I: Isa, const N: usize>(
     hits.t = div(&scaled_t, &det);
     hits.mask =
         inside & isa.le(t_near, &hits.t) & isa.le(&hits.t, t_far) & isa.lt(&hits.t, &[f32::INFINITY; N]);
+    let mut unsettled = on_edge;
     if hits.mask != 0 {
         hits.u = div(&v, &det);
         hits.v = div(&w, &det);
+        let rows = [&a, &b, &c].map(|[x, y, z]| [x, y, z]);
+        unsettled |= hits.mask & may_be_behind(isa, rows, &sz, &det, [t_near, &hits.t]);
     }
-    EdgeTest { hits, on_edge }
+    EdgeTest { hits, unsettled }
 }
 
 /// Corners to the sheared frame: x, y and the unscaled z.
@@ -378,14 +413,15 @@ fn project<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::lanes::{AnyIsa, Work, dispatch};
+    use crate::mesh::lanes::{Work, dispatch};
+    use crate::numeric::{spawn_point, triangle_spawn_error};
     use glam::DVec3;
 
     /// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's multiplier).
-    struct Random(u64);
+    pub(super) struct Random(pub(super) u64);
 
     impl Random {
-        fn next(&mut self) -> f64 {
+        pub(super) fn next(&mut self) -> f64 {
             self.0 = self
                 .0
                 .wrapping_mul(6364136223846793005)
@@ -393,13 +429,27 @@ mod tests {
             (self.0 >> 11) as f64 / (1u64 << 53) as f64
         }
 
-        fn vector(&mut self) -> DVec3 {
+        pub(super) fn vector(&mut self) -> DVec3 {
             DVec3::new(self.next(), self.next(), self.next()) * 2.0 - DVec3::ONE
         }
     }
 
     fn ray(origin: DVec3, direction: DVec3) -> Ray {
         Ray::new(origin.as_vec3(), direction.as_vec3())
+    }
+
+    /// A ray that leaves a point of the triangle as new rays do, at an angle of at least 3 degrees to its plane; none for
+    /// triangles without area.
+    pub(super) fn leaving(corners: [Vec3; 3], random: &mut Random) -> Option<Ray> {
+        let [a, b, c] = corners.map(|p| p.as_dvec3());
+        let normal = (b - a).cross(c - a).try_normalize()?;
+        let (u, v) = (random.next(), random.next());
+        let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+        let p = a + u * (b - a) + v * (c - a);
+        let error = triangle_spawn_error(corners[0], corners[1] - corners[0], corners[2] - corners[0]);
+        let origin = spawn_point(p, normal, error.along(normal));
+        let direction = random.vector().normalize() * 5.0;
+        (normal.dot(direction) > 0.25).then(|| Ray::new(origin, direction.as_vec3()))
     }
 
     /// An icosahedron-like closed mesh: an octahedron subdivided once and pushed out irregularly.

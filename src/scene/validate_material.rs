@@ -1,5 +1,7 @@
 //! The checks of materials and procedural textures.
 
+use std::ops::{Range, RangeInclusive};
+
 use super::validate::is_radiance;
 use super::{
     Layer, MOST_ROUGH_RAYS, Material, Model, Parameter, Pattern, Procedural, Scene, Texels, Texture,
@@ -78,39 +80,42 @@ pub(super) fn check_texels(scene: &Scene, material: &Material, layer: &Layer) ->
     let Texels::Floats(texels) = &image.texels else {
         return Ok(());
     };
-    let channels = match layer.parameter {
-        Parameter::Normal | Parameter::Bump => return Ok(()),
-        Parameter::Roughness | Parameter::Metallic | Parameter::Occlusion => 0..1,
-        Parameter::MetallicRoughness => 1..3,
-        Parameter::Specular => 3..4,
-        _ => 0..3,
-    };
-    let is_light = match layer.parameter {
-        Parameter::Emission | Parameter::SpecularColor => true,
-        Parameter::BaseColor => material.model == Model::Unlit,
-        _ => false,
-    };
-    let (most, range) = if is_light {
-        (f32::MAX, "below 0")
-    } else {
-        (1.0, "outside [0, 1]")
-    };
-    let stranger = texels.iter().find_map(|texel| {
-        texel[channels.clone()]
-            .iter()
-            .find(|x| !(0.0..=most).contains(*x))
-    });
-    match stranger {
-        None => Ok(()),
-        Some(x) => Err(format!(
-            "the image {} on its {:?} holds {x}, which is {range}: save it within the range",
-            image.name, layer.parameter
-        )),
+    for (channels, values, range) in texel_ranges(material, layer.parameter) {
+        let mut read = texels.iter().flat_map(|texel| &texel[channels.clone()]);
+        if let Some(x) = read.find(|x| !values.contains(*x)) {
+            return Err(format!(
+                "the image {} on its {:?} holds {x}, which is {range}: save it within the range",
+                image.name, layer.parameter
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Channels, the values that they may hold, and what others are.
+type TexelRange = (Range<usize>, RangeInclusive<f32>, &'static str);
+
+/// What the texels of an image of floats on a parameter may hold.
+fn texel_ranges(material: &Material, parameter: Parameter) -> Vec<TexelRange> {
+    let share = |channels| (channels, 0.0..=1.0, "outside [0, 1]");
+    let light = (0..3, 0.0..=f32::MAX, "below 0");
+    let finite = |channels| (channels, f32::MIN..=f32::MAX, "not finite");
+    match parameter {
+        Parameter::Normal => vec![finite(0..3)],
+        Parameter::Bump => vec![finite(0..1)],
+        Parameter::Roughness | Parameter::Metallic | Parameter::Occlusion => vec![share(0..1)],
+        Parameter::MetallicRoughness => vec![share(1..3)],
+        Parameter::Specular => vec![share(3..4)],
+        Parameter::Emission | Parameter::SpecularColor => vec![light],
+        // Opaque surfaces have no use for their coverage, whatever it is.
+        Parameter::BaseColor if material.model == Model::Unlit => vec![light, finite(3..4)],
+        Parameter::BaseColor => vec![share(0..3), finite(3..4)],
+        Parameter::Reflection | Parameter::Transmission => vec![share(0..3)],
     }
 }
 
 /// Indices of refraction between which anything real lies, over the whole visible range.
-const IOR_RANGE: std::ops::RangeInclusive<f64> = 1.0 / 16.0..=16.0;
+const IOR_RANGE: RangeInclusive<f64> = 1.0 / 16.0..=16.0;
 
 pub(super) fn check_interior(material: &Material) -> Result<(), String> {
     let Some(interior) = &material.interior else {

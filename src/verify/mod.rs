@@ -12,12 +12,17 @@
 //!
 //! Each case can fail: the tests put a careless formula or structure in the place of ours and see it caught.
 
+mod backends;
 mod boxes;
+mod carried;
 mod cells;
 mod closed;
+mod degenerate;
 mod exact;
+mod false_hits;
 mod frames;
 mod furnace;
+mod holes;
 mod hygiene;
 mod interfaces;
 mod marches;
@@ -26,12 +31,15 @@ mod nested;
 mod odd_rays;
 mod outline;
 mod own;
+mod passages;
 mod path;
 mod place;
 mod placed;
+mod poison;
 mod quadrics;
 mod rays_file;
 mod referee;
+mod regressions;
 mod seams;
 mod sketch;
 mod slivers;
@@ -43,6 +51,7 @@ mod sums;
 mod terminator;
 mod transforms;
 mod trial;
+mod worlds;
 
 use std::time::Instant;
 
@@ -143,6 +152,14 @@ pub fn cases() -> Vec<&'static Case> {
         marches::CASES,
         frames::CASES,
         quadrics::CASES,
+        regressions::CASES,
+        holes::CASES,
+        false_hits::CASES,
+        passages::CASES,
+        degenerate::CASES,
+        poison::CASES,
+        backends::CASES,
+        carried::CASES,
         nested::CASES,
         furnace::CASES,
         terminator::CASES,

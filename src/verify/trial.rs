@@ -12,7 +12,7 @@ use crate::accel::{Accel, AccelError, EmbreeIdentity, Hit, LANES, RayOrder, RayP
 use crate::numeric::{Lanes, Random, Ray};
 use crate::optics::{Fresnel, Refraction};
 use crate::render::{Monitor, RenderSettings, Rendering};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, Scene, SceneError};
 
 /// Builds what finds the hits of a scene.
 pub type Build<'a> = dyn for<'s> Fn(&'s Scene) -> Result<Box<dyn Accel + 's>, AccelError> + Sync + 'a;
@@ -45,6 +45,10 @@ pub struct Formulas {
     pub is_invertible: fn(&DAffine3) -> bool,
     /// As [`crate::numeric::spawn_point`].
     pub spawn_point: fn(DVec3, DVec3, f64) -> glam::Vec3,
+    /// As [`Scene::validate`].
+    pub validate: fn(&Scene) -> Result<(), SceneError>,
+    /// As [`Scene::normalise`].
+    pub normalise: fn(&mut Scene),
     /// As [`crate::render::render`].
     pub render: Render,
 }
@@ -63,6 +67,8 @@ impl Formulas {
         pixel_sum: |packet, count| crate::render::pixel_sum((0..count).map(packet)),
         is_invertible: |map| crate::scene::Instance::new("", 0, 0, *map).is_ok(),
         spawn_point: crate::numeric::spawn_point,
+        validate: Scene::validate,
+        normalise: Scene::normalise,
         render: crate::render::render,
     };
 }
@@ -312,7 +318,12 @@ pub(super) struct Engine<'s> {
     scene: &'s Scene,
 }
 
-impl Engine<'_> {
+impl<'s> Engine<'s> {
+    /// One that was built elsewhere, over that scene.
+    pub(super) fn of(accel: Box<dyn Accel + 's>, scene: &'s Scene) -> Engine<'s> {
+        Engine { accel, scene }
+    }
+
     /// The rays in packets, asked for their nearest hits.
     pub(super) fn traced(&self, rays: &[Ray], order: RayOrder) -> Vec<RayPacket> {
         let mut packets = packets(rays);

@@ -41,6 +41,8 @@ pub const FORMULAS: Formulas = Formulas {
     },
     is_invertible: |map| map.matrix3.determinant().abs() > 1e-12,
     spawn_point: |p, _, _| p.as_vec3(),
+    validate: |_| Ok(()),
+    normalise: |_| (),
     render: careless_picture,
 };
 

@@ -6,7 +6,7 @@
 //!
 //! `city.glb`: houses with storeys, ledges and window frames, each a box of its own. `mixed.glb`: boxes of all sizes from a
 //! thousandth to a half, turned against the axes. `hair.glb`: strands as thin as a seven-hundredth of their length.
-//! `fans.glb`: cylinders of 2,000 sides, whose lids are fans of slivers.
+//! `fans.glb`: cylinders of 400 sides, whose lids are fans of slivers.
 
 mod glb;
 
@@ -193,15 +193,15 @@ fn hair() -> Mesh {
 }
 
 /// Cylinders.
-const CYLINDERS: u32 = 150;
+const CYLINDERS: u32 = 750;
 /// Sides of a cylinder.
-const SIDES: u32 = 2000;
+const SIDES: u32 = 400;
 
 fn fans() -> Mesh {
     let (mut mesh, mut random) = (Mesh::default(), Random(4));
     for _ in 0..CYLINDERS {
         let center = [(); 3].map(|()| random.within(-2.0, 2.0));
-        let (radius, half) = (random.within(0.05, 0.4), random.within(0.1, 0.75));
+        let (radius, half) = (random.within(0.03, 0.25), random.within(0.05, 0.5));
         let axis = random.direction();
         let aside = normalized(cross(axis, random.direction()));
         let other = cross(axis, aside);

@@ -1,6 +1,6 @@
 //! Meshes, a lamp and a camera as a `.glb`, for the tools that write meshes to measure with.
 
-#![allow(dead_code, reason = "each tool uses a part of it")]
+#![allow(dead_code, unreachable_pub, reason = "each tool uses a part of it")]
 
 use std::fmt::Write as _;
 use std::fs;

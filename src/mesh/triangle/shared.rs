@@ -3,6 +3,7 @@
 //!
 //! The arithmetic is that of [`Shear::intersect`], operation by operation, so the answers have its bits.
 
+use super::start::may_be_behind;
 use super::{Shear, ShearLanes, TriangleHit, project};
 use crate::mesh::lanes::{Isa, add, div, max, min, mul, sub};
 
@@ -78,7 +79,8 @@ impl<const N: usize> ShearLanes<N> {
     /// [`Shear::intersect`] does; `flat` are its corners as [`ShearLanes::flatten`] projects them, `depths` their last
     /// coordinates, and the interval is nearest and farthest parameters.
     ///
-    /// Second are the rays that meet an edge or a corner, about which only [`Shear::intersect`] can say.
+    /// Second are the rays about which only [`Shear::intersect`] can say: those that meet an edge or a corner, and those that
+    /// may have met the triangle before they start.
     #[inline(always)]
     pub(crate) fn meet(
         &self,
@@ -97,24 +99,29 @@ impl<const N: usize> ShearLanes<N> {
         }
         let inside = isa.lt(&zero, &least) | isa.lt(&greatest, &zero);
         let on_edge = isa.eq(&smallest, &zero) & asked;
-        let [a, b, c] = depths;
-        let [za, zb, zc] = [self.depth(a), self.depth(b), self.depth(c)];
+        let [za, zb, zc] = depths.map(|z| sub(&[z; N], &self.origin[2]));
+        let scale = &self.shear[2];
+        let rows = [
+            [&flat[0][0], &flat[0][1], &za],
+            [&flat[1][0], &flat[1][1], &zb],
+            [&flat[2][0], &flat[2][1], &zc],
+        ];
+        let [ta, tb, tc] = [mul(scale, &za), mul(scale, &zb), mul(scale, &zc)];
         let det = add(&add(&u, &v), &w);
-        let t = div(&add(&add(&mul(&u, &za), &mul(&v, &zb)), &mul(&w, &zc)), &det);
+        let t = div(&add(&add(&mul(&u, &ta), &mul(&v, &tb)), &mul(&w, &tc)), &det);
         let within = isa.le(t_near, &t) & isa.le(&t, t_far) & isa.lt(&t, &[f32::INFINITY; N]);
+        let mask = asked & inside & within;
+        let doubtful = match mask {
+            0 => 0,
+            _ => mask & may_be_behind(isa, rows, scale, &det, [t_near, &t]),
+        };
         let met = Met {
-            mask: asked & inside & within,
+            mask: mask & !doubtful,
             t,
             weights: [v, w],
             det,
         };
-        (met, on_edge)
-    }
-
-    /// How deep points of that last coordinate lie, in units of t.
-    #[inline(always)]
-    fn depth(&self, z: f32) -> [f32; N] {
-        mul(&self.shear[2], &sub(&[z; N], &self.origin[2]))
+        (met, on_edge | doubtful)
     }
 }
 

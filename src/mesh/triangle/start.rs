@@ -1,0 +1,133 @@
+//! Hits that are so near the start of their ray that rounding may have put them there.
+//!
+//! A ray that leaves a triangle starts beside it by a bound on how far its start may be off. That is less than what
+//! rounding does to the parameter where the triangle is a sliver: an edge function is off by up to its products' last
+//! places, which of a sliver is a large part of the area, and the parameter by the same part of the triangle's depth. So
+//! a hit that is as near the start as its own error is asked about again, in f64 and from the corners as they are.
+//!
+//! With `m` the largest projected coordinate, `R` the largest depth of a corner and `S` the depth between the nearest and
+//! the farthest, all in units of the dominant axis, and `u = 2^-24`: a projected coordinate is off by at most
+//! `3 u (m + 2 R)`, as are three roundings of sums up to there; an edge function by
+//! `2 u m² + 4 m · 3 u (m + 2 R)`; the mean of depths by three of these times `S` over the determinant, so by less than
+//! `72 u m (m + R) S / |det|`, and by `8 u R` from its own sum and quotient.
+
+use glam::DVec3;
+
+use super::Shear;
+use crate::mesh::lanes::{Isa, max, min};
+
+/// Of the parameter, in parts of `m (m + R) S / |det|`: 128 units of roundoff, more than 72 as this is computed in f32.
+const OF_WEIGHTS: f32 = 1.0 / (1 << 17) as f32;
+/// Of the parameter, in parts of `R`: 8 units of roundoff.
+const OF_DEPTHS: f32 = 1.0 / (1 << 21) as f32;
+
+/// Bit `i` says whether the hit of lane `i` at `t` may be as far before the start of the ray, `t_near`, as it is behind.
+/// `corners` are projected: x, y and the unscaled depth; `scale` is that of depths.
+#[inline(always)]
+pub(super) fn may_be_behind<I: Isa, const N: usize>(
+    isa: I,
+    corners: [[&[f32; N]; 3]; 3],
+    scale: &[f32; N],
+    det: &[f32; N],
+    [t_near, t]: [&[f32; N]; 2],
+) -> u32 {
+    let [a, b, c] = corners;
+    let [mut bound, mut ahead] = [[0.0; N]; 2];
+    for i in 0..N {
+        let m = max(
+            max(max(a[0][i].abs(), b[0][i].abs()), c[0][i].abs()),
+            max(max(a[1][i].abs(), b[1][i].abs()), c[1][i].abs()),
+        );
+        let nearest = min(min(a[2][i], b[2][i]), c[2][i]);
+        let farthest = max(max(a[2][i], b[2][i]), c[2][i]);
+        let reach = max(farthest.abs(), nearest.abs());
+        let of_weights = OF_WEIGHTS * m * (m + reach) * (farthest - nearest);
+        bound[i] = scale[i].abs() * (of_weights + OF_DEPTHS * reach * det[i].abs());
+        ahead[i] = (t[i] - t_near[i]) * det[i].abs();
+    }
+    isa.le(&ahead, &bound)
+}
+
+impl Shear {
+    /// Where the ray meets the plane of a triangle, between its nearest and its farthest corner; `rounded` where there is
+    /// no telling.
+    ///
+    /// The parameter has the right sign: differences of f32 are exact in f64, and the ray's direction is off in its last
+    /// place only, which makes the parameter longer or shorter.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn exact_parameter(&self, corners: [[f32; 3]; 3], rounded: f32) -> f32 {
+        let [kx, ky, kz] = self.axes;
+        let origin = DVec3::from_array(self.origin.map(f64::from));
+        let [a, b, c] = corners.map(|p| DVec3::from_array([p[kx], p[ky], p[kz]].map(f64::from)) - origin);
+        let [sx, sy, sz] = self.shear.map(f64::from);
+        let normal = (b - a).cross(c - a);
+        let depth = normal.dot(a) / normal.dot(DVec3::new(sx, sy, 1.0));
+        if !depth.is_finite() {
+            return rounded;
+        }
+        let nearest = a.z.min(b.z).min(c.z);
+        let farthest = a.z.max(b.z).max(c.z);
+        (sz * depth.clamp(nearest, farthest)) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::tests::{Random, leaving};
+    use super::super::{PACK, ShearLanes, TrianglePack, dominant_axis};
+    use super::*;
+    use crate::mesh::lanes::AnyIsa;
+
+    /// A triangle in the cube [-1, 1]³, so many times as long as high.
+    fn sliver(random: &mut Random, aspect: f64) -> [Vec3; 3] {
+        let a = random.vector();
+        let along = random.vector();
+        let across = along.cross(random.vector()).normalize() * along.length() / aspect;
+        [a, a + along, a + random.next() * along + across].map(|p| p.as_vec3())
+    }
+
+    #[test]
+    fn rays_that_leave_a_sliver_do_not_meet_it_again() {
+        let mut random = Random(23);
+        for aspect in [1.0, 10.0, 100.0, 1e3, 1e4, 1e5] {
+            let mut met = 0;
+            for _ in 0..20_000 {
+                let corners = sliver(&mut random, aspect);
+                let Some(ray) = leaving(corners, &mut random) else {
+                    continue;
+                };
+                let corners = corners.map(|p| p.to_array());
+                let shear = Shear::new(&ray);
+                let one = shear.intersect(corners, 0.0, f32::INFINITY);
+                let mut pack = TrianglePack::EMPTY;
+                pack.set(3, corners.map(Vec3::from));
+                let eight = shear.intersect_pack(AnyIsa, &pack, 0.0, f32::INFINITY);
+                let rows = |v: Vec3| v.to_array().map(|x| [x; PACK]);
+                let dominant = dominant_axis(ray.direction.to_array());
+                let shears = ShearLanes::new(dominant, &rows(ray.origin), &rows(ray.direction));
+                let lanes = shears.intersect(AnyIsa, corners, &[0.0; PACK], &[f32::INFINITY; PACK]);
+                met += u32::from(one.is_some() || eight.mask != 0 || lanes.mask != 0);
+            }
+            assert_eq!(met, 0, "{aspect} times as long as high");
+        }
+    }
+
+    #[test]
+    fn a_hit_far_from_the_start_keeps_its_rounded_parameter() {
+        let corners = [[0.0, 0.0, 3.0], [1.0, 0.0, 3.5], [0.0, 1.0, 4.0]];
+        let ray = crate::numeric::Ray::new(Vec3::new(0.2, 0.3, 0.0), Vec3::Z);
+        let shear = Shear::new(&ray);
+        let met = shear.intersect(corners, 0.0, f32::INFINITY).map(|hit| hit.t);
+        // 3 + 0.2 · 0.5 + 0.3 · 1, to a rounding or two.
+        assert!(
+            met.is_some_and(|t| (t - 3.4).abs() <= 4.0 * f32::EPSILON),
+            "{met:?}"
+        );
+        assert!((shear.exact_parameter(corners, 0.0) - 3.4).abs() <= f32::EPSILON * 2.0);
+        // Without area there is no plane.
+        assert_eq!(shear.exact_parameter([[0.0; 3]; 3], 7.0), 7.0);
+    }
+}

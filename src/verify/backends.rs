@@ -1,0 +1,119 @@
+//! Two ways of finding hits against each other, on rays of the kinds that a picture takes.
+
+use glam::DVec3;
+
+use super::slivers::compared;
+use super::spawned::{leave, outward};
+use super::trial::{Answer, Engine, Tally, Trial, describe, embree_identity, order};
+use super::worlds::{self, world};
+use super::{Asks, Case, Closes};
+use crate::accel::agreement::{Agreement, compare_occlusion};
+use crate::accel::{self, AccelError, AccelOptions, Backend};
+use crate::numeric::{Random, Ray};
+use crate::render::{Departure, Departures};
+use crate::scene::Scene;
+
+pub(super) const CASES: &[Case] = &[Case {
+    id: "H34",
+    title: "against each other",
+    construction: "twelve scenes of meshes, shapes, slivers, copies and motion: camera, shadow and bounced rays",
+    oracle: "the BSP for Embree; for the BSP brute force, with one ray in 64; what differs by the bounds on f32 a tie",
+    bound: "no wrong hit, miss or shadow",
+    unit: "",
+    asks: Asks::Triangles,
+    required: Closes::Edges,
+    run: against_each_other,
+}];
+
+/// Rays for each that brute force is asked.
+const SHARE: u64 = 64;
+
+fn against_each_other(trial: &Trial) -> Result<Tally, AccelError> {
+    let is_embree = embree_identity(trial.subject)?.is_some();
+    let (referee, share) = if is_embree {
+        (Backend::Bsp, 1)
+    } else {
+        (Backend::Brute, SHARE)
+    };
+    let mut sum = Tally::default();
+    for number in 0..worlds::COUNT {
+        let scene = world(number);
+        let options = AccelOptions {
+            threads: rayon::current_num_threads(),
+            ..AccelOptions::default()
+        };
+        let referee = Engine::of(accel::build(&scene, referee, &options)?, &scene);
+        let part = trial.part(number, worlds::COUNT * share as usize);
+        sum = sum.with(compare(&part, &scene, &referee)?);
+    }
+    Ok(sum)
+}
+
+fn compare(trial: &Trial, scene: &Scene, referee: &Engine) -> Result<Tally, AccelError> {
+    let engine = trial.engine(scene)?;
+    let departures = Departures::new(scene);
+    let bounds = scene.bounds();
+    let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
+    let moves = scene.instances.iter().any(|instance| instance.is_moving());
+    let tally = trial.in_chunks(|random, count| {
+        let camera: Vec<Ray> = (0..count.div_ceil(3))
+            .map(|_| {
+                let origin = (center + 1.5 * reach * random.direction()).as_vec3();
+                let target = center + 0.5 * reach * random.in_cube();
+                Ray {
+                    time: if moves { random.unit() as f32 } else { 0.0 },
+                    ..Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+                }
+            })
+            .collect();
+        let engines = [&engine, referee];
+        let mut tally = nearest(scene, engines, &camera, random);
+        let packets = engine.traced(&camera, order(random));
+        let met: Vec<Option<Departure>> = packets.iter().flat_map(|packet| departures.of(packet)).collect();
+        let left = camera
+            .iter()
+            .zip(met)
+            .filter_map(|(ray, at)| Some((ray.time, at?)));
+        let (mut shadows, mut bounced) = (Vec::new(), Vec::new());
+        let lamp = center + reach * DVec3::new(0.3, 0.5, 0.9);
+        for (time, at) in left {
+            let to_lamp = leave(trial, &at, lamp - at.p);
+            shadows.push(Ray {
+                t_far: 1.0,
+                time,
+                ..to_lamp
+            });
+            if let Some(way) = outward(&at, random) {
+                let ray = leave(trial, &at, way);
+                bounced.push(Ray { time, ..ray });
+            }
+        }
+        tally = tally.with(nearest(scene, engines, &bounced, random));
+        tally.with(blocked(scene, engines, &shadows, random))
+    });
+    Ok(trial.with_drawing(&engine, tally))
+}
+
+fn nearest(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut Random) -> Tally {
+    let [found, expected] = engines.map(|engine| engine.nearest(rays, order(random)));
+    let mut tally = Tally::default();
+    for (i, ray) in rays.iter().enumerate() {
+        let answer = compared(scene, ray, expected[i], found[i]);
+        tally.count_ray(answer, ray, found[i]);
+    }
+    tally
+}
+
+fn blocked(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut Random) -> Tally {
+    let [found, expected] = engines.map(|engine| engine.blocked(rays, order(random)));
+    let mut tally = Tally::default();
+    for (i, ray) in rays.iter().enumerate() {
+        let answer = match compare_occlusion(scene, ray, expected[i], found[i]) {
+            Agreement::Same => Answer::Right,
+            Agreement::Tie => Answer::Tie,
+            Agreement::Wrong => Answer::Wrong,
+        };
+        tally.count(answer, || format!("shadow {}", describe(ray, None)));
+    }
+    tally
+}

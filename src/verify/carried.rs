@@ -1,0 +1,422 @@
+//! Scenes that are scaled, turned and moved: what is seen must stay the same.
+//!
+//! What is right nobody need know for this. Powers of two and turns that carry a cube into itself round nothing, so hits
+//! keep their bits; other factors and far places round coordinates, so pictures keep all but a pixel in ten thousand.
+
+use std::sync::atomic::AtomicBool;
+
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+
+use super::meshes::icosphere;
+use super::regressions::things;
+use super::slivers::compared;
+use super::trial::{Answer, Engine, Tally, Trial, order};
+use super::worlds::{self, world};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, Hit};
+use crate::image::ToneMap;
+use crate::numeric::{Random, Ray};
+use crate::render::{Monitor, RenderSettings, render};
+use crate::scene::{
+    Background, Camera, Falloff, Geometry, Instance, Lecture, Light, LightKind, Material, Model,
+    Normalisation, Scene,
+};
+use crate::shape::{Shape, Sphere};
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H26",
+        title: "powers of two",
+        construction: "twelve scenes with all lengths times 2^-60 to 2^60, normalised, and the same rays in each",
+        oracle: "the scene as it is",
+        bound: "the same bits of hits, but for the power of two in t",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Faces,
+        run: powers_of_two,
+    },
+    Case {
+        id: "H27",
+        title: "turned cubes",
+        construction: "meshes and shapes, placed and not, turned by the 24 rotations of a cube, the rays with them",
+        oracle: "the scene as it is; other bits within the bounds on f32 are ties",
+        bound: "the same hits",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Faces,
+        run: turned,
+    },
+    Case {
+        id: "H28",
+        title: "far away",
+        construction: "a picture of mirrors and shadows, its scene 10^6 and 10^8 away",
+        oracle: "the picture of the scene at the origin",
+        bound: ALIKE,
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Faces,
+        run: |trial| pictures(trial, &[moved(1e6), moved(1e8)]),
+    },
+    Case {
+        id: "H29",
+        title: "tiny",
+        construction: "the picture of a scene of a millionth and a billionth of its size; and of a millionth of it in a room of 10^6",
+        oracle: "the picture of the scene as it is; the room shows the same colour as the background",
+        bound: ALIKE,
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Faces,
+        run: |trial| pictures(trial, &[scaled(1e-6), scaled(1e-9), IN_A_ROOM]),
+    },
+];
+
+const ALIKE: &str = "at most 1/255 off in 99.99 % of pixels, no NaN";
+
+/// Powers of two that lengths are multiplied by.
+const EXPONENTS: [i32; 6] = [-60, -33, -7, 5, 31, 60];
+
+/// Rays from which on every scene is asked at every power; with fewer each is asked at one.
+const MANY: u64 = 100_000;
+
+fn powers_of_two(trial: &Trial) -> Result<Tally, AccelError> {
+    let powers = if trial.rays < MANY { 1 } else { EXPONENTS.len() };
+    let count = worlds::COUNT * powers;
+    let normalise = trial.subject.formulas.normalise;
+    let mut sum = Tally::default();
+    for part in 0..count {
+        let mut plain = world(part / powers);
+        let mut large = plain.clone();
+        // Each scene begins with another, so that all are met where there is one for each.
+        let exponent = EXPONENTS[(part / powers + part % powers) % EXPONENTS.len()];
+        large.apply_normalisation(Normalisation {
+            center: DVec3::ZERO,
+            scale: 2f64.powi(exponent),
+        });
+        // What a file of that size would give.
+        let factor = large.normalisation.scale;
+        large.normalisation = Normalisation::default();
+        normalise(&mut plain);
+        normalise(&mut large);
+        let factor = factor * large.normalisation.scale / plain.normalisation.scale;
+        let part = trial.part(part, count);
+        sum = sum.with(scaled_hits(&part, [&plain, &large], factor as f32)?);
+    }
+    Ok(sum)
+}
+
+/// Asks for hits in a scene and in the same with all lengths times `factor`, a power of two.
+fn scaled_hits(trial: &Trial, scenes: [&Scene; 2], factor: f32) -> Result<Tally, AccelError> {
+    let [plain, large] = scenes;
+    let [engine, other] = [trial.engine(plain)?, trial.engine(large)?];
+    let ray = rays_about(plain);
+    let tally = trial.in_chunks(|random, count| {
+        let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
+        let carried: Vec<Ray> = rays
+            .iter()
+            .map(|ray| Ray {
+                origin: factor * ray.origin,
+                ..*ray
+            })
+            .collect();
+        let mut tally = Tally::default();
+        let order = order(random);
+        let [expected, found] = [engine.nearest(&rays, order), other.nearest(&carried, order)];
+        for (i, ray) in carried.iter().enumerate() {
+            let bits = |hit: Option<Hit>, factor: f32| {
+                let floats = |hit: &Hit| [factor * hit.t, hit.u, hit.v].map(f32::to_bits);
+                hit.map(|hit| (hit.instance, hit.primitive, floats(&hit)))
+            };
+            let is_wrong = bits(expected[i], factor) != bits(found[i], 1.0);
+            tally.count_ray(Answer::wrong_if(is_wrong), ray, found[i]);
+        }
+        tally
+    });
+    Ok(trial.with_drawing(&other, tally))
+}
+
+/// Rays from around a scene towards its middle.
+fn rays_about(scene: &Scene) -> impl Fn(&mut Random) -> Ray + Sync {
+    let bounds = scene.bounds();
+    let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
+    move |random| {
+        let origin = (center + 1.5 * reach * random.direction()).as_vec3();
+        let target = center + 0.6 * reach * random.in_cube();
+        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    }
+}
+
+/// The rotations that carry a cube into itself.
+fn rotations() -> impl Iterator<Item = DMat3> {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
+    let pairs = axes.into_iter().flat_map(move |x| axes.map(|y| (x, y)));
+    pairs
+        .filter(|(x, y)| x.dot(*y) == 0.0)
+        .map(|(x, y)| DMat3::from_cols(x, y, x.cross(y)))
+}
+
+/// Everything turned about the origin, where it is: nothing is rounded.
+fn turned_scene(scene: &Scene, turn: &DMat3) -> Scene {
+    let mut turned = scene.clone();
+    for instance in &mut turned.instances {
+        let geometry = &mut turned.geometries[instance.geometry as usize];
+        if !instance.is_identity() {
+            let map = instance.world_from_object();
+            let turned = DAffine3 {
+                matrix3: *turn * map.matrix3,
+                translation: *turn * map.translation,
+            };
+            // It had an inverse, so this has one.
+            let is_placed = instance.place(turned);
+            debug_assert!(is_placed.is_ok());
+            continue;
+        }
+        match geometry {
+            Geometry::Mesh(mesh) => {
+                let corners = mesh.positions.iter().map(|&p| {
+                    let p = *turn * Vec3::from(p).as_dvec3();
+                    p.as_vec3().to_array()
+                });
+                mesh.positions = corners.collect::<Vec<_>>().into();
+            }
+            Geometry::Shape(Shape::Sphere(sphere)) => sphere.center = *turn * sphere.center,
+            Geometry::Shape(_) => (),
+        }
+    }
+    turned
+}
+
+/// Meshes and shapes, each geometry either where its own space is the world or placed elsewhere, not both.
+fn turnable() -> Scene {
+    let mut scene = things();
+    let unmoved = scene
+        .instances
+        .iter()
+        .filter(|instance| instance.is_identity())
+        .count() as u32;
+    let copies = scene.geometries.clone();
+    let first = copies.len() as u32;
+    scene.geometries.extend(copies);
+    for instance in scene.instances.iter_mut().skip(unmoved as usize) {
+        instance.geometry += first;
+    }
+    scene
+}
+
+fn turned(trial: &Trial) -> Result<Tally, AccelError> {
+    let scene = turnable();
+    let engine = trial.engine(&scene)?;
+    let mut sum = Tally::default();
+    for (part, turn) in rotations().enumerate() {
+        let turned = turned_scene(&scene, &turn);
+        let other = trial.engine(&turned)?;
+        sum = sum.with(turned_hits(
+            &trial.part(part, 24),
+            &scene,
+            [&engine, &other],
+            &turn,
+        ));
+    }
+    Ok(sum)
+}
+
+fn turned_hits(trial: &Trial, scene: &Scene, [engine, other]: [&Engine; 2], turn: &DMat3) -> Tally {
+    let ray = rays_about(scene);
+    let carry = |v: Vec3| (*turn * v.as_dvec3()).as_vec3();
+    let tally = trial.in_chunks(|random, count| {
+        let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
+        let carried: Vec<Ray> = rays
+            .iter()
+            .map(|ray| Ray::new(carry(ray.origin), carry(ray.direction)))
+            .collect();
+        let mut tally = Tally::default();
+        let order = order(random);
+        let [expected, found] = [engine.nearest(&rays, order), other.nearest(&carried, order)];
+        for (i, ray) in rays.iter().enumerate() {
+            let key = |hit: Option<Hit>| hit.map(|hit| (hit.instance, hit.primitive, hit.t.to_bits()));
+            let answer = if key(expected[i]) == key(found[i]) {
+                Answer::Right
+            } else {
+                match compared(scene, ray, expected[i], found[i]) {
+                    Answer::Wrong => Answer::Wrong,
+                    _ => Answer::Tie,
+                }
+            };
+            tally.count_ray(answer, ray, found[i]);
+        }
+        tally
+    });
+    trial.with_drawing(engine, tally)
+}
+
+/// Where a scene is carried: points p go to `factor p + offset`, and what surrounds it.
+#[derive(Clone, Copy)]
+struct Carrying {
+    factor: f64,
+    offset: DVec3,
+    has_room: bool,
+}
+
+const fn moved(far: f64) -> Carrying {
+    Carrying {
+        factor: 1.0,
+        offset: DVec3::new(far, -0.5 * far, 2.0 * far),
+        has_room: false,
+    }
+}
+
+const fn scaled(factor: f64) -> Carrying {
+    Carrying {
+        factor,
+        offset: DVec3::ZERO,
+        has_room: false,
+    }
+}
+
+const IN_A_ROOM: Carrying = Carrying {
+    factor: 1e-6,
+    offset: DVec3::ZERO,
+    has_room: true,
+};
+/// Half the width of the room.
+const ROOM: f64 = 1e6;
+/// Its colour, and that of the background where there is none.
+const PAINT: [f32; 3] = [0.3, 0.5, 0.7];
+
+/// Half a mirror.
+const MIRRORING: Model = Model::Lecture(Lecture {
+    reflection: [0.5; 3],
+    diffuse: [0.4; 3],
+    ..Lecture::DEFAULT
+});
+
+/// A mesh, a ball and a floor that mirror each other, lit by a lamp, and a camera.
+fn picture() -> Scene {
+    let light = |position: DVec3, intensity: [f32; 3]| Light {
+        name: "lamp".into(),
+        intensity,
+        kind: LightKind::Point {
+            position,
+            falloff: Falloff::InverseSquare { range: None },
+        },
+    };
+    let place = |number, map| Instance::new("", number, 0, map).ok();
+    let on_the_left = DAffine3::from_translation(DVec3::new(-1.1, 0.0, 0.0));
+    let on_the_right = DAffine3::from_translation(DVec3::new(1.1, 0.0, 0.3));
+    let below =
+        DAffine3::from_translation(DVec3::new(0.0, -5.0, 0.0)) * DAffine3::from_scale(DVec3::splat(4.0));
+    let camera = Camera {
+        world_from_camera: DAffine3::from_translation(DVec3::new(0.0, 0.5, 6.0)),
+        ..Camera::default()
+    };
+    Scene {
+        geometries: vec![
+            Geometry::Mesh(icosphere(3)),
+            Geometry::Shape(Shape::Sphere(Sphere::UNIT)),
+            Geometry::Shape(Shape::Cube),
+        ],
+        instances: [place(0, on_the_left), place(1, on_the_right), place(2, below)]
+            .into_iter()
+            .flatten()
+            .collect(),
+        materials: vec![Material {
+            model: MIRRORING,
+            ..Material::default()
+        }],
+        lights: vec![light(DVec3::new(2.0, 4.0, 3.0), [30.0; 3])],
+        cameras: vec![camera],
+        background: Background::Uniform(PAINT),
+        ambient: [0.1; 3],
+        ..Scene::default()
+    }
+}
+
+/// The picture's scene as a file at such a place or of such a size would have it.
+fn carried(carrying: &Carrying) -> Scene {
+    let mut scene = picture();
+    let map =
+        DAffine3::from_translation(carrying.offset) * DAffine3::from_scale(DVec3::splat(carrying.factor));
+    for instance in &mut scene.instances {
+        let is_placed = instance.place(map * instance.world_from_object());
+        debug_assert!(is_placed.is_ok());
+    }
+    for camera in &mut scene.cameras {
+        let place = &mut camera.world_from_camera.translation;
+        *place = map.transform_point3(*place);
+    }
+    for light in &mut scene.lights {
+        if let LightKind::Point { position, .. } = &mut light.kind {
+            *position = map.transform_point3(*position);
+        }
+        // As much light on what is as many times as far away.
+        let factor = (carrying.factor * carrying.factor) as f32;
+        light.intensity = light.intensity.map(|intensity| factor * intensity);
+    }
+    if carrying.has_room {
+        let walls = DAffine3::from_scale(DVec3::splat(ROOM));
+        scene.instances.extend(Instance::new("room", 2, 1, walls));
+        scene.materials.push(Material {
+            model: Model::Unlit,
+            base_color: [PAINT[0], PAINT[1], PAINT[2], 1.0],
+            ..Material::default()
+        });
+    }
+    scene
+}
+
+/// Pixels each way, at least, so that one may differ, and at most.
+const SIZES: [u64; 2] = [104, 256];
+
+/// The codes of all pixels on a screen; the number that are not finite.
+fn shown(trial: &Trial, scene: &Scene, size: u32) -> Result<Option<(Vec<u8>, usize)>, AccelError> {
+    let accel = (trial.subject.build)(scene)?;
+    let settings = RenderSettings {
+        width: size,
+        height: size,
+        ..RenderSettings::default()
+    };
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &AtomicBool::new(false),
+    };
+    let rendering = render(scene, &scene.cameras[0], &*accel, &settings, &monitor);
+    Ok(rendering.map(|rendering| {
+        let codes = ToneMap::default().srgb_bytes(&rendering.image);
+        (codes, rendering.image.non_finite_count())
+    }))
+}
+
+fn pictures(trial: &Trial, carryings: &[Carrying]) -> Result<Tally, AccelError> {
+    let size = (trial.rays / carryings.len() as u64).isqrt();
+    let size = size.clamp(SIZES[0], SIZES[1]) as u32;
+    let mut tally = Tally::default();
+    let Some((expected, _)) = shown(trial, &picture(), size)? else {
+        return Ok(tally);
+    };
+    for carrying in carryings {
+        let mut scene = carried(carrying);
+        (trial.subject.formulas.normalise)(&mut scene);
+        let Some((found, bad_count)) = shown(trial, &scene, size)? else {
+            continue;
+        };
+        let differs = |(a, b): (&[u8], &[u8])| a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 1);
+        let pixels: Vec<bool> = expected.chunks(3).zip(found.chunks(3)).map(differs).collect();
+        let differing = pixels.iter().filter(|&&differs| differs).count();
+        // One in ten thousand may be another's: rounding carries rays over edges.
+        let is_alike = differing * 10_000 <= pixels.len() && bad_count == 0;
+        for (pixel, differs) in pixels.into_iter().enumerate() {
+            let answer = match (differs, is_alike) {
+                (false, _) => Answer::Right,
+                (true, true) => Answer::Tie,
+                (true, false) => Answer::Wrong,
+            };
+            tally.count(answer, || {
+                let [factor, x] = [carrying.factor, carrying.offset.x];
+                format!("{differing} pixels, first {pixel}, of the scene times {factor:e} at {x:e}; {bad_count} NaN")
+            });
+        }
+    }
+    if trial.is_drawn() {
+        tally.sketch.draw(&picture());
+    }
+    Ok(tally)
+}

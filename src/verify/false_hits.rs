@@ -1,0 +1,228 @@
+//! Hits that are none, which users of Embree have met, frozen: on slivers at a glance, on huge boxes, far beside
+//! triangles.
+
+use std::f64::consts::TAU;
+
+use glam::{DQuat, DVec3, Vec3};
+
+use super::meshes::{mesh, scene};
+use super::slivers::{compared, exact_nearest};
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, Hit};
+use crate::mesh::Mesh;
+use crate::numeric::{Random, Ray};
+use crate::scene::{Geometry, Material, Scene};
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H48c",
+        title: "sliver at a glance",
+        construction: "Embree #387: triangles of edges 11.15, 9.75 and 1.42, rays from up to 600 away at about half a degree",
+        oracle: "exact signs of the edges, the parameter to 100 bits",
+        bound: "no hit beyond the derived bounds on f32",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Vertices,
+        run: glancing,
+    },
+    Case {
+        id: "H48d",
+        title: "huge boxes",
+        construction: "Embree #416: boxes 1.2e5 high and 6e8 to 6e11 wide, as they are and normalised, rays straight down on them",
+        oracle: "the top is 500 below, exactly",
+        bound: "t to 8 ulp",
+        unit: "ulp of t",
+        asks: Asks::Triangles,
+        required: Closes::Faces,
+        run: huge_boxes,
+    },
+    Case {
+        id: "H48e",
+        title: "segments beside triangles",
+        construction: "Embree #423: segments nearly in the plane of a triangle and two of its sizes beside it, or ending as far before it",
+        oracle: "their boxes lie apart",
+        bound: "0 hits",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Vertices,
+        run: beside,
+    },
+];
+
+/// A mesh of triangles that share no corners.
+fn soup(triangles: &[[DVec3; 3]]) -> Mesh {
+    let corners: Vec<DVec3> = triangles.iter().flatten().copied().collect();
+    let faces = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+    mesh(&corners, faces.collect())
+}
+
+/// The same after it is rounded.
+fn rounded(p: DVec3) -> DVec3 {
+    p.as_vec3().as_dvec3()
+}
+
+/// Slivers of a scene.
+const SLIVERS: usize = 16;
+/// The edges that were complained of, in the plane: from the origin along x, and the third corner by its distances from
+/// both ends.
+const EDGES: [f64; 3] = [11.15, 9.75, 1.42];
+
+/// A triangle of these edges, turned and moved.
+fn sliver(random: &mut Random) -> [DVec3; 3] {
+    let [along, far, near] = EDGES;
+    let x = (along * along + near * near - far * far) / (2.0 * along);
+    let y = (near * near - x * x).sqrt();
+    let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
+    let place = 300.0 * random.in_cube();
+    [DVec3::ZERO, along * DVec3::X, DVec3::new(x, y, 0.0)].map(|p| rounded(place + turn * p))
+}
+
+/// A ray at a sliver or beside it, at 0.1 to 2 degrees to its plane.
+fn at_a_glance(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
+    let [a, b, c] = random.pick(triangles);
+    let target = a + random.within(-0.2, 1.2) * (b - a) + random.within(-4.0, 4.0) * (c - a);
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let in_plane = normal.cross(random.direction()).normalize_or_zero();
+    // Tangents of the angles.
+    let slope = 10f64.powf(random.within(-2.76, -1.46)) * random.pick(&[1.0, -1.0]);
+    let way = in_plane + slope * normal;
+    let origin = (target - random.within(50.0, 600.0) * way).as_vec3();
+    // Of about unit length, as the complaint has it.
+    let distance = target.distance(origin.as_dvec3());
+    Ray::new(origin, ((target - origin.as_dvec3()) / distance).as_vec3())
+}
+
+fn glancing(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut random = Random::new(0x387, 0);
+    let triangles: Vec<[DVec3; 3]> = (0..SLIVERS).map(|_| sliver(&mut random)).collect();
+    let scene = scene(vec![Geometry::Mesh(soup(&triangles))]);
+    let engine = trial.engine(&scene)?;
+    Ok(trial.nearest(
+        &engine,
+        |random| at_a_glance(&triangles, random),
+        |ray, hit, _| {
+            let exact = exact_nearest(&triangles, ray, |_| true).map(|(first, _)| first);
+            compared(&scene, ray, exact, hit)
+        },
+    ))
+}
+
+/// Widths of the boxes.
+const WIDTHS: [f64; 4] = [5.890_75e8, 5.890_75e9, 5.890_75e10, 5.890_75e11];
+/// Their height, and where rays start.
+const HEIGHT: f64 = 120_000.0;
+const START: f64 = 120_500.0;
+
+/// A box from the origin.
+fn huge_box(width: f64) -> Mesh {
+    let corners: Vec<DVec3> = (0..8usize)
+        .map(|corner| {
+            let end = |axis: usize, size: f64| if corner >> axis & 1 == 1 { size } else { 0.0 };
+            DVec3::new(end(0, width), end(1, width), end(2, HEIGHT))
+        })
+        .collect();
+    let sides: [[u32; 4]; 6] = [
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+    ];
+    let faces = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]);
+    mesh(&corners, faces.collect())
+}
+
+fn huge_boxes(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut sum = Tally::default();
+    for (part, (width, is_normal)) in WIDTHS.iter().flat_map(|&w| [(w, false), (w, true)]).enumerate() {
+        let mut scene = Scene {
+            materials: vec![Material::default()],
+            ..scene(vec![Geometry::Mesh(huge_box(width))])
+        };
+        if is_normal {
+            scene.normalise();
+        }
+        sum = sum.with(huge_box_of(&trial.part(part, 2 * WIDTHS.len()), &scene, width)?);
+    }
+    Ok(sum)
+}
+
+fn huge_box_of(trial: &Trial, scene: &Scene, width: f64) -> Result<Tally, AccelError> {
+    let engine = trial.engine(scene)?;
+    let normalisation = scene.normalisation;
+    // Powers of two round nothing.
+    let expected = normalisation.scale * (START - HEIGHT);
+    let ulp = f64::from((expected as f32).next_up()) - expected;
+    let ray = |random: &mut Random| {
+        let mut inside = || random.within(0.01, 0.99) * width;
+        let origin = normalisation.point(DVec3::new(inside(), inside(), START));
+        let mut zero = || random.pick(&[0.0, -0.0]);
+        Ray::new(origin.as_vec3(), Vec3::new(zero(), zero(), -1.0))
+    };
+    Ok(trial.nearest(&engine, ray, |_, hit, tally| {
+        let Some(hit) = hit else {
+            return Answer::Wrong;
+        };
+        let off = (f64::from(hit.t) - expected).abs() / ulp;
+        tally.note(off);
+        Answer::wrong_if(!(off <= 8.0))
+    }))
+}
+
+/// Triangles of a scene, and their distance: no segment reaches another.
+const SMALL: usize = 64;
+const APART: f64 = 128.0;
+/// The size of one.
+const SIZE: f64 = 1.0;
+
+/// A triangle of that size within its cell.
+fn small(number: usize, random: &mut Random) -> [DVec3; 3] {
+    let cell = DVec3::new((number % 4) as f64, (number / 4 % 4) as f64, (number / 16) as f64);
+    // Where the complaint's triangle is, among others.
+    let place = APART * cell + DVec3::new(0.2287, 1.3526, 0.5);
+    [0; 3].map(|_| rounded(place + 0.5 / 3f64.sqrt() * SIZE * random.in_cube()))
+}
+
+/// A segment beside a triangle.
+fn segment(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
+    let [a, b, c] = random.pick(triangles);
+    if random.below(4) == 0 {
+        // Straight at it, but only half of the way.
+        let target = (a + b + c) / 3.0;
+        let origin = target + 6.0 * SIZE * random.direction();
+        return Ray {
+            t_far: 1.0,
+            ..Ray::new(origin.as_vec3(), (0.5 * (target - origin)).as_vec3())
+        };
+    }
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let x = (b - a).normalize_or_zero();
+    let y = normal.cross(x);
+    let mut in_plane = || {
+        let (sin, cos) = (TAU * random.unit()).sin_cos();
+        cos * x + sin * y
+    };
+    let (aside, along) = (in_plane(), in_plane());
+    let mut off = || 10f64.powf(random.within(-8.0, -1.0)) * SIZE * normal;
+    let (low, high) = (off(), off());
+    // Its middle is three to forty sizes away and it is at most one long.
+    let middle = (a + b + c) / 3.0 + random.within(3.0, 40.0) * SIZE * aside;
+    let half = random.within(0.1, 0.5) * SIZE * along;
+    let origin = (middle - half + low).as_vec3();
+    let end = middle + half + high;
+    Ray {
+        t_far: 1.0,
+        ..Ray::new(origin, (end - origin.as_dvec3()).as_vec3())
+    }
+}
+
+fn beside(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut random = Random::new(0x423, 0);
+    let triangles: Vec<[DVec3; 3]> = (0..SMALL).map(|number| small(number, &mut random)).collect();
+    let scene = scene(vec![Geometry::Mesh(soup(&triangles))]);
+    let engine = trial.engine(&scene)?;
+    let judge = |_: &Ray, hit: Option<Hit>, _: &mut Tally| Answer::wrong_if(hit.is_some());
+    Ok(trial.nearest(&engine, |random| segment(&triangles, random), judge))
+}

@@ -1,0 +1,355 @@
+//! Holes in closed surfaces that users of other programs have met, frozen: rays at corners, along shared edges and on
+//! the lattice that a mesh was snapped to.
+
+use std::f64::consts::TAU;
+
+use glam::{DVec3, Vec3};
+
+use super::meshes::{icosphere, mesh, scene};
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, Hit};
+use crate::mesh::Mesh;
+use crate::numeric::{Random, Ray};
+use crate::scene::Geometry;
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H48a",
+        title: "nested cylinders",
+        construction: "Embree #174, #181: eleven closed cylinders in each other, rays from between two at vertices of the outer",
+        oracle: "the cylinder around the origin of a ray is closed: what meets none or one farther out has leaked",
+        bound: "0 leaks",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Vertices,
+        run: nested_cylinders,
+    },
+    Case {
+        id: "H48b",
+        title: "one shared edge",
+        construction: "Mitsuba 3 #1149: pairs of triangles with nothing behind them, rays at their shared edge, down to 0.3 degrees",
+        oracle: "both triangles face the ray, and it is aimed 1/16 inside the edge: a miss is a leak",
+        bound: "0 leaks",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Edges,
+        run: shared_edges,
+    },
+    Case {
+        id: "H48f",
+        title: "rays in planes of boxes",
+        construction: "Embree #589: terrains on whole coordinates, rays along an axis through corners, edges and middles of squares",
+        oracle: "the terrain has no holes, and its height there is known",
+        bound: "0 leaks, the height to 2^-10",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Vertices,
+        run: terrains,
+    },
+    Case {
+        id: "H48k",
+        title: "snapped to integers",
+        construction: "tinybvh #168: a bumpy closed mesh with whole corners, rays on a grid of whole and half coordinates",
+        oracle: "the surface is closed: rays from inside and from above its middle must meet it",
+        bound: "0 leaks",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Vertices,
+        run: snapped,
+    },
+];
+
+/// Cylinders in each other.
+const CYLINDERS: usize = 11;
+/// Their sides.
+const COLUMNS: u32 = 36;
+/// Squares along a side.
+const ROWS: u32 = 12;
+/// How often an origin is thrown again that is not between two cylinders; any other is asked about, too.
+const TRIES: usize = 16;
+
+/// Radius and half the height of a cylinder, so that each holds the one before.
+fn measures(number: usize) -> [f64; 2] {
+    let number = number as f64;
+    [1.0 + number, 4.0 + number]
+}
+
+/// A closed cylinder about +y.
+pub(super) fn cylinder([radius, half]: [f64; 2]) -> Mesh {
+    let at = |row: u32, column: u32| {
+        let (sin, cos) = (TAU * f64::from(column) / f64::from(COLUMNS)).sin_cos();
+        let y = half * (2.0 * f64::from(row) / f64::from(ROWS) - 1.0);
+        DVec3::new(radius * cos, y, radius * sin)
+    };
+    let mut corners: Vec<DVec3> = (0..=ROWS)
+        .flat_map(|row| (0..COLUMNS).map(move |column| at(row, column)))
+        .collect();
+    corners.extend([-half, half].map(|y| DVec3::new(0.0, y, 0.0)));
+    let [bottom, top] = [corners.len() as u32 - 2, corners.len() as u32 - 1];
+    let index = |row: u32, column: u32| row * COLUMNS + column % COLUMNS;
+    let mut faces = Vec::new();
+    for column in 0..COLUMNS {
+        faces.push([bottom, index(0, column), index(0, column + 1)]);
+        faces.push([top, index(ROWS, column + 1), index(ROWS, column)]);
+        for row in 0..ROWS {
+            let [a, b] = [index(row, column), index(row, column + 1)];
+            let [c, d] = [index(row + 1, column), index(row + 1, column + 1)];
+            faces.extend([[a, c, b], [b, c, d]]);
+        }
+    }
+    mesh(&corners, faces)
+}
+
+/// The innermost cylinder that surely holds a point, by what fits into its corners.
+fn around(p: DVec3) -> Option<usize> {
+    let inner = (0.5 * TAU / f64::from(COLUMNS)).cos();
+    (0..CYLINDERS).find(|&number| {
+        let [radius, half] = measures(number);
+        p.x.hypot(p.z) < inner * radius && p.y.abs() < half
+    })
+}
+
+fn nested_cylinders(trial: &Trial) -> Result<Tally, AccelError> {
+    let meshes: Vec<Mesh> = (0..CYLINDERS).map(|number| cylinder(measures(number))).collect();
+    let scene = scene(meshes.iter().cloned().map(Geometry::Mesh).collect());
+    let engine = trial.engine(&scene)?;
+    let ray = |random: &mut Random| {
+        let number = random.below(CYLINDERS);
+        let vertex = Vec3::from(meshes[number].positions[random.below(meshes[number].positions.len())]);
+        let mut origin = 0.9 * vertex;
+        for _ in 0..TRIES {
+            let aside = random.within(0.0, 4.0) * random.in_cube();
+            origin = (random.within(0.8, 1.0) * vertex.as_dvec3() + aside).as_vec3();
+            // Between this cylinder and the next inner one.
+            if around(origin.as_dvec3()) == Some(number) {
+                break;
+            }
+        }
+        Ray::new(origin, vertex - origin)
+    };
+    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+        let Some(number) = around(ray.origin.as_dvec3()) else {
+            return Answer::Right;
+        };
+        Answer::wrong_if(hit.is_none_or(|hit| hit.instance as usize > number))
+    }))
+}
+
+/// Pairs of triangles, so far apart that no ray reaches two.
+const PAIRS: usize = 64;
+/// Their distance.
+const APART: f64 = 16.0;
+
+/// Two triangles that share their first edge; each turns left as seen from the same side.
+type Pair = [[DVec3; 3]; 2];
+
+/// A pair about a point: half of them are a unit square with whole corners, cut along a diagonal.
+fn pair(number: usize, random: &mut Random) -> Pair {
+    let center = APART * DVec3::new((number % 8) as f64, (number / 8) as f64, 0.0);
+    let [a, b, c, d] = if number.is_multiple_of(2) {
+        [DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0), DVec3::Y, DVec3::X]
+    } else {
+        // Folded towards the back by up to half a radian, so that both sides still face most rays.
+        let fold = random.within(0.0, 0.5);
+        let corner = |x: f64, y: f64| DVec3::new(x, y, -fold * x.abs());
+        [
+            corner(0.0, -1.0),
+            corner(0.0, 1.0),
+            corner(-random.within(0.2, 1.0), random.within(-1.0, 1.0)),
+            corner(random.within(0.2, 1.0), random.within(-1.0, 1.0)),
+        ]
+    };
+    let place = |p: DVec3| (center + p).as_vec3().as_dvec3();
+    [[a, b, c].map(place), [b, a, d].map(place)]
+}
+
+/// A ray at the shared edge that sees both triangles' fronts; down from above or at any angle.
+fn at_shared_edge(pairs: &[Pair], random: &mut Random) -> Ray {
+    let [[a, b, c], [_, _, d]] = random.pick(pairs);
+    // In thirty-seconds, which a square's diagonal has exact points at.
+    let along = (2 + random.below(29)) as f64 / 32.0;
+    let target = a.lerp(b, along);
+    let normals = [(b - a).cross(c - a), (a - b).cross(d - b)].map(DVec3::normalize_or_zero);
+    let way = if random.below(2) == 0 {
+        -DVec3::Z
+    } else {
+        let normal = random.pick(&normals);
+        let in_plane = normal.cross(random.direction()).normalize_or_zero();
+        // 0.3 degrees are 10^-2.28.
+        in_plane - 10f64.powf(random.within(-2.28, 0.0)) * normal
+    };
+    // So steep to both at least that the target's rounding cannot carry it beside them.
+    let is_seen = normals.iter().all(|n| n.dot(way) < -1.0 / 256.0);
+    let way = if is_seen { way } else { -DVec3::Z };
+    let origin = (target - random.pick(&[1.0, 2.0]) * way).as_vec3();
+    Ray {
+        t_far: 2.0,
+        ..Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    }
+}
+
+fn shared_edges(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut random = Random::new(0x1149, 0);
+    let pairs: Vec<Pair> = (0..PAIRS).map(|number| pair(number, &mut random)).collect();
+    let mut corners = Vec::new();
+    let mut faces = Vec::new();
+    for [[a, b, c], [_, _, d]] in &pairs {
+        let first = corners.len() as u32;
+        corners.extend([*a, *b, *c, *d]);
+        faces.extend([[0, 1, 2], [1, 0, 3]].map(|face| face.map(|corner: u32| first + corner)));
+    }
+    let scene = scene(vec![Geometry::Mesh(mesh(&corners, faces))]);
+    let engine = trial.engine(&scene)?;
+    Ok(trial.nearest(
+        &engine,
+        |random| at_shared_edge(&pairs, random),
+        |_, hit, _| Answer::wrong_if(hit.is_none()),
+    ))
+}
+
+/// Squares along a side of a terrain.
+const SQUARES: usize = 32;
+/// Where rays start above it.
+const ABOVE: f64 = 16.0;
+
+/// A height from 0 to 7 for each corner.
+fn height(x: usize, z: usize) -> f64 {
+    (Random::new(0x589, (x * (SQUARES + 1) + z) as u64).below(8)) as f64
+}
+
+/// A terrain over a square; `axis` is up.
+pub(super) fn terrain(axis: usize) -> Mesh {
+    let count = SQUARES + 1;
+    let corners: Vec<DVec3> = (0..count * count)
+        .map(|number| {
+            let (x, z) = (number / count, number % count);
+            turned(axis, x as f64, height(x, z), z as f64)
+        })
+        .collect();
+    let index = |x: usize, z: usize| (x * count + z) as u32;
+    let squares = (0..SQUARES * SQUARES).map(|number| (number / SQUARES, number % SQUARES));
+    let faces = squares.flat_map(|(x, z)| {
+        let [a, b] = [index(x, z), index(x + 1, z)];
+        let [c, d] = [index(x, z + 1), index(x + 1, z + 1)];
+        [[a, c, b], [b, c, d]]
+    });
+    mesh(&corners, faces.collect())
+}
+
+/// A point with the second number along `axis`.
+fn turned(axis: usize, x: f64, up: f64, z: f64) -> DVec3 {
+    let mut p = DVec3::ZERO;
+    (p[(axis + 2) % 3], p[axis], p[(axis + 1) % 3]) = (x, up, z);
+    p
+}
+
+/// The height of the terrain over whole and half coordinates: the middle of a square is on the diagonal that cuts it.
+fn height_at(x: f64, z: f64) -> f64 {
+    let ends = |v: f64| [v.floor() as usize, v.ceil() as usize];
+    let ([x0, x1], [z0, z1]) = (ends(x), ends(z));
+    // Of the diagonal from (x1, z0) to (x0, z1); the same as the mean of an edge's ends or of one corner.
+    0.5 * (height(x1, z0) + height(x0, z1))
+}
+
+fn terrains(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut sum = Tally::default();
+    for axis in 0..3 {
+        let scene = scene(vec![Geometry::Mesh(terrain(axis))]);
+        let engine = trial.part(axis, 3).engine(&scene)?;
+        let ray = |random: &mut Random| {
+            let mut inner = || 0.5 * (1 + random.below(2 * SQUARES - 1)) as f64;
+            let origin = turned(axis, inner(), ABOVE, inner()).as_vec3();
+            let mut zero = || random.pick(&[0.0, -0.0]);
+            Ray::new(origin, turned(axis, zero(), -1.0, zero()).as_vec3())
+        };
+        let judge = |ray: &Ray, hit: Option<Hit>, _: &mut Tally| {
+            let [x, z] = [(axis + 2) % 3, (axis + 1) % 3].map(|k| f64::from(ray.origin[k]));
+            let t = ABOVE - height_at(x, z);
+            Answer::wrong_if(hit.is_none_or(|hit| !((f64::from(hit.t) - t).abs() <= 1.0 / 1024.0)))
+        };
+        sum = sum.with(trial.part(axis, 3).nearest(&engine, ray, judge));
+    }
+    Ok(sum)
+}
+
+/// Units of a lattice that a mesh is snapped to, in its radius.
+const RADIUS: f64 = 64.0;
+
+/// A bumpy closed mesh whose corners are whole numbers, at least 3/4 [`RADIUS`] from the origin.
+fn snapped_mesh() -> Mesh {
+    let mut mesh = icosphere(4);
+    let snapped = mesh.positions.iter().map(|&p| {
+        let p = Vec3::from(p).as_dvec3();
+        let bumps = (9.0 * p.x).sin() * (8.0 * p.y).sin() * (7.0 * p.z).sin();
+        let whole = (RADIUS * (1.0 + 0.2 * bumps) * p).round();
+        whole.as_vec3().to_array()
+    });
+    mesh.positions = snapped.collect::<Vec<_>>().into();
+    mesh
+}
+
+fn snapped(trial: &Trial) -> Result<Tally, AccelError> {
+    let scene = scene(vec![Geometry::Mesh(snapped_mesh())]);
+    let engine = trial.engine(&scene)?;
+    let ray = |random: &mut Random| {
+        // Within 1/4 of the radius along each axis, so within 0.44 of it: well inside.
+        let reach = RADIUS as usize / 2;
+        let mut near = || 0.5 * (random.below(2 * reach + 1) as f32 - reach as f32);
+        let mut origin = Vec3::new(near(), near(), near());
+        let mut step = || random.pick(&[0.0, -0.0, 1.0, -1.0]);
+        let mut direction = Vec3::new(step(), step(), step());
+        if random.below(2) == 0 || direction == Vec3::ZERO {
+            origin.y = 2.0 * RADIUS as f32;
+            direction = Vec3::new(0.0, -1.0, -0.0);
+        }
+        Ray::new(origin, direction)
+    };
+    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+        // From above, what is met below the middle is the other side.
+        let last = if ray.origin.y > RADIUS as f32 {
+            ray.origin.y
+        } else {
+            f32::INFINITY
+        };
+        Answer::wrong_if(hit.is_none_or(|hit| !(hit.t < last)))
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::*;
+
+    #[test]
+    fn cylinders_and_snapped_meshes_are_closed_and_have_no_triangle_without_area() {
+        for (mesh, count) in [
+            (cylinder(measures(0)), 2 * COLUMNS * (ROWS + 1)),
+            (snapped_mesh(), 20 * 256),
+        ] {
+            let edges: HashSet<[u32; 2]> = mesh
+                .triangles
+                .iter()
+                .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+                .collect();
+            assert_eq!(mesh.triangles.len(), count as usize);
+            assert_eq!(edges.len(), 3 * mesh.triangles.len());
+            assert!(edges.iter().all(|&[a, b]| edges.contains(&[b, a])));
+            for face in 0..count {
+                let [a, b, c] = mesh.corners_f64(face);
+                assert!((b - a).cross(c - a) != DVec3::ZERO, "{face}");
+            }
+        }
+        let mesh = snapped_mesh();
+        let nearest = mesh.positions.iter().map(|&p| Vec3::from(p).length());
+        assert!(nearest.fold(f32::INFINITY, f32::min) > 0.75 * RADIUS as f32);
+    }
+
+    #[test]
+    fn a_terrain_is_as_high_over_middles_as_its_corners_are_on_average() {
+        assert_eq!(height_at(3.0, 4.0), height(3, 4));
+        assert_eq!(height_at(3.5, 4.0), 0.5 * (height(3, 4) + height(4, 4)));
+        assert_eq!(height_at(3.5, 4.5), 0.5 * (height(4, 4) + height(3, 5)));
+    }
+}

@@ -1,0 +1,308 @@
+//! Rays that go straight on through one surface after the other: none may be met twice, and none left out.
+
+use glam::{DAffine3, DVec3, Vec3};
+
+use super::meshes::{icosphere, mesh, scene};
+use super::spawned::leave;
+use super::trial::{Answer, Engine, Tally, Trial, describe, order};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, Hit, LANES, RayPacket};
+use crate::mesh::Mesh;
+use crate::numeric::{Random, Ray};
+use crate::render::{Departure, Departures};
+use crate::scene::{Geometry, Instance, Material, Scene};
+use crate::shape::{Shape, Sphere};
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        id: "H48g",
+        title: "getting on",
+        construction: "LuxCore #308: rays through eight sheets 10 to 10^12 away, 32 ulp apart; then between two ends",
+        oracle: "each sheet is met once, in order, then nothing; t lies between the ends",
+        bound: "no sheet met twice or left out",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Edges,
+        run: through_sheets,
+    },
+    Case {
+        id: "H48h",
+        title: "self-hits by scale",
+        construction: "trimesh #48: triangles of size 1 to 10^5, rays along their normals from where they were hit",
+        oracle: "what leaves a triangle does not meet it",
+        bound: "0 self-hits",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Faces,
+        run: along_normals,
+    },
+    Case {
+        id: "H48i",
+        title: "ball in a shell",
+        construction: "Mitsuba 3 #1871: spheres of radius 1 and 1 + 4e-5, and two such meshes, rays through both",
+        oracle: "the outer, the inner, the inner, the outer",
+        bound: "none met twice or left out",
+        unit: "",
+        asks: Asks::Triangles,
+        required: Closes::Edges,
+        run: through_shells,
+    },
+    Case {
+        id: "H48j",
+        title: "box above a floor",
+        construction: "POV-Ray #125: a cube 7e-7 above a plane, rays through the cube's bottom",
+        oracle: "the cube, the cube, the plane",
+        bound: "none met twice or left out",
+        unit: "",
+        asks: Asks::Shapes,
+        required: Closes::Faces,
+        run: box_above_a_floor,
+    },
+];
+
+/// More surfaces than any ray of these cases may meet: what goes on for longer does not get on.
+const MOST: usize = 12;
+
+/// The instances that each ray meets one after the other, going straight on, up to [`MOST`].
+fn passages(
+    trial: &Trial,
+    (engine, departures): (&Engine, &Departures),
+    rays: &[Ray],
+    random: &mut Random,
+) -> Vec<Vec<u32>> {
+    let mut met = vec![Vec::new(); rays.len()];
+    let mut going: Vec<(usize, Ray)> = rays.iter().copied().enumerate().collect();
+    for _ in 0..MOST {
+        let asked: Vec<Ray> = going.iter().map(|&(_, ray)| ray).collect();
+        let packets = engine.traced(&asked, order(random));
+        let at = packets.iter().flat_map(|packet| departures.of(packet));
+        let mut next = Vec::with_capacity(going.len());
+        for ((&(number, ray), at), hit) in going.iter().zip(at).zip(hits(&packets)) {
+            let (Some(at), Some(hit)) = (at, hit) else {
+                continue;
+            };
+            met[number].push(hit.instance);
+            let through = Departure { ng: -at.ng, ..at };
+            next.push((number, leave(trial, &through, ray.direction.as_dvec3())));
+        }
+        going = next;
+    }
+    met
+}
+
+/// What every lane has hit.
+fn hits(packets: &[RayPacket]) -> impl Iterator<Item = Option<Hit>> {
+    packets
+        .iter()
+        .flat_map(|packet| (0..LANES).map(|lane| packet.hit(lane)))
+}
+
+/// Counts the rays that do not meet just the `expected` instances in a row.
+fn expect(
+    trial: &Trial,
+    scene: &Scene,
+    ray: impl Fn(&mut Random) -> Ray + Sync,
+    expected: &[u32],
+) -> Result<Tally, AccelError> {
+    let engine = trial.engine(scene)?;
+    let departures = Departures::new(scene);
+    let tally = trial.in_chunks(|random, count| {
+        // A passage takes a question for each surface, and one that meets nothing.
+        let rays: Vec<Ray> = (0..count.div_ceil(expected.len() + 1))
+            .map(|_| ray(random))
+            .collect();
+        let mut tally = Tally::default();
+        let met = passages(trial, (&engine, &departures), &rays, random);
+        for (ray, met) in rays.iter().zip(met) {
+            tally.count(Answer::wrong_if(met != expected), || {
+                format!("{}, then {met:?}", describe(ray, None))
+            });
+        }
+        tally
+    });
+    Ok(trial.with_drawing(&engine, tally))
+}
+
+/// A scene whose surfaces may be left.
+fn solid(scene: Scene) -> Scene {
+    Scene {
+        materials: vec![Material::default()],
+        ..scene
+    }
+}
+
+/// How far the sheets are.
+const DISTANCES: [f64; 6] = [10.0, 1e3, 1e5, 1e7, 1e9, 1e12];
+/// Sheets in a row.
+const SHEETS: u32 = 8;
+/// Steps of f32 between two sheets: four times as many as rays are promised to resolve.
+const GAP: u32 = 32;
+
+/// Squares about the z axis, as far away as half their size.
+fn sheets(distance: f64) -> Scene {
+    let sheet = |number: u32| {
+        let z = f32::from_bits((distance as f32).to_bits() + GAP * number);
+        let at = |x: f64, y: f64| DVec3::new(x * distance, y * distance, f64::from(z));
+        let corners = [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)];
+        Geometry::Mesh(mesh(&corners, vec![[0, 1, 2], [0, 2, 3]]))
+    };
+    solid(scene((0..SHEETS).map(sheet).collect()))
+}
+
+fn through_sheets(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut sum = Tally::default();
+    let expected: Vec<u32> = (0..SHEETS).collect();
+    for (part, distance) in DISTANCES.into_iter().enumerate() {
+        let trial = trial.part(part, DISTANCES.len());
+        let scene = sheets(distance);
+        let ray = |random: &mut Random| {
+            let mut aside = || random.within(-0.4, 0.4);
+            let direction = DVec3::new(aside(), aside(), 1.0);
+            Ray::new((0.1 * distance * random.in_cube()).as_vec3(), direction.as_vec3())
+        };
+        sum = sum.with(expect(&trial.part(0, 2), &scene, ray, &expected)?);
+        sum = sum.with(between_ends(&trial.part(1, 2), &scene, distance)?);
+    }
+    Ok(sum)
+}
+
+/// Rays that end at, before or behind a sheet: what they meet must lie between their ends.
+fn between_ends(trial: &Trial, scene: &Scene, distance: f64) -> Result<Tally, AccelError> {
+    let engine = trial.engine(scene)?;
+    let ray = |random: &mut Random| {
+        let mut end = || {
+            let steps = random.below((GAP * (SHEETS + 2)) as usize) as u32;
+            f32::from_bits((distance as f32).to_bits() - GAP + steps)
+        };
+        let (a, b) = (end(), end());
+        let mut aside = || random.within(-0.4, 0.4) as f32;
+        Ray {
+            t_near: a.min(b),
+            t_far: a.max(b),
+            ..Ray::new(Vec3::ZERO, Vec3::new(aside(), aside(), 1.0))
+        }
+    };
+    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+        let is_between = |hit: Hit| ray.t_near <= hit.t && hit.t <= ray.t_far;
+        Answer::wrong_if(hit.is_some_and(|hit| !is_between(hit)))
+    }))
+}
+
+/// Powers of ten of the triangles' size.
+const SCALES: std::ops::RangeInclusive<i32> = 0..=5;
+/// Triangles of a size.
+const TRIANGLES: usize = 64;
+
+/// Triangles of a size, ten of it apart, about the origin.
+fn triangles(size: f64) -> Mesh {
+    let mut random = Random::new(48, size.to_bits());
+    let corners: Vec<DVec3> = (0..TRIANGLES)
+        .flat_map(|number| {
+            let cell = DVec3::new((number % 4) as f64, (number / 4 % 4) as f64, (number / 16) as f64);
+            let place = 10.0 * (cell - DVec3::splat(1.5));
+            [0; 3].map(|_| size * (place + random.in_cube()))
+        })
+        .collect();
+    let faces = (0..TRIANGLES as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+    mesh(&corners, faces.collect())
+}
+
+fn along_normals(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut sum = Tally::default();
+    for (part, exponent) in SCALES.enumerate() {
+        let size = 10f64.powi(exponent);
+        let mesh = triangles(size);
+        let scene = solid(scene(vec![Geometry::Mesh(mesh.clone())]));
+        sum = sum.with(along_normals_of(
+            &trial.part(part, SCALES.count()),
+            &scene,
+            &mesh,
+        )?);
+    }
+    Ok(sum)
+}
+
+fn along_normals_of(trial: &Trial, scene: &Scene, mesh: &Mesh) -> Result<Tally, AccelError> {
+    let engine = trial.engine(scene)?;
+    let departures = Departures::new(scene);
+    let tally = trial.in_chunks(|random, count| {
+        let rays: Vec<Ray> = (0..count).map(|_| at_a_triangle(mesh, random)).collect();
+        let packets = engine.traced(&rays, order(random));
+        let met = packets.iter().flat_map(|packet| departures.of(packet));
+        let left: Vec<(Hit, Ray)> = met
+            .zip(hits(&packets))
+            .filter_map(|(at, hit)| at.zip(hit))
+            .map(|(at, hit)| (hit, leave(trial, &at, at.ng)))
+            .collect();
+        let away: Vec<Ray> = left.iter().map(|&(_, ray)| ray).collect();
+        let mut tally = Tally::default();
+        for ((own, ray), hit) in left.iter().zip(engine.nearest(&away, order(random))) {
+            let is_own = hit.is_some_and(|hit| hit.primitive == own.primitive);
+            tally.count_ray(Answer::wrong_if(is_own), ray, hit);
+        }
+        tally
+    });
+    Ok(trial.with_drawing(&engine, tally))
+}
+
+/// A ray at the middle of a triangle, from a size or two away.
+fn at_a_triangle(mesh: &Mesh, random: &mut Random) -> Ray {
+    let [a, b, c] = mesh.corners_f64(random.below(mesh.triangles.len()) as u32);
+    let middle = (a + b + c) / 3.0;
+    let origin = (middle + 2.0 * a.distance(b) * random.direction()).as_vec3();
+    Ray::new(origin, (middle - origin.as_dvec3()).as_vec3())
+}
+
+/// The gap that was complained of, in radii.
+const SHELL: f64 = 4e-5;
+
+fn through_shells(trial: &Trial) -> Result<Tally, AccelError> {
+    let ball = |radius| {
+        let center = DVec3::ZERO;
+        Geometry::Shape(Shape::Sphere(Sphere { center, radius }))
+    };
+    let faceted = |radius: f64| {
+        let mut mesh = icosphere(4);
+        let grown = mesh.positions.iter().map(|&p| {
+            let p = radius * Vec3::from(p).as_dvec3();
+            p.as_vec3().to_array()
+        });
+        mesh.positions = grown.collect::<Vec<_>>().into();
+        Geometry::Mesh(mesh)
+    };
+    let scenes = [
+        solid(scene(vec![ball(1.0 + SHELL), ball(1.0)])),
+        solid(scene(vec![faceted(1.0 + SHELL), faceted(1.0)])),
+    ];
+    let ray = |random: &mut Random| {
+        let origin = (3.0 * random.direction()).as_vec3();
+        // At most 0.9 radii beside the middle.
+        let target = 0.9 / 3f64.sqrt() * random.in_cube();
+        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    };
+    let mut sum = Tally::default();
+    for (part, scene) in scenes.iter().enumerate() {
+        sum = sum.with(expect(&trial.part(part, 2), scene, ray, &[0, 1, 1, 0])?);
+    }
+    Ok(sum)
+}
+
+fn box_above_a_floor(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut scene = solid(scene(vec![Geometry::Shape(Shape::Cube)]));
+    scene.geometries.push(Geometry::Shape(Shape::Plane));
+    // As the complaint has it, which the next version of that program could not do.
+    let floor = DAffine3::from_translation(DVec3::new(0.0, -1.000_000_7, 0.0)) * upright();
+    scene.instances.extend(Instance::new("floor", 1, 0, floor));
+    let ray = |random: &mut Random| {
+        let mut inner = || random.within(-0.95, 0.95);
+        let target = DVec3::new(inner(), -1.0, inner());
+        let origin = Vec3::new(1.0, 2.0, 3.0);
+        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    };
+    expect(trial, &scene, ray, &[0, 0, 1])
+}
+
+/// From the plane's own space to one where +y is its normal.
+fn upright() -> DAffine3 {
+    DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2)
+}

@@ -1,0 +1,109 @@
+//! What this program once got wrong, frozen where no other case holds it: rays of very short and very long directions,
+//! and placed meshes asked by whole packets. Embree's own instances, which only the path `fast` takes, lose some of them.
+
+use glam::{DAffine3, DQuat, DVec3};
+
+use super::meshes::{icosphere, rings, scene};
+use super::slivers::compared;
+use super::trial::{Answer, Engine, Tally, Trial, describe, order};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, Hit};
+use crate::numeric::{Random, Ray};
+use crate::scene::{Geometry, Instance, Scene};
+use crate::shape::{Cone, Shape, Sphere, Torus};
+
+pub(super) const CASES: &[Case] = &[Case {
+    id: "H48",
+    title: "bugs of our own",
+    construction: "meshes and shapes, placed and not, rays with directions of length 2^-80 to 2^59, for hits and for shadows",
+    oracle: "the same ray with a direction of length about one; a ray is blocked where it has a hit",
+    bound: "the same hit, its t times the power of two",
+    unit: "",
+    asks: Asks::Triangles,
+    required: Closes::Edges,
+    run: any_length,
+}];
+
+/// Powers of two of the lengths of directions.
+const EXPONENTS: [i32; 12] = [-80, -70, -62, -60, -59, -40, -20, -1, 1, 20, 40, 59];
+
+/// Meshes and shapes, each where its own space is the world and, turned and stretched, elsewhere.
+pub(super) fn things() -> Scene {
+    let center = DVec3::new(3.0, 0.0, 0.0);
+    let ball = Sphere { center, radius: 1.0 };
+    let mut scene = scene(vec![
+        Geometry::Mesh(icosphere(3)),
+        Geometry::Mesh(rings(12, -center, |theta, _| 1.0 + 0.1 * (6.0 * theta).sin())),
+        Geometry::Shape(Shape::Sphere(ball)),
+    ]);
+    let placed = [
+        Shape::Cube,
+        Shape::Cone(Cone { capped: true }),
+        Shape::Torus(Torus { minor_radius: 0.3 }),
+    ];
+    scene.geometries.extend(placed.map(Geometry::Shape));
+    for number in 0..18u32 {
+        let mut random = Random::new(0x48, number.into());
+        let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
+        let scale = DVec3::new(
+            random.within(0.3, 1.0),
+            random.within(0.3, 1.0),
+            random.within(-1.0, -0.3),
+        );
+        let place = DAffine3::from_scale_rotation_translation(scale, turn, 6.0 * random.in_cube());
+        scene.instances.extend(Instance::new("", number % 6, 0, place));
+    }
+    scene
+}
+
+fn any_length(trial: &Trial) -> Result<Tally, AccelError> {
+    let scene = things();
+    let engine = trial.engine(&scene)?;
+    let tally = trial.in_chunks(|random, count| lengths(&scene, &engine, random, count));
+    Ok(trial.with_drawing(&engine, tally))
+}
+
+/// Asks about pairs of rays that differ by the lengths of their directions alone.
+fn lengths(scene: &Scene, engine: &Engine, random: &mut Random, count: usize) -> Tally {
+    let plain: Vec<Ray> = (0..count.div_ceil(3)).map(|_| ray(random)).collect();
+    let factors: Vec<f32> = plain.iter().map(|_| 2f32.powi(random.pick(&EXPONENTS))).collect();
+    let scaled: Vec<Ray> = plain
+        .iter()
+        .zip(&factors)
+        .map(|(ray, &factor)| Ray::new(ray.origin, factor * ray.direction))
+        .collect();
+    let expected = engine.nearest(&plain, order(random));
+    let found = engine.nearest(&scaled, order(random));
+    let blocked = engine.blocked(&scaled, order(random));
+    let mut tally = Tally::default();
+    for i in 0..plain.len() {
+        // As the plain ray has it.
+        let hit = found[i].map(|hit| Hit {
+            t: hit.t * factors[i],
+            ..hit
+        });
+        let answer = match (expected[i], hit) {
+            (Some(a), Some(b)) if (a.instance, a.primitive) == (b.instance, b.primitive) && a.t == b.t => {
+                Answer::Right
+            }
+            (None, None) => Answer::Right,
+            // Between two triangles that it meets at the same distance Embree decides.
+            (expected, hit) => match compared(scene, &plain[i], expected, hit) {
+                Answer::Wrong => Answer::Wrong,
+                _ => Answer::Tie,
+            },
+        };
+        tally.count_ray(answer, &scaled[i], found[i]);
+        let is_wrong = blocked[i] != found[i].is_some() && answer == Answer::Right;
+        tally.count(Answer::wrong_if(is_wrong), || {
+            format!("shadow {}", describe(&scaled[i], found[i]))
+        });
+    }
+    tally
+}
+
+/// A ray with a direction of length 1 to 2.
+fn ray(random: &mut Random) -> Ray {
+    let direction = random.within(1.0, 2.0) * random.direction();
+    Ray::new((8.0 * random.in_cube()).as_vec3(), direction.as_vec3())
+}

@@ -1,0 +1,169 @@
+//! Twelve scenes of all kinds, made by code: what a renderer meets, and what is hard on trees over space.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec3};
+
+use super::holes::{cylinder, terrain};
+use super::meshes::{icosphere, lattice_cube, mesh, rings, scene};
+use crate::mesh::Mesh;
+use crate::numeric::Random;
+use crate::scene::{Geometry, Instance, Material, Scene};
+use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Sphere, Torus};
+
+/// How many there are.
+pub(super) const COUNT: usize = 12;
+
+/// Scene `number` of [`COUNT`], a few units large, about the origin; it passes all checks.
+pub(super) fn world(number: usize) -> Scene {
+    let random = &mut Random::new(0x37041d, number as u64);
+    let plain = match number % COUNT {
+        0 => scene(vec![Geometry::Mesh(icosphere(4))]),
+        1 => scene(vec![Geometry::Mesh(bumpy())]),
+        2 => scene(vec![Geometry::Mesh(lattice_cube(12))]),
+        3 => scene(vec![Geometry::Mesh(soup(random, |random| {
+            let size = 10f64.powf(random.within(-4.0, 0.3));
+            [0; 3].map(|_| size * random.in_cube())
+        }))]),
+        4 => scene(vec![Geometry::Mesh(soup(random, |random| {
+            // Up to ten thousand times as long as high.
+            let (along, height) = (random.direction(), 10f64.powf(random.within(-4.0, -2.0)));
+            [DVec3::ZERO, along, 0.4 * along + height * random.direction()]
+        }))]),
+        5 => placed(
+            scene(vec![
+                Geometry::Mesh(icosphere(3)),
+                Geometry::Mesh(lattice_cube(3)),
+            ]),
+            random,
+        ),
+        6 => placed(scene(solids()), random),
+        7 => moving(
+            scene(vec![Geometry::Mesh(icosphere(3)), Geometry::Shape(Shape::Cube)]),
+            random,
+        ),
+        8 => placed(on_a_floor(), random),
+        9 => scene(vec![Geometry::Mesh(terrain(1))]),
+        10 => scene(
+            (1..5)
+                .map(|size| Geometry::Mesh(cylinder([f64::from(size), 2.0])))
+                .collect(),
+        ),
+        _ => scene(vec![
+            Geometry::Mesh(bumpy()),
+            Geometry::Mesh(bumpy()),
+            Geometry::Mesh(icosphere(2)),
+        ]),
+    };
+    Scene {
+        materials: vec![Material::default()],
+        ..plain
+    }
+}
+
+fn bumpy() -> Mesh {
+    rings(40, DVec3::ZERO, |theta, phi| {
+        2.0 + 0.2 * (20.0 * theta).sin() * (15.0 * phi).sin()
+    })
+}
+
+/// Triangles of a mesh that share no corners.
+const SOUP: u32 = 512;
+
+/// Triangles that `triangle` makes about the origin, strewn about.
+fn soup(random: &mut Random, triangle: impl Fn(&mut Random) -> [DVec3; 3]) -> Mesh {
+    let corners: Vec<DVec3> = (0..SOUP)
+        .flat_map(|_| {
+            let place = 2.0 * random.in_cube();
+            triangle(random).map(|corner| place + corner)
+        })
+        .collect();
+    let faces = (0..SOUP).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+    mesh(&corners, faces.collect())
+}
+
+/// A shape of each closed kind.
+fn solids() -> Vec<Geometry> {
+    let corners = [
+        DVec3::ONE,
+        DVec3::new(-1.0, -1.0, 1.0),
+        DVec3::new(-1.0, 1.0, -1.0),
+        DVec3::new(1.0, -1.0, -1.0),
+    ];
+    let tetrahedron = Polyhedron::from_half_spaces(&corners.map(|n| HalfSpace { n, h: 1.0 }));
+    let mut shapes = vec![
+        Shape::Sphere(Sphere::UNIT),
+        Shape::Cube,
+        Shape::Cylinder(Cylinder { capped: true }),
+        Shape::Cone(Cone { capped: true }),
+        Shape::Torus(Torus { minor_radius: 0.3 }),
+        Shape::Disk,
+    ];
+    shapes.extend(tetrahedron.ok().map(|solid| Shape::Polyhedron(Arc::new(solid))));
+    shapes.into_iter().map(Geometry::Shape).collect()
+}
+
+/// Meshes, shapes and a plane without end.
+fn on_a_floor() -> Scene {
+    let mut scene = scene(vec![Geometry::Mesh(icosphere(3)), Geometry::Shape(Shape::Cube)]);
+    scene.geometries.push(Geometry::Shape(Shape::Plane));
+    let floor = DAffine3::from_translation(DVec3::new(0.0, 0.0, -3.0));
+    scene.instances.extend(Instance::new("floor", 2, 0, floor));
+    scene
+}
+
+/// Where each geometry stands besides.
+const PLACES: u32 = 24;
+
+fn place(random: &mut Random) -> DAffine3 {
+    let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
+    let mut scale = || random.within(0.2, 1.0) * random.pick(&[1.0, -1.0]);
+    let scale = DVec3::new(scale(), scale(), scale());
+    DAffine3::from_scale_rotation_translation(scale, turn, 4.0 * random.in_cube())
+}
+
+/// Everything that has an end once more, turned, mirrored and stretched.
+fn placed(mut scene: Scene, random: &mut Random) -> Scene {
+    let count = scene
+        .geometries
+        .iter()
+        .filter(|geometry| !geometry.is_unbounded())
+        .count();
+    for number in 0..PLACES {
+        let geometry = number % count as u32;
+        scene
+            .instances
+            .extend(Instance::new("", geometry, 0, place(random)));
+    }
+    scene
+}
+
+/// Everything once more, on its way from one place to the next.
+fn moving(mut scene: Scene, random: &mut Random) -> Scene {
+    let count = scene.geometries.len() as u32;
+    for number in 0..PLACES {
+        let start = place(random);
+        let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 1.0));
+        let step = DAffine3::from_rotation_translation(turn, 0.5 * random.in_cube());
+        scene
+            .instances
+            .extend(Instance::moving("", number % count, 0, [start, step * start]));
+    }
+    scene
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_world_passes_the_checks_and_is_a_few_units_large() {
+        for number in 0..COUNT {
+            let scene = world(number);
+            scene.validate().unwrap();
+            assert!(!scene.instances.is_empty());
+            let extent = scene.bounds().extent().max_element();
+            assert!((1.0..=64.0).contains(&extent), "{number}: {extent}");
+        }
+    }
+}

@@ -6,7 +6,7 @@
 //! (eta_i d + delta/(p + q) n)/eta_t. The differences cancel: at the critical angle, between media that nearly match, at
 //! Brewster's angle. They are therefore taken in double-double arithmetic (Dekker, "A floating-point technique for
 //! extending the available precision", 1971; Knuth's two-sum), without fused multiply-add so that all instruction sets
-//! give the same bits and lanes vectorise.
+//! give the same bits and lanes vectorise. So near the critical angle that even these digits cancel, q² is summed exactly.
 
 use glam::DVec3;
 
@@ -14,6 +14,10 @@ use super::fresnel::Polarised;
 
 /// Splits 53 bits into 26 and 26: 2^27 + 1 (Veltkamp).
 const SPLITTER: f64 = 134_217_729.0;
+
+/// Share of p² that q² may fall to before the digits of doubles, whose rounding errors are a few 2^-104 of p², leave less
+/// than 55 to it.
+const CRITICAL: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// Light that meets the boundary of two dielectrics at a given angle.
 #[derive(Clone, Copy)]
@@ -35,6 +39,17 @@ impl Interface {
     /// `cos_i` is at least 0 (a rounded excess over 1 is cut off), both indices are positive.
     #[inline(always)]
     pub(super) fn new(cos_i: f64, eta_i: f64, eta_t: f64) -> Interface {
+        let (interface, is_critical) = Interface::away_from_critical(cos_i, eta_i, eta_t);
+        if is_critical {
+            interface.settled()
+        } else {
+            interface
+        }
+    }
+
+    /// The same without branches, and whether it is too near the critical angle for that; [`Interface::new`] knows more then.
+    #[inline(always)]
+    pub(super) fn away_from_critical(cos_i: f64, eta_i: f64, eta_t: f64) -> (Interface, bool) {
         let cos_i = if cos_i > 1.0 { 1.0 } else { cos_i };
         let p = two_product(eta_i, cos_i);
         let p_square = product(p, p);
@@ -44,7 +59,7 @@ impl Interface {
         let q_square = difference.0 + low;
         // A NaN must not come out as a refracted ray.
         let total = !(q_square > 0.0);
-        Interface {
+        let interface = Interface {
             cos_i,
             eta_i,
             eta_t,
@@ -56,6 +71,42 @@ impl Interface {
                 square_root(q_square, (difference.0, low))
             },
             total,
+        };
+        (interface, q_square.abs() <= CRITICAL * p_square.0)
+    }
+
+    /// With q² from p² - delta without any rounding but that of the result.
+    #[cold]
+    #[inline(never)]
+    fn settled(self) -> Interface {
+        let (p, apart, both) = (
+            self.p,
+            two_sum(self.eta_i, -self.eta_t),
+            two_sum(self.eta_i, self.eta_t),
+        );
+        let factors = [
+            (p.0, p.0),
+            (2.0 * p.0, p.1),
+            (p.1, p.1),
+            (-apart.0, both.0),
+            (-apart.0, both.1),
+            (-apart.1, both.0),
+            (-apart.1, both.1),
+        ];
+        let mut terms = [0.0; 14];
+        for (pair, (a, b)) in terms.chunks_exact_mut(2).zip(factors) {
+            (pair[0], pair[1]) = two_product(a, b);
+        }
+        let q_square = exact_sum(terms);
+        let total = !(q_square.0 > 0.0);
+        Interface {
+            q: if total {
+                (0.0, 0.0)
+            } else {
+                square_root(q_square.0, q_square)
+            },
+            total,
+            ..self
         }
     }
 
@@ -136,6 +187,23 @@ fn two_sum(a: f64, b: f64) -> Double {
     (sum, (a - (sum - b_part)) + (b - b_part))
 }
 
+/// The nearest float to a sum and what that leaves, both of the exact sum (Shewchuk, "Adaptive Precision Floating-Point
+/// Arithmetic", 1997: the parts grow by one term after the other and never overlap).
+fn exact_sum<const N: usize>(terms: [f64; N]) -> Double {
+    let mut parts = [0.0; N];
+    for (count, term) in terms.into_iter().enumerate() {
+        let mut carried = term;
+        for part in &mut parts[..count] {
+            (carried, *part) = two_sum(carried, *part);
+        }
+        parts[count] = carried;
+    }
+    parts.iter().fold((0.0, 0.0), |sum, &part| {
+        let (high, low) = two_sum(sum.0, part);
+        (high, low + sum.1)
+    })
+}
+
 /// a b without error, unless it over- or underflows.
 #[inline(always)]
 fn two_product(a: f64, b: f64) -> Double {
@@ -194,6 +262,30 @@ mod tests {
     fn a_sum_keeps_what_one_rounding_loses() {
         assert_eq!(two_sum(1.0, 2f64.powi(-60)), (1.0, 2f64.powi(-60)));
         assert_eq!(two_sum(2f64.powi(-60), -1.0), (-1.0, 2f64.powi(-60)));
+    }
+
+    #[test]
+    fn an_exact_sum_keeps_what_cancels_twice() {
+        let tiny = 2f64.powi(-140);
+        let sum = exact_sum([
+            1.0,
+            2f64.powi(-70),
+            tiny,
+            -1.0,
+            -2f64.powi(-70),
+            tiny * 2f64.powi(-60),
+        ]);
+        assert_eq!(sum, (tiny, tiny * 2f64.powi(-60)));
+    }
+
+    #[test]
+    fn an_angle_at_which_doubles_cancel_too_is_refracted_to_the_last_places() {
+        // Exactly these numbers, in fractions of whole numbers: cos_t = 4.184753292508398e-11.
+        let cos_t = Interface::new(6.124812217946641e-2, 1.6918398083634327, 1.6886634999132542).cos_t();
+        assert!(
+            (cos_t - 4.184753292508398e-11).abs() <= 2.0 * f64::EPSILON * cos_t,
+            "{cos_t:e}"
+        );
     }
 
     #[test]

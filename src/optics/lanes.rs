@@ -24,6 +24,31 @@ pub struct DielectricLanes {
     pub total: Lanes<bool>,
 }
 
+impl DielectricLanes {
+    /// Asks again about the ray of a lane, which is very near the critical angle: by axis direction and normal, and the two
+    /// indices.
+    #[cold]
+    #[inline(never)]
+    fn settle(&mut self, l: usize, axes: [(f64, f64); 3], [eta_i, eta_t]: [f64; 2]) {
+        let (d, n) = (
+            DVec3::from_array(axes.map(|(d, _)| d)),
+            DVec3::from_array(axes.map(|(_, n)| n)),
+        );
+        let (cos_i, n) = facing(d, n);
+        let interface = Interface::new(cos_i, eta_i, eta_t);
+        for axis in 0..3 {
+            self.refracted[axis][l] = if interface.total {
+                self.reflected[axis][l]
+            } else {
+                interface.refract(d, n)[axis]
+            };
+        }
+        self.reflectance[l] = interface.reflectance().mean();
+        self.transmittance[l] = interface.transmittance().mean();
+        self.total[l] = interface.total;
+    }
+}
+
 /// What becomes of rays that travel along `d` and meet surfaces of normal `n`, from index `eta_i` to `eta_t`.
 ///
 /// Each lane is as [`reflect`], [`refract`](super::refract) and [`dielectric`](super::dielectric) have it, to the bit.
@@ -41,13 +66,16 @@ pub fn dielectric_lanes(
         transmittance: [0.0; LANES],
         total: [false; LANES],
     };
+    let (mut critical, mut any_critical) = ([0u64; LANES], 0);
     for l in 0..LANES {
         let (d, n) = (
             DVec3::new(d[0][l], d[1][l], d[2][l]),
             DVec3::new(n[0][l], n[1][l], n[2][l]),
         );
         let (cos_i, n) = facing(d, n);
-        let interface = Interface::new(cos_i, eta_i[l], eta_t[l]);
+        let (interface, is_critical) = Interface::away_from_critical(cos_i, eta_i[l], eta_t[l]);
+        critical[l] = u64::from(is_critical);
+        any_critical |= critical[l];
         let reflected = reflect(d, n);
         let refracted = interface.refract(d, n);
         for axis in 0..3 {
@@ -61,6 +89,15 @@ pub fn dielectric_lanes(
         lanes.reflectance[l] = interface.reflectance().mean();
         lanes.transmittance[l] = interface.transmittance().mean();
         lanes.total[l] = interface.total;
+    }
+    if any_critical != 0 {
+        for l in (0..LANES).filter(|&l| critical[l] != 0) {
+            lanes.settle(
+                l,
+                [0, 1, 2].map(|axis| (d[axis][l], n[axis][l])),
+                [eta_i[l], eta_t[l]],
+            );
+        }
     }
     lanes
 }
@@ -116,6 +153,10 @@ mod tests {
                     (d[axis][l], n[axis][l]) = (direction[axis], normal[axis]);
                 }
                 (eta_i[l], eta_t[l]) = (1.0 + numbers.next(), 1.0 + numbers.next());
+                if l % 4 == 0 {
+                    // At the critical angle, to a rounding or two.
+                    eta_t[l] = eta_i[l] * (1.0 - direction.dot(normal).powi(2)).sqrt();
+                }
             }
             let lanes = vectorised(&d, &n, &eta_i, &eta_t);
             for l in 0..LANES {

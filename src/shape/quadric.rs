@@ -1,7 +1,7 @@
 //! The general quadric xᵀ Q x = 0 with homogeneous x = (x, y, z, 1), cut off by a box.
 //!
-//! The quadratic's coefficients are formed at the line's point nearest to the box's centre, where they are as small as
-//! they can be.
+//! The quadratic's coefficients are formed at the line's point nearest to the box's centre, and then once more halfway
+//! between the roots, where they are as small as they can be: a thin ellipsoid's are huge anywhere else.
 
 use glam::DVec3;
 
@@ -85,8 +85,18 @@ impl Quadric {
         let (c, half_gradient) = self.value(center + o);
         let a = d.dot(self.linear(d));
         let b = -d.dot(half_gradient);
-        let [t0, t1] = quadratic_roots(a, b, c, ray.discriminant(b * b - a * c)).map(|t| shift + t);
         let kept = self.clip_span(ray);
+        let middle = b / a;
+        // Not far outside, where the coefficients would be larger again.
+        let [t0, t1] = if kept.contains(shift + middle) {
+            let (c, half_gradient) = self.value(center + o + middle * d);
+            let b = -d.dot(half_gradient);
+            let half = (ray.discriminant(b * b - a * c).sqrt() / a).abs();
+            // Nothing cancels: of `b` only roundings are left.
+            [-half, half].map(|t| shift + middle + (b / a + t))
+        } else {
+            quadratic_roots(a, b, c, ray.discriminant(b * b - a * c)).map(|t| shift + t)
+        };
         let cut = |t: f64| {
             if kept.contains(t) {
                 ShapeHit { t, part: 0 }

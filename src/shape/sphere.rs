@@ -2,7 +2,8 @@
 //!
 //! Roots by the perpendicular-distance discriminant and citardauq's second root (Haines, Günther, Akenine-Möller,
 //! "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019, ch. 7), with the constant term
-//! factored as (|f| - r)(|f| + r), which is what keeps huge spheres accurate.
+//! factored as (|f| - r)(|f| + r), which is what keeps huge spheres accurate. Rays that go down on a sphere from closer
+//! to it than 2^-26 of its radius, as on a planet, are asked about in numbers of 106 bits: there f64 has lost the height.
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,8 +12,8 @@ use glam::DVec3;
 use super::frame::{nearest_to_origin, polar, turn};
 use super::span::{Crossings, Span, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
-use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
+use crate::numeric::{Bounds, Wide};
 
 /// A sphere in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,49 +44,70 @@ impl Sphere {
     /// A tangent line meets it twice at the same parameter. `direction` may have any non-zero length.
     #[inline(always)]
     pub fn roots(&self, origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
-        let roots = self.roots_or_nan(origin.to_array(), direction.to_array());
+        let roots = self.roots_or_nan(origin, direction);
         (!roots[0].is_nan()).then_some(roots)
     }
 
-    /// The same without branches; NaN for a miss.
+    /// The same; NaN for a miss.
     #[inline(always)]
-    fn roots_or_nan(&self, origin: [f64; 3], direction: [f64; 3]) -> [f64; 2] {
+    fn roots_or_nan(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
+        let (roots, is_close) = self.far_roots(origin.to_array(), direction.to_array());
+        if is_close {
+            self.close_roots(origin, direction)
+        } else {
+            roots
+        }
+    }
+
+    /// The roots in f64, without branches, and whether the ray is too close to the sphere for that: see [`CLOSE`].
+    #[inline(always)]
+    fn far_roots(&self, origin: [f64; 3], direction: [f64; 3]) -> ([f64; 2], bool) {
         let direction = DVec3::from_array(direction);
         let f = DVec3::from_array(origin) - self.center;
         let a = direction.length_squared();
         let b = -f.dot(direction);
         // The part of `f` perpendicular to the ray: its length is the distance of the line from the centre.
         let perpendicular = f + (b / a) * direction;
-        let discriminant = self.radius * self.radius - perpendicular.length_squared();
+        let square = self.radius * self.radius;
+        let discriminant = square - perpendicular.length_squared();
         let distance = f.length();
         let c = (distance - self.radius) * (distance + self.radius);
-        quadratic_roots(a, b, c, a * discriminant)
+        let close = if b > 0.0 { CLOSE } else { TOUCHING };
+        let roots = quadratic_roots(a, b, c, a * discriminant);
+        (roots, c.abs() <= close * square)
+    }
+
+    /// The roots where differences of f64 cancel, by the textbook's formula in numbers of 106 bits.
+    #[cold]
+    #[inline(never)]
+    fn close_roots(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
+        let f = [0, 1, 2].map(|k| Wide::of(origin[k]) - Wide::of(self.center[k]));
+        let d = direction.to_array().map(Wide::of);
+        let dot = |a: [Wide; 3], b: [Wide; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let radius = Wide::of(self.radius);
+        let (a, b, c) = (dot(d, d), -dot(f, d), dot(f, f) - radius * radius);
+        let discriminant = b * b - a * c;
+        if discriminant < Wide::ZERO {
+            return [f64::NAN; 2];
+        }
+        let root = discriminant.sqrt();
+        let q = if b < Wide::ZERO { b - root } else { b + root };
+        if q == Wide::ZERO {
+            return [0.0; 2];
+        }
+        let [t0, t1] = [(c / q).nearest(), (q / a).nearest()];
+        if t0 <= t1 { [t0, t1] } else { [t1, t0] }
     }
 
     /// The nearest parameter within [`t_near`, `t_far`], both ends included.
     #[inline(always)]
     pub fn nearest(&self, origin: DVec3, direction: DVec3, t_near: f64, t_far: f64) -> Option<f64> {
-        let t = self.nearest_or_nan(origin.to_array(), direction.to_array(), [t_near, t_far]);
+        let t = first_within(self.roots_or_nan(origin, direction), [t_near, t_far]);
         (!t.is_nan()).then_some(t)
     }
 
-    #[inline(always)]
-    fn nearest_or_nan(&self, origin: [f64; 3], direction: [f64; 3], [t_near, t_far]: [f64; 2]) -> f64 {
-        let [t0, t1] = self.roots_or_nan(origin, direction);
-        let second = if (t_near <= t1) & (t1 <= t_far) {
-            t1
-        } else {
-            f64::NAN
-        };
-        if (t_near <= t0) & (t0 <= t_far) {
-            t0
-        } else {
-            second
-        }
-    }
-
-    /// [`Sphere::nearest`] for `W` rays side by side, to the same bits; NaN where a ray misses. Without branches, so
-    /// that lanes vectorise.
+    /// [`Sphere::nearest`] for `W` rays side by side, to the same bits; NaN where a ray misses. Without branches but for
+    /// rays that are close, so that lanes vectorise.
     #[inline(always)]
     pub fn nearest_lanes<const W: usize>(
         &self,
@@ -94,10 +116,20 @@ impl Sphere {
         t_near: &[f64; W],
         t_far: &[f64; W],
     ) -> [f64; W] {
-        let mut t = [f64::NAN; W];
+        let (mut t, mut close, mut any) = ([f64::NAN; W], [0u64; W], 0);
         for lane in 0..W {
             let of = |v: &[[f64; W]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
-            t[lane] = self.nearest_or_nan(of(origin), of(direction), [t_near[lane], t_far[lane]]);
+            let (roots, is_close) = self.far_roots(of(origin), of(direction));
+            t[lane] = first_within(roots, [t_near[lane], t_far[lane]]);
+            close[lane] = u64::from(is_close);
+            any |= close[lane];
+        }
+        if any != 0 {
+            for lane in (0..W).filter(|&lane| close[lane] != 0) {
+                let of = |v: &[[f64; W]; 3]| DVec3::new(v[0][lane], v[1][lane], v[2][lane]);
+                let roots = self.close_roots(of(origin), of(direction));
+                t[lane] = first_within(roots, [t_near[lane], t_far[lane]]);
+            }
         }
         t
     }
@@ -112,20 +144,28 @@ impl Sphere {
         (origin, direction): (DVec3, DVec3),
         t_near: f64,
     ) -> [f64; N] {
-        let mut t = [f64::NAN; N];
+        let sphere = |i: usize| Sphere {
+            center: DVec3::new(center[0][i], center[1][i], center[2][i]),
+            radius: radius[i],
+        };
+        let (mut t, mut close, mut any) = ([f64::NAN; N], [0u64; N], 0);
         for i in 0..N {
-            let sphere = Sphere {
-                center: DVec3::new(center[0][i], center[1][i], center[2][i]),
-                radius: radius[i],
-            };
-            t[i] = sphere.nearest_or_nan(origin.to_array(), direction.to_array(), [t_near, f64::INFINITY]);
+            let (roots, is_close) = sphere(i).far_roots(origin.to_array(), direction.to_array());
+            t[i] = first_within(roots, [t_near, f64::INFINITY]);
+            close[i] = u64::from(is_close);
+            any |= close[i];
+        }
+        if any != 0 {
+            for i in (0..N).filter(|&i| close[i] != 0) {
+                t[i] = first_within(sphere(i).close_roots(origin, direction), [t_near, f64::INFINITY]);
+            }
         }
         t
     }
 
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
-        let [mut t0, mut t1] = self.roots_or_nan(ray.origin.to_array(), ray.direction.to_array());
+        let [mut t0, mut t1] = self.roots_or_nan(ray.origin, ray.direction);
         if ray.leaving.is_some() && t0.is_nan() {
             // A start rounded off the sphere, along it: the ray touches where it is nearest.
             t0 = nearest_to_origin(ray.origin - self.center, ray.direction).0;
@@ -144,6 +184,27 @@ impl Sphere {
         self.center + self.radius * self.normal(p)
     }
 }
+
+/// The first root within an interval, both ends included; NaN if there is none. Without branches.
+#[inline(always)]
+fn first_within([t0, t1]: [f64; 2], [t_near, t_far]: [f64; 2]) -> f64 {
+    let second = if (t_near <= t1) & (t1 <= t_far) {
+        t1
+    } else {
+        f64::NAN
+    };
+    if (t_near <= t0) & (t0 <= t_far) {
+        t0
+    } else {
+        second
+    }
+}
+
+/// Share of r² that the constant term of a ray which approaches may fall to before f64 no longer gives its root to a unit
+/// of f32. The distance |f| is off by 4 roundings of 2^-53 of itself, and so is the term by 8 of r²: 2^-25 of itself here.
+const CLOSE: f64 = 1.0 / (1u64 << 25) as f64;
+/// The same for a ray that goes away, whose roots are behind it: only where the term may have the wrong sign.
+const TOUCHING: f64 = 8.0 * f64::EPSILON;
 
 impl Implicit for Sphere {
     #[inline]
@@ -250,6 +311,29 @@ mod tests {
             let t = ground.nearest(DVec3::Y, -DVec3::Y, 0.0, f64::INFINITY).unwrap();
             // |f| = R + 1 is exact, so only a few roundings of relative size 2^-53 remain in c / q.
             assert!((t - 1.0).abs() <= 8.0 * f64::EPSILON, "radius {radius}: {t}");
+        }
+    }
+
+    #[test]
+    fn the_ground_of_a_planet_is_as_far_away_as_it_is() {
+        for k in 3..=8 {
+            let radius = 10f64.powi(k);
+            let ground = Sphere {
+                center: DVec3::new(0.0, -radius, 0.0),
+                radius,
+            };
+            for height in [1e-3f32, 0.3, 0.9] {
+                let height = f64::from(height);
+                let t = ground.nearest(height * DVec3::Y, -DVec3::Y, 0.0, f64::INFINITY);
+                // Straight down; closer than 2^-26 of the radius it is exact but for the last rounding.
+                let bound = if height < radius * 2f64.powi(-26) {
+                    0.5 * f64::EPSILON
+                } else {
+                    2f64.powi(-25)
+                };
+                let off = (t.unwrap() - height).abs() / height;
+                assert!(off <= bound, "radius {radius}, height {height}: {off:e}");
+            }
         }
     }
 

@@ -21,6 +21,7 @@ mod degenerate;
 mod exact;
 mod false_hits;
 mod frames;
+mod furnace;
 mod holes;
 mod hygiene;
 mod interfaces;
@@ -35,6 +36,7 @@ mod path;
 mod place;
 mod placed;
 mod poison;
+mod quadrics;
 mod rays_file;
 mod referee;
 mod regressions;
@@ -149,6 +151,7 @@ pub fn cases() -> Vec<&'static Case> {
         sums::CASES,
         marches::CASES,
         frames::CASES,
+        quadrics::CASES,
         regressions::CASES,
         holes::CASES,
         false_hits::CASES,
@@ -158,6 +161,7 @@ pub fn cases() -> Vec<&'static Case> {
         backends::CASES,
         carried::CASES,
         nested::CASES,
+        furnace::CASES,
         terminator::CASES,
         seams::CASES,
     ];

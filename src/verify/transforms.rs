@@ -51,7 +51,8 @@ const MAPS: usize = 64;
 /// condition number: the inverse is off by that number of roundings of itself, and what it carries is as much larger.
 const MOVED: f64 = 16.0 / (1u64 << 53) as f64;
 
-fn turn(random: &mut Random) -> DMat3 {
+/// Any turn.
+pub(super) fn turn(random: &mut Random) -> DMat3 {
     DMat3::from_quat(DQuat::from_axis_angle(
         random.direction(),
         random.within(0.0, 6.0),
@@ -125,7 +126,7 @@ fn wide(v: DVec3) -> Wide3 {
 }
 
 /// The unit sphere under a map.
-struct Oracle {
+pub(super) struct Oracle {
     /// Rows of the inverse of the linear part.
     inverse: [Wide3; 3],
     translation: Wide3,
@@ -133,7 +134,8 @@ struct Oracle {
 }
 
 impl Oracle {
-    fn new(map: &DAffine3) -> Oracle {
+    /// The oracle of a map that has an inverse.
+    pub(super) fn new(map: &DAffine3) -> Oracle {
         let [a, b, c] = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis].map(wide);
         let rows = [cross(b, c), cross(c, a), cross(a, b)];
         let determinant = dot(a, rows[0]);
@@ -184,8 +186,26 @@ impl Oracle {
         MOVED * self.condition * self.condition * (1.0 + length(o) + length(place))
     }
 
+    /// The angle between the normal where the ray enters and `n`, either way round, and what rounding explains of it:
+    /// normals are carried by the inverse's transpose, which tilts those most that it makes shortest.
+    pub(super) fn tilt(&self, ray: &Ray, n: DVec3) -> Option<(f64, f64)> {
+        let [t, _] = self.roots(ray, 0.0)?;
+        let (o, d) = (wide(ray.origin.as_dvec3()), wide(ray.direction.as_dvec3()));
+        let along = self.carried(d);
+        let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
+        let p: Wide3 = [0, 1, 2].map(|k| o[k] + t * along[k]);
+        let column = |k: usize| [self.inverse[0][k], self.inverse[1][k], self.inverse[2][k]];
+        let exact = [0, 1, 2].map(|k| dot(column(k), p));
+        let length = |v: Wide3| dot(v, v).sqrt();
+        let sine = length(cross(exact, wide(n))) / (length(exact) * length(wide(n)));
+        let largest = (0..3).map(|k| length(column(k)).nearest()).fold(0.0, f64::max);
+        let cosine = (dot(p, along) / length(along)).nearest().abs();
+        let bound = largest / length(exact).nearest() * self.slack(ray) / cosine;
+        Some((sine.nearest().asin(), bound + NORMAL_ERROR))
+    }
+
     /// Rays start outside: the first root ahead is the entry.
-    fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+    pub(super) fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
         let expected = Oracle::ahead(self.roots(ray, 0.0));
         match (hit, expected) {
             (None, None) => return Answer::Right,
@@ -223,6 +243,9 @@ impl Oracle {
         }
     }
 }
+
+/// What normals that are rounded to f32 may be off by, in radians.
+const NORMAL_ERROR: f64 = 2.0 * f32::EPSILON as f64;
 
 /// A map, and whether it is to be refused.
 fn any_map(random: &mut Random) -> (DMat3, bool) {

@@ -104,12 +104,12 @@ mod tests {
         let mut met = Composite::CLEAR;
         fog.pass(std::f64::consts::LN_2 / 2.0, &mut met);
         // Half of the colour, and half of 4 / 2.
-        for (got, expected) in met.color.into_iter().zip([0.25, 0.5, 1.0]) {
+        for (got, expected) in met.color().into_iter().zip([0.25, 0.5, 1.0]) {
             assert!((got - expected).abs() <= 4.0 * f64::EPSILON);
         }
         let mut met = Composite::CLEAR;
         fog.pass(f64::INFINITY, &mut met);
-        assert_eq!((met.color, met.transmittance), ([0.5, 1.0, 2.0], 0.0));
+        assert_eq!((met.color(), met.transmittance()), ([0.5, 1.0, 2.0], 0.0));
     }
 
     #[test]

@@ -153,7 +153,7 @@ impl<'a> March<'a> {
         self.meet(stretch);
         self.walk::<true>(&mut progress);
         Marched {
-            radiance: progress.composite.color,
+            radiance: progress.composite.color(),
             transmittance: progress.depth.transmittance(),
             sample_count: progress.sample_count,
         }

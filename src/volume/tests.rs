@@ -467,7 +467,7 @@ fn fog_goes_on_through_volumes_and_between_them() {
     fog.pass(1.0, &mut met);
     met.push(mixed, 1.0 - (-2.8f64).exp());
     fog.pass(1.0, &mut met);
-    assert_near(got.radiance, met.color, 1e-14);
+    assert_near(got.radiance, met.color(), 1e-14);
 }
 
 #[test]

@@ -36,7 +36,7 @@ mod reach;
 mod scene;
 mod sieve;
 mod sphere;
-mod tiny;
+mod tame;
 mod trace;
 mod triangle;
 mod user;
@@ -45,7 +45,7 @@ use std::sync::Arc;
 
 use self::device::Device;
 use self::scene::{Built, EmbreeScene};
-use self::tiny::Enlarged;
+use self::tame::Tamed;
 use self::trace::Width;
 use self::user::UserGeometry;
 use super::planes::Planes;
@@ -154,18 +154,18 @@ impl<'s> EmbreeAccel<'s> {
 
 impl Accel for EmbreeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let enlarged = Enlarged::of(packets);
+        let tamed = Tamed::of(packets);
         trace::intersect(&self.world, self.width(order), packets, order);
-        enlarged.restore(packets);
+        tamed.restore(packets);
         if !self.planes.is_empty() {
             self.planes.intersect(packets);
         }
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let enlarged = Enlarged::of(packets);
+        let tamed = Tamed::of(packets);
         trace::occluded(&self.world, self.width(order), packets, order);
-        enlarged.restore(packets);
+        tamed.restore(packets);
         if !self.planes.is_empty() {
             self.planes.occluded(packets);
         }

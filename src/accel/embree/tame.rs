@@ -1,16 +1,20 @@
-//! Rays with tiny directions, made longer on their way to Embree.
+//! Rays with tiny or huge directions, tamed on their way to Embree.
 //!
 //! Embree takes components of a direction below 10^-18 for +10^-18 where it walks its tree, whatever their sign and the
-//! other components: a ray with none larger is sent astray. Its direction is therefore multiplied by a power of two, and
-//! its interval divided by it, which is exact and undone on the answer. Beside a component of [`SMALL`] and more, what
+//! other components: a ray with none larger is sent astray. And it takes none above 10^18, which a direction may become
+//! in the space of something that is placed smaller. Such directions are therefore multiplied by a power of two, and
+//! their intervals divided by it, which is exact and undone on the answer. Beside a component of [`SMALL`] and more, what
 //! Embree makes of the others is off by 10^-12 of it, which boxes allow for.
 
 use crate::accel::{LANES, RayPacket};
 
 /// Directions whose largest component is smaller are made longer: 2^-20.
 const SMALL: f32 = 1.0 / (1 << 20) as f32;
+/// Directions whose largest component is as large are made shorter: 2^40, beyond the way to any lamp, as such a ray takes
+/// longer.
+const LARGE: f32 = (1u64 << 40) as f32;
 
-/// A lane as it was before its direction was made longer.
+/// A lane as it was before its direction was tamed.
 struct Lane {
     packet: usize,
     lane: usize,
@@ -21,21 +25,21 @@ struct Lane {
     scale: f64,
 }
 
-/// The lanes of packets whose directions are longer than they were.
+/// The lanes of packets whose directions are of another length than they were.
 #[must_use = "answers are in the wrong unit until they are restored"]
-pub(super) struct Enlarged(Vec<Lane>);
+pub(super) struct Tamed(Vec<Lane>);
 
-impl Enlarged {
-    /// Makes the tiny directions among `packets` longer.
+impl Tamed {
+    /// Makes the tiny directions among `packets` longer and the huge ones shorter.
     #[inline(always)]
-    pub(super) fn of(packets: &mut [RayPacket]) -> Enlarged {
+    pub(super) fn of(packets: &mut [RayPacket]) -> Tamed {
         let mut lanes = Vec::new();
         for (number, packet) in packets.iter_mut().enumerate() {
-            if has_tiny(packet) {
-                enlarge(packet, number, &mut lanes);
+            if has_wild(packet) {
+                tame(packet, number, &mut lanes);
             }
         }
-        Enlarged(lanes)
+        Tamed(lanes)
     }
 
     /// Gives the lanes back the rays they had, and their hits the parameters that belong to these.
@@ -48,26 +52,30 @@ impl Enlarged {
 }
 
 #[inline(always)]
-fn has_tiny(packet: &RayPacket) -> bool {
+fn has_wild(packet: &RayPacket) -> bool {
     let [x, y, z] = &packet.direction;
     let mut any = false;
     for lane in 0..LANES {
         // Without their signs, floats are ordered as their bits are. Lanes that are off often have no direction at all.
         let size = |x: f32| x.to_bits() & 0x7fff_ffff;
-        let is_tiny = size(x[lane]).max(size(y[lane])).max(size(z[lane])) < SMALL.to_bits();
-        any |= is_tiny & packet.is_active(lane);
+        let largest = size(x[lane]).max(size(y[lane])).max(size(z[lane]));
+        // One comparison for both ends, as what is below the first wraps around.
+        let is_wild = largest.wrapping_sub(SMALL.to_bits()) >= LARGE.to_bits() - SMALL.to_bits();
+        any |= is_wild & packet.is_active(lane);
     }
     any
 }
 
 #[cold]
-fn enlarge(packet: &mut RayPacket, number: usize, lanes: &mut Vec<Lane>) {
+fn tame(packet: &mut RayPacket, number: usize, lanes: &mut Vec<Lane>) {
     for lane in 0..LANES {
         let ray = packet.ray(lane);
-        let largest = f64::from(ray.direction.abs().max_element());
-        if !(packet.is_active(lane) && ray.is_traceable() && largest < f64::from(SMALL)) {
+        let largest = ray.direction.abs().max_element();
+        let is_tame = (SMALL..LARGE).contains(&largest);
+        if is_tame || !packet.is_active(lane) || !ray.is_traceable() {
             continue;
         }
+        let largest = f64::from(largest);
         // The largest component becomes 1 to 2.
         let exponent = (largest.to_bits() >> 52) as i32 - 1023;
         let scale = f64::from_bits(((1023 - exponent) as u64) << 52);
@@ -82,7 +90,8 @@ fn enlarge(packet: &mut RayPacket, number: usize, lanes: &mut Vec<Lane>) {
         for axis in 0..3 {
             packet.direction[axis][lane] = (f64::from(ray.direction[axis]) * scale) as f32;
         }
-        packet.t_near[lane] = (f64::from(ray.t_near) / scale) as f32;
+        // No hit is farther than the largest float, where an interval may begin no later.
+        packet.t_near[lane] = ((f64::from(ray.t_near) / scale) as f32).min(f32::MAX);
         packet.t_far[lane] = (f64::from(ray.t_far) / scale) as f32;
     }
 }
@@ -131,7 +140,7 @@ mod tests {
         let mut packets = [packet(tiny, 2.0, 4.0)];
         let ray = packets[0].ray(3);
         let other = packets[0].ray(4);
-        let enlarged = Enlarged::of(&mut packets);
+        let tamed = Tamed::of(&mut packets);
         // 3 / 2^100 times 2^99 is 1.5.
         assert_eq!(packets[0].ray(3).direction, Vec3::new(1.5, -0.0, 0.5f32.powi(50)));
         assert_eq!(packets[0].t_near[3], 2.0 * 0.5f32.powi(99));
@@ -144,9 +153,46 @@ mod tests {
             v: 0.5,
         };
         packets[0].set_hit(3, &hit);
-        enlarged.restore(&mut packets);
+        tamed.restore(&mut packets);
         assert_eq!(packets[0].hit(3), Some(Hit { t: 3.0, ..hit }));
         assert_eq!(packets[0].ray(3), Ray { t_far: 3.0, ..ray });
+    }
+
+    #[test]
+    fn a_huge_direction_goes_out_short_and_comes_back_as_it_was_with_its_hit() {
+        let huge = Vec3::new(0.0, -5.0 * 2f32.powi(50), 1.0);
+        let mut packets = [packet(huge, 0.5f32.powi(60), f32::INFINITY)];
+        let ray = packets[0].ray(3);
+        let tamed = Tamed::of(&mut packets);
+        // 5 times 2^50 over 2^52 is 1.25.
+        assert_eq!(
+            packets[0].ray(3),
+            Ray {
+                direction: Vec3::new(0.0, -1.25, 0.5f32.powi(52)),
+                t_near: 0.5f32.powi(8),
+                ..ray
+            }
+        );
+        let hit = Hit {
+            instance: 1,
+            primitive: 2,
+            t: 3.0,
+            u: 0.25,
+            v: 0.5,
+        };
+        packets[0].set_hit(3, &hit);
+        tamed.restore(&mut packets);
+        let t = 3.0 * 0.5f32.powi(52);
+        assert_eq!(packets[0].hit(3), Some(Hit { t, ..hit }));
+        assert_eq!(packets[0].ray(3), Ray { t_far: t, ..ray });
+
+        // It begins where no float can tell: nothing can be met.
+        let mut packets = [packet(huge, 2f32.powi(100), f32::INFINITY)];
+        let ray = packets[0].ray(3);
+        let tamed = Tamed::of(&mut packets);
+        assert!(packets[0].ray(3).is_traceable());
+        tamed.restore(&mut packets);
+        assert_eq!((packets[0].ray(3), packets[0].hit(3)), (ray, None));
     }
 
     #[test]
@@ -154,16 +200,16 @@ mod tests {
         let tiny = Vec3::splat(1e-40);
         let mut packets = [packet(tiny, 0.0, f32::INFINITY)];
         let ray = packets[0].ray(3);
-        Enlarged::of(&mut packets).restore(&mut packets);
+        Tamed::of(&mut packets).restore(&mut packets);
         assert_eq!((packets[0].ray(3), packets[0].hit(3)), (ray, None));
 
-        let enlarged = Enlarged::of(&mut packets);
+        let tamed = Tamed::of(&mut packets);
         packets[0].set_blocked(3);
-        enlarged.restore(&mut packets);
+        tamed.restore(&mut packets);
         assert!(packets[0].is_blocked(3));
 
         let mut packets = [packet(tiny, 0.0, f32::INFINITY)];
-        let enlarged = Enlarged::of(&mut packets);
+        let tamed = Tamed::of(&mut packets);
         let far = Hit {
             instance: 0,
             primitive: 0,
@@ -172,7 +218,7 @@ mod tests {
             v: 0.0,
         };
         packets[0].set_hit(3, &far);
-        enlarged.restore(&mut packets);
+        tamed.restore(&mut packets);
         // 1 times 2^133 is no f32.
         assert_eq!(packets[0].hit(3), None);
         assert_eq!(packets[0].t_far[3], f32::INFINITY);

@@ -1,0 +1,125 @@
+//! The white furnace: bodies that keep no light, in light that is the same from everywhere, cannot be seen.
+
+use glam::{DAffine3, DQuat, DVec3};
+
+use super::meshes::{lattice_cube, scene};
+use super::trial::{Answer, Tally, Trial};
+use super::{Asks, Case, Closes};
+use crate::accel::AccelError;
+use crate::optics::{Absorption, Dispersion};
+use crate::scene::{
+    Background, Camera, Geometry, Instance, Interior, Material, MetallicRoughness, Model, Scene,
+};
+use crate::shape::{Cylinder, Shape, Sphere};
+
+pub(super) const CASES: &[Case] = &[Case {
+    id: "H39",
+    title: "white furnace",
+    construction: "glass, diamond, a mirror and water in glass in light of 1 all around, from outside and from inside, to 64 generations of rays",
+    oracle: "what boundaries reflect and let through adds up to 1, so every pixel is 1, less the weights of rays not followed",
+    bound: "the derived roundings of f32, beside the weight of rays not followed in the worst pixel",
+    unit: "of 10^-4",
+    asks: Asks::Shapes,
+    required: Closes::Faces,
+    run: furnace,
+}];
+
+/// What a pixel may differ from 1 by.
+const BOUND: f64 = 1e-4;
+/// Generations of rays.
+const DEPTH: u32 = 64;
+/// Rays that weigh less are not followed: of a pixel's there are some hundred.
+const CUTOFF: f32 = 1e-7;
+/// What roundings may take or add, beside what is not followed: in each generation the shares, the weights and the sums
+/// of all that is in flight are rounded to f32 three times, by 2^-24 at most, and a pixel's light is summed once a ray,
+/// of which there are a hundred or so.
+const ROUNDING: f64 = (3 * DEPTH + 128) as f64 / (1u64 << 24) as f64;
+/// Pixels each way at most.
+const MOST: u32 = 256;
+
+/// A polished body of index `ior` and `priority`; a mirror without an index.
+fn material(ior: Option<f64>, priority: i32) -> Material {
+    let model = MetallicRoughness {
+        metallic: if ior.is_some() { 0.0 } else { 1.0 },
+        roughness: 0.0,
+        transmission: if ior.is_some() { 1.0 } else { 0.0 },
+        ..MetallicRoughness::DEFAULT
+    };
+    Material {
+        model: Model::MetallicRoughness(model),
+        interior: ior.map(|ior| Interior {
+            ior: Dispersion::Constant(ior),
+            absorption: Absorption::NONE,
+            priority,
+            is_thin: false,
+        }),
+        ..Material::default()
+    }
+}
+
+/// Bodies before the default camera.
+fn bodies() -> Scene {
+    let mut scene = scene(vec![
+        Geometry::Shape(Shape::Sphere(Sphere::UNIT)),
+        Geometry::Shape(Shape::Cube),
+        Geometry::Shape(Shape::Cylinder(Cylinder { capped: true })),
+        Geometry::Mesh(lattice_cube(1)),
+    ]);
+    scene.materials = vec![
+        material(Some(1.5), 1),
+        material(Some(1.33), 0),
+        material(Some(2.42), 2),
+        material(None, 0),
+    ];
+    scene.background = Background::Uniform([1.0; 3]);
+    let turn = |angle: f64| DQuat::from_axis_angle(DVec3::new(0.36, 0.48, 0.8), angle);
+    let place = |size: f64, angle: f64, at: [f64; 3]| {
+        DAffine3::from_scale_rotation_translation(DVec3::splat(size), turn(angle), DVec3::from_array(at))
+    };
+    let placed = [
+        (0, 0, place(1.0, 0.0, [-1.2, 0.4, -6.0])),
+        // Water in the glass, half out of it.
+        (0, 1, place(0.7, 0.0, [-0.6, 0.3, -6.2])),
+        (1, 0, place(0.5, 0.7, [0.9, 0.9, -5.5])),
+        (2, 2, place(0.5, 1.9, [0.8, -0.9, -5.0])),
+        (3, 1, place(1.1, 0.4, [-0.9, -1.6, -6.0])),
+        (0, 3, place(0.4, 0.0, [1.9, -0.1, -6.5])),
+    ];
+    scene.instances = placed
+        .into_iter()
+        .filter_map(|(geometry, material, map)| Instance::new("", geometry, material, map).ok())
+        .collect();
+    scene
+}
+
+fn furnace(trial: &Trial) -> Result<Tally, AccelError> {
+    let scene = bodies();
+    let inside = DAffine3::from_translation(DVec3::new(-1.3, 0.5, -6.3));
+    let cameras = [DAffine3::IDENTITY, inside].map(|world_from_camera| Camera {
+        world_from_camera,
+        ..Camera::default()
+    });
+    let size = ((trial.rays / 2) as f64).sqrt().clamp(4.0, MOST.into()) as u32;
+    let mut tally = Tally::default();
+    for camera in &cameras {
+        let Some(rendering) = trial.picture((&scene, camera), size, (DEPTH, CUTOFF))? else {
+            continue;
+        };
+        let lost = rendering.ledger.max_lost_weight;
+        for (number, pixel) in rendering.image.pixels.iter().enumerate() {
+            let off = pixel.map(|channel| f64::from(channel) - 1.0);
+            let worst = off.into_iter().map(f64::abs).fold(0.0, f64::max);
+            tally.note(worst / BOUND);
+            // Comparisons with NaN are false.
+            let is_right = |x: f64| -lost - ROUNDING <= x && x <= ROUNDING;
+            let is_wrong = !(off.into_iter().all(is_right));
+            tally.count(Answer::wrong_if(is_wrong), || {
+                format!("pixel {number} of {size} x {size} is {pixel:?}, rays not followed weigh {lost:e}")
+            });
+        }
+    }
+    if trial.is_drawn() {
+        tally.sketch.draw(&scene);
+    }
+    Ok(tally)
+}

@@ -1,0 +1,119 @@
+//! Ellipsoids a million times as long as thin: where they are met, and which way they look there.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::transforms::{Oracle, turn};
+use super::trial::{Answer, Tally, Trial, order};
+use super::{Asks, Case, Closes};
+use crate::accel::{AccelError, LANES};
+use crate::numeric::{Bounds, Random, Ray};
+use crate::render::{Departure, Departures};
+use crate::scene::{Geometry, Instance, Material, Scene};
+use crate::shape::{Quadric, Shape, Sphere};
+
+pub(super) const CASES: &[Case] = &[Case {
+    id: "H08",
+    title: "thin ellipsoids",
+    construction: "ellipsoids with axes up to 10^6 to 1, as stretched spheres and as quadrics, turned, from all sides",
+    oracle: "the map's inverse, the roots and the gradient to 90 bits",
+    bound: "t to 1 ulp and normals to 10^-5 radians; ties are right for an ellipsoid moved by 16 roundings of f64 times the condition squared",
+    unit: "of 10^-5 radians",
+    asks: Asks::Shapes,
+    required: Closes::Faces,
+    run: thin,
+}];
+
+/// Ellipsoids, each with its share of the rays.
+const COUNT: usize = 64;
+/// Powers of two of the axes: 2^-20 is just under 10^-6.
+const LEAST_POWER: usize = 20;
+/// What a normal may be off by, in radians.
+const TILT: f64 = 1e-5;
+
+/// An ellipsoid as a shape and the map of the unit sphere to it.
+fn ellipsoid(part: usize, random: &mut Random) -> (Shape, DAffine3, DAffine3) {
+    let mut axis = || 0.5f64.powi(random.below(LEAST_POWER + 1) as i32);
+    // Every fourth is as thin as they come.
+    let axes = match part % 4 {
+        0 => DVec3::new(1.0, 0.5f64.powi(LEAST_POWER as i32), axis()),
+        _ => DVec3::new(axis(), 1.0, axis()),
+    };
+    let turn = DAffine3::from_mat3(turn(random));
+    let stretched = turn * DAffine3::from_scale(axes);
+    if part.is_multiple_of(2) {
+        return (Shape::Sphere(Sphere::UNIT), stretched, stretched);
+    }
+    let mut q = [0.0; 10];
+    // Squares of powers of two, exactly.
+    (q[0], q[4], q[7], q[9]) = (axes.x.powi(-2), axes.y.powi(-2), axes.z.powi(-2), -1.0);
+    let clip = Bounds {
+        min: -1.25 * axes,
+        max: 1.25 * axes,
+    };
+    match Quadric::new(q, clip) {
+        Ok(quadric) => (Shape::Quadric(quadric.into()), turn, stretched),
+        Err(_) => (Shape::Sphere(Sphere::UNIT), stretched, stretched),
+    }
+}
+
+fn thin(trial: &Trial) -> Result<Tally, AccelError> {
+    let mut sum = Tally::default();
+    for part in 0..COUNT {
+        let (shape, place, stretched) = ellipsoid(part, &mut Random::new(0x08, part as u64));
+        let Ok(instance) = Instance::new("", 0, 0, place) else {
+            continue;
+        };
+        let scene = Scene {
+            geometries: vec![Geometry::Shape(shape)],
+            instances: vec![instance],
+            materials: vec![Material::default()],
+            ..Scene::default()
+        };
+        sum = sum.with(thin_of(&trial.part(part, COUNT), &scene, &stretched)?);
+    }
+    Ok(sum)
+}
+
+fn thin_of(trial: &Trial, scene: &Scene, stretched: &DAffine3) -> Result<Tally, AccelError> {
+    let engine = trial.engine(scene)?;
+    let departures = Departures::new(scene);
+    let oracle = Oracle::new(stretched);
+    let tally = trial.in_chunks(|random, count| {
+        let rays: Vec<Ray> = (0..count).map(|_| at(&stretched.matrix3, random)).collect();
+        let mut tally = Tally::default();
+        let packets = engine.traced(&rays, order(random));
+        let met = packets.iter().flat_map(|packet| departures.of(packet));
+        for ((number, ray), at) in rays.iter().enumerate().zip(met) {
+            let hit = packets[number / LANES].hit(number % LANES);
+            let answer = match oracle.judge(ray, hit, &mut Tally::default()) {
+                Answer::Right => at.map_or(Answer::Right, |at| tilted(&oracle, ray, &at, &mut tally)),
+                other => other,
+            };
+            tally.count_ray(answer, ray, hit);
+        }
+        tally
+    });
+    Ok(trial.with_drawing(&engine, tally))
+}
+
+/// A ray at an ellipsoid, from its own distances or from those of the world.
+fn at(map: &DMat3, random: &mut Random) -> Ray {
+    let distance = 10f64.powf(random.within(0.1, 1.0)) * random.direction();
+    let origin = random.pick(&[*map * distance, distance]).as_vec3();
+    let target = *map * (random.unit().cbrt() * random.direction());
+    Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+}
+
+fn tilted(oracle: &Oracle, ray: &Ray, at: &Departure, tally: &mut Tally) -> Answer {
+    let Some((angle, bound)) = oracle.tilt(ray, at.ng) else {
+        return Answer::Right;
+    };
+    tally.note(angle / TILT);
+    if angle <= TILT {
+        Answer::Right
+    } else if angle <= bound {
+        Answer::Tie
+    } else {
+        Answer::Wrong
+    }
+}

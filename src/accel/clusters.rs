@@ -1,14 +1,16 @@
 //! Primitives that are asked about together: runs of a few whose boxes a ray had better meet as one.
 //!
-//! From the top down: by the cells of an octree first (along Morton's curve), then by the surface area heuristic (Goldsmith and Salmon 1987): a set is cut in two across one axis, by the
-//! midpoints of its boxes, where the halves' areas times the cost of asking about them sum to the least; a set that fits into
-//! a cluster stays whole where that costs no more. A large set is cut at the borders of bins (Wald, "On fast construction
-//! of SAH-based bounding volume hierarchies", 2007), a small one wherever it can be. Asking costs by the cluster and by the
-//! member, which alone makes clusters full: a set of seventeen is better cut into eight and nine than into one and sixteen.
+//! From the top down: a large set is cut in the middle of its cell of an octree, along Morton's curve, a small one where
+//! the surface area heuristic says (see [`cuts`]). A set that fits into a cluster stays whole where that costs no more.
+//! Asking costs by the cluster and by the member, which alone makes clusters full: a set of seventeen is better cut into
+//! eight and nine than into one and sixteen.
+
+mod cuts;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+use self::cuts::cut;
 use crate::numeric::Bounds;
 use crate::numeric::morton::{Key, sorted_keys};
 
@@ -34,19 +36,11 @@ pub(super) struct Clusters {
     ends: Vec<u32>,
 }
 
-/// Sets of more than so many are cut through the middle of octree cells, which costs next to nothing, and only then where
-/// it is best: how clusters look is decided in the last few cuts.
+/// Sets of more than so many are cut through the middle of octree cells, which costs next to nothing, and only then
+/// where it is best: how clusters look is decided in the last few cuts.
 const CELL_COUNT: usize = 1 << 10;
 /// Sets of at least so many are cut by several threads.
 const PARALLEL_COUNT: usize = 1 << 12;
-/// Boxes that a thread bins at once.
-const CHUNK: usize = 1 << 14;
-/// Places to cut a large set across an axis, and one.
-const BINS: usize = 16;
-/// Sets of at most so many are cut wherever it costs least.
-const SWEEP_COUNT: usize = 32;
-/// Sets of more than so many are looked at before it is worked out where it would cost least to cut what need not be cut.
-const LOOK_COUNT: usize = 8;
 /// After so many cuts sets are halved by number: however the boxes lie, the work stays in proportion to n log n.
 const CUT_LIMIT: u32 = 64;
 
@@ -169,285 +163,11 @@ fn divide(items: &mut [Item], cost: &Cost, cuts: u32) {
     }
 }
 
-/// Sorts a set into two and says how many are in the first; `None` where it is a cluster.
-fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
-    let count = items.len();
-    let fits = count <= cost.limit;
-    if count == 1 || (fits && count > LOOK_COUNT && !may_fall_apart(items, cost)) {
-        return None;
-    }
-    let found = match cuts {
-        0 => None,
-        _ if count <= SWEEP_COUNT => sweep(items, cost),
-        _ => bin(items, cost),
-    };
-    match found {
-        Some((_, at)) if !fits => Some(at),
-        Some((halves, at)) => (halves < (cost.of(count) - cost.cut) * area_of(items)).then_some(at),
-        None => (!fits).then(|| (count / 2).next_multiple_of(cost.limit).min(count - 1)),
-    }
-}
-
-/// Whether it might pay to cut a set that is a cluster as it is: by how it falls apart across the middle of its longest
-/// side. The halves cost at least a visit each, over the chance of reaching them.
-fn may_fall_apart(items: &[Item], cost: &Cost) -> bool {
-    let whole = items
-        .iter()
-        .fold(Extent::EMPTY, |whole, item| whole.with(&Extent::of(item)));
-    let length = |axis: &usize| whole.max[*axis] - whole.min[*axis];
-    let Some(axis) = (0..3).max_by(|a, b| length(a).total_cmp(&length(b))) else {
-        return true;
-    };
-    let middle = 0.5 * (whole.min[axis] + whole.max[axis]);
-    let mut halves = [Extent::EMPTY; 2];
-    for item in items {
-        let half = usize::from(item.center(axis) > middle);
-        halves[half] = halves[half].with(&Extent::of(item));
-    }
-    let least = cost.visit * (halves[0].half_area() + halves[1].half_area());
-    least < (cost.of(items.len()) - cost.cut) * whole.half_area()
-}
-
 impl Cost {
     /// Of asking about so many, over the chance of reaching them.
     #[inline(always)]
     fn of(&self, count: usize) -> f64 {
         count.div_ceil(self.limit) as f64 * self.visit + count as f64 * self.member
-    }
-}
-
-/// A box that grows. The fourth numbers are unused.
-#[derive(Clone, Copy)]
-struct Extent {
-    min: [f32; 4],
-    max: [f32; 4],
-}
-
-impl Extent {
-    const EMPTY: Extent = Extent {
-        min: [f32::INFINITY; 4],
-        max: [f32::NEG_INFINITY; 4],
-    };
-
-    fn of(item: &Item) -> Extent {
-        let [min, max] = [item.min, item.max].map(|[x, y, z]| [x, y, z, 0.0]);
-        Extent { min, max }
-    }
-
-    fn of_centers(item: &Item) -> Extent {
-        let center = [item.center(0), item.center(1), item.center(2), 0.0];
-        Extent {
-            min: center,
-            max: center,
-        }
-    }
-
-    #[inline(always)]
-    fn with(mut self, other: &Extent) -> Extent {
-        for i in 0..4 {
-            self.min[i] = if other.min[i] < self.min[i] {
-                other.min[i]
-            } else {
-                self.min[i]
-            };
-            self.max[i] = if other.max[i] > self.max[i] {
-                other.max[i]
-            } else {
-                self.max[i]
-            };
-        }
-        self
-    }
-
-    /// Half its area; 0 of an empty one.
-    #[inline(always)]
-    fn half_area(&self) -> f64 {
-        let [x, y, z] =
-            [0, 1, 2].map(|axis| (f64::from(self.max[axis]) - f64::from(self.min[axis])).max(0.0));
-        x * y + y * z + z * x
-    }
-}
-
-fn area_of(items: &[Item]) -> f64 {
-    let whole = items
-        .iter()
-        .fold(Extent::EMPTY, |whole, item| whole.with(&Extent::of(item)));
-    whole.half_area()
-}
-
-/// Sorts a small set by the axis across which it is best cut; says what the halves cost and where the cut is.
-fn sweep(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
-    let count = items.len();
-    if area_of(items) == 0.0 {
-        return None;
-    }
-    let mut best: Option<(f64, usize)> = None;
-    let mut best_order = [(0.0f32, 0u32); SWEEP_COUNT];
-    for axis in 0..3 {
-        let mut order = [(0.0f32, 0u32); SWEEP_COUNT];
-        for (number, (place, item)) in (0u32..).zip(order.iter_mut().zip(&*items)) {
-            *place = (item.center(axis), number);
-        }
-        order[..count].sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let extent = |i: usize| Extent::of(&items[order[i].1 as usize]);
-        let mut above = [0.0; SWEEP_COUNT];
-        let mut grown = Extent::EMPTY;
-        for i in (1..count).rev() {
-            grown = grown.with(&extent(i));
-            above[i] = grown.half_area() * cost.of(count - i);
-        }
-        grown = Extent::EMPTY;
-        for i in 1..count {
-            grown = grown.with(&extent(i - 1));
-            let halves = grown.half_area() * cost.of(i) + above[i];
-            if best.is_none_or(|(least, _)| halves < least) {
-                best = Some((halves, i));
-                best_order = order;
-            }
-        }
-    }
-    let mut sorted = [items[0]; SWEEP_COUNT];
-    for (to, &(_, number)) in sorted.iter_mut().zip(&best_order[..count]) {
-        *to = items[number as usize];
-    }
-    if best.is_some() {
-        items.copy_from_slice(&sorted[..count]);
-    }
-    best
-}
-
-/// What lies in the bins of each axis.
-#[derive(Clone)]
-struct Bins {
-    extents: [[Extent; BINS]; 3],
-    counts: [[u32; BINS]; 3],
-}
-
-/// Where the bins are along each axis.
-#[derive(Clone, Copy)]
-struct Scale {
-    start: [f32; 3],
-    bins_per_unit: [f32; 3],
-}
-
-impl Scale {
-    fn over(centers: &Extent) -> Scale {
-        let [x, y, z, _] = centers.min;
-        Scale {
-            start: [x, y, z],
-            // Infinite where all centers are one: 0 · infinity, which is NaN, goes to the first bin, as does all else.
-            bins_per_unit: [0, 1, 2].map(|axis| BINS as f32 / (centers.max[axis] - centers.min[axis])),
-        }
-    }
-
-    #[inline(always)]
-    fn bin(&self, item: &Item, axis: usize) -> usize {
-        (((item.center(axis) - self.start[axis]) * self.bins_per_unit[axis]) as usize).min(BINS - 1)
-    }
-}
-
-impl Bins {
-    const EMPTY: Bins = Bins {
-        extents: [[Extent::EMPTY; BINS]; 3],
-        counts: [[0; BINS]; 3],
-    };
-
-    fn of(items: &[Item], scale: &Scale) -> Bins {
-        let mut bins = Bins::EMPTY;
-        for item in items {
-            let extent = Extent::of(item);
-            for axis in 0..3 {
-                let bin = scale.bin(item, axis);
-                bins.extents[axis][bin] = bins.extents[axis][bin].with(&extent);
-                bins.counts[axis][bin] += 1;
-            }
-        }
-        bins
-    }
-
-    fn sum(mut self, other: Bins) -> Bins {
-        for axis in 0..3 {
-            for bin in 0..BINS {
-                self.extents[axis][bin] = self.extents[axis][bin].with(&other.extents[axis][bin]);
-                self.counts[axis][bin] += other.counts[axis][bin];
-            }
-        }
-        self
-    }
-
-    /// The axis and the bin before which the halves cost least, with that cost.
-    fn best(&self, cost: &Cost) -> Option<(f64, usize, usize)> {
-        let mut best: Option<(f64, usize, usize)> = None;
-        for axis in 0..3 {
-            let (extents, counts) = (&self.extents[axis], &self.counts[axis]);
-            let half = |extent: &Extent, count: u32| extent.half_area() * cost.of(count as usize);
-            let mut above = [(0.0, 0); BINS];
-            let (mut grown, mut count) = (Extent::EMPTY, 0);
-            for bin in (1..BINS).rev() {
-                grown = grown.with(&extents[bin]);
-                count += counts[bin];
-                above[bin] = (half(&grown, count), count);
-            }
-            (grown, count) = (Extent::EMPTY, 0);
-            for bin in 1..BINS {
-                grown = grown.with(&extents[bin - 1]);
-                count += counts[bin - 1];
-                let halves = half(&grown, count) + above[bin].0;
-                let is_cut = count > 0 && above[bin].1 > 0;
-                if is_cut && best.is_none_or(|(least, ..)| halves < least) {
-                    best = Some((halves, axis, bin));
-                }
-            }
-        }
-        best
-    }
-}
-
-/// Parts a large set at the border of a bin where it is best cut; says what the halves cost and where the cut is.
-fn bin(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
-    let centers = |items: &[Item]| {
-        let all = items.iter().map(Extent::of_centers);
-        all.fold(Extent::EMPTY, |whole, center| whole.with(&center))
-    };
-    let is_large = items.len() >= 2 * CHUNK;
-    let both = |a: Extent, b: Extent| a.with(&b);
-    let centers = if is_large {
-        items
-            .par_chunks(CHUNK)
-            .map(centers)
-            .reduce(|| Extent::EMPTY, both)
-    } else {
-        centers(items)
-    };
-    let scale = Scale::over(&centers);
-    let bins = if is_large {
-        let chunks = items.par_chunks(CHUNK);
-        chunks
-            .map(|chunk| Bins::of(chunk, &scale))
-            .reduce(|| Bins::EMPTY, Bins::sum)
-    } else {
-        Bins::of(items, &scale)
-    };
-    let (halves, axis, border) = bins.best(cost)?;
-    Some((halves, part(items, |item| scale.bin(item, axis) < border)))
-}
-
-/// Puts those first of which it is so, and counts them.
-fn part(items: &mut [Item], is_first: impl Fn(&Item) -> bool) -> usize {
-    let (mut low, mut high) = (0, items.len());
-    loop {
-        while low < high && is_first(&items[low]) {
-            low += 1;
-        }
-        while low < high && !is_first(&items[high - 1]) {
-            high -= 1;
-        }
-        if low >= high {
-            return low;
-        }
-        items.swap(low, high - 1);
-        low += 1;
-        high -= 1;
     }
 }
 

@@ -3,7 +3,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::meshes::{mesh, scene};
+use super::meshes::{box_of, mesh, scene};
 use super::referee::Referee;
 use super::slivers::compared;
 use super::trial::{Tally, Trial};
@@ -48,22 +48,10 @@ fn boxes() -> Mesh {
     let (mut corners, mut faces) = (Vec::new(), Vec::new());
     for number in (0..COUNT * COUNT * COUNT).filter(|number| number % 3 != 2) {
         let low = [number % COUNT, number / COUNT % COUNT, number / COUNT / COUNT];
-        let first = corners.len() as u32;
-        corners.extend((0..8usize).map(|corner| {
-            let at = |axis: usize| (low[axis] + (corner >> axis & 1)) as f64;
-            DVec3::new(at(0), at(1), at(2))
-        }));
-        let sides: [[u32; 4]; 6] = [
-            [0, 4, 6, 2],
-            [1, 3, 7, 5],
-            [0, 1, 5, 4],
-            [2, 6, 7, 3],
-            [0, 2, 3, 1],
-            [4, 5, 7, 6],
-        ];
-        for [a, b, c, d] in sides {
-            faces.extend([[a, b, c], [a, c, d]].map(|face| face.map(|corner| first + corner)));
-        }
+        let low = DVec3::from_array(low.map(|place| place as f64));
+        let (own_corners, own_faces) = box_of([low, low + DVec3::ONE], corners.len() as u32);
+        corners.extend(own_corners);
+        faces.extend(own_faces);
     }
     mesh(&corners, faces)
 }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3, Vec3};
 
-use super::meshes::{mesh, scene};
+use super::meshes::{box_of, mesh, scene};
 use super::slivers::{compared, exact_nearest};
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
@@ -116,22 +116,8 @@ const START: f64 = 120_500.0;
 
 /// A box from the origin.
 fn huge_box(width: f64) -> Mesh {
-    let corners: Vec<DVec3> = (0..8usize)
-        .map(|corner| {
-            let end = |axis: usize, size: f64| if corner >> axis & 1 == 1 { size } else { 0.0 };
-            DVec3::new(end(0, width), end(1, width), end(2, HEIGHT))
-        })
-        .collect();
-    let sides: [[u32; 4]; 6] = [
-        [0, 4, 6, 2],
-        [1, 3, 7, 5],
-        [0, 1, 5, 4],
-        [2, 6, 7, 3],
-        [0, 2, 3, 1],
-        [4, 5, 7, 6],
-    ];
-    let faces = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]);
-    mesh(&corners, faces.collect())
+    let (corners, faces) = box_of([DVec3::ZERO, DVec3::new(width, width, HEIGHT)], 0);
+    mesh(&corners, faces)
 }
 
 fn huge_boxes(trial: &Trial) -> Result<Tally, AccelError> {

@@ -34,8 +34,8 @@ const CUTOFF: f32 = 1e-7;
 /// of all that is in flight are rounded to f32 three times, by 2^-24 at most, and a pixel's light is summed once a ray,
 /// of which there are a hundred or so.
 const ROUNDING: f64 = (3 * DEPTH + 128) as f64 / (1u64 << 24) as f64;
-/// Pixels each way at most.
-const MOST: u32 = 256;
+/// Rays a pixel, about.
+const FOLLOWED: u64 = 64;
 
 /// A polished body of index `ior` and `priority`; a mirror without an index.
 fn material(ior: Option<f64>, priority: i32) -> Material {
@@ -99,7 +99,7 @@ fn furnace(trial: &Trial) -> Result<Tally, AccelError> {
         world_from_camera,
         ..Camera::default()
     });
-    let size = ((trial.rays / 2) as f64).sqrt().clamp(4.0, MOST.into()) as u32;
+    let size = (trial.rays / (2 * FOLLOWED)).isqrt().max(4) as u32;
     let mut tally = Tally::default();
     for camera in &cameras {
         let Some(rendering) = trial.picture((&scene, camera), size, (DEPTH, CUTOFF))? else {
@@ -117,6 +117,7 @@ fn furnace(trial: &Trial) -> Result<Tally, AccelError> {
                 format!("pixel {number} of {size} x {size} is {pixel:?}, rays not followed weigh {lost:e}")
             });
         }
+        tally.count_followed(&rendering);
     }
     if trial.is_drawn() {
         tally.sketch.draw(&scene);

@@ -2,13 +2,14 @@
 
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 
 use crate::mesh::Mesh;
 use crate::numeric::Random;
 use crate::scene::{Geometry, Instance, Scene};
-use crate::shape::{Shape, Sphere};
+use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Sphere};
 
 /// A mesh of these corners and faces.
 pub(super) fn mesh(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
@@ -18,6 +19,48 @@ pub(super) fn mesh(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
         triangles: triangles.into(),
         ..Mesh::default()
     }
+}
+
+/// The corners of a box and its faces: two triangles a side, numbered from the corner `first`.
+pub(super) fn box_of([low, high]: [DVec3; 2], first: u32) -> ([DVec3; 8], Vec<[u32; 3]>) {
+    const SIDES: [[u32; 4]; 6] = [
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+    ];
+    let at = |corner: usize, axis: usize| {
+        if corner >> axis & 1 == 1 {
+            high[axis]
+        } else {
+            low[axis]
+        }
+    };
+    let corners = std::array::from_fn(|corner| DVec3::new(at(corner, 0), at(corner, 1), at(corner, 2)));
+    let faces = SIDES.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]);
+    let numbered = faces.map(|face| face.map(|corner| first + corner));
+    (corners, numbered.collect())
+}
+
+/// Convex solids that hold the ball of radius 1/4 around the origin.
+pub(super) fn convex_solids() -> Vec<Shape> {
+    let normals = [
+        DVec3::ONE,
+        DVec3::new(-1.0, -1.0, 1.0),
+        DVec3::new(-1.0, 1.0, -1.0),
+        DVec3::new(1.0, -1.0, -1.0),
+    ];
+    let tetrahedron = Polyhedron::from_half_spaces(&normals.map(|n| HalfSpace { n, h: 1.0 }));
+    let mut solids = vec![
+        Shape::Sphere(Sphere::UNIT),
+        Shape::Cube,
+        Shape::Cylinder(Cylinder { capped: true }),
+        Shape::Cone(Cone { capped: true }),
+    ];
+    solids.extend(tetrahedron.ok().map(|solid| Shape::Polyhedron(Arc::new(solid))));
+    solids
 }
 
 /// A scene of geometries, each where its own space is the world.

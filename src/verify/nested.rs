@@ -34,8 +34,10 @@ pub(super) const CASES: &[Case] = &[Case {
 const INDICES: [f64; 6] = [1.2, 1.31, 1.45, 1.6, 1.9, 2.42];
 /// Walls are at least so far apart, 64 roundings of coordinates up to 1.
 const GAP: f32 = 1.0 / (1 << 17) as f32;
-/// Pixels of a picture, about.
-const PIXELS: u64 = 64;
+/// Rays of a picture, about: of 16 pixels.
+const RAYS_A_PICTURE: u64 = 16 * FOLLOWED;
+/// Rays a pixel, about: one for each wall.
+const FOLLOWED: u64 = 8;
 /// Stacks at most: larger pictures of each where there are more questions.
 const MOST_STACKS: u64 = 2000;
 
@@ -227,8 +229,8 @@ impl Layer {
 }
 
 fn nested(trial: &Trial) -> Result<Tally, AccelError> {
-    let stack_count = trial.rays.div_ceil(PIXELS).min(MOST_STACKS);
-    let size = ((trial.rays / stack_count) as f64).sqrt().max(4.0) as u32;
+    let stack_count = trial.rays.div_ceil(RAYS_A_PICTURE).min(MOST_STACKS);
+    let size = (trial.rays / (FOLLOWED * stack_count)).isqrt().max(4) as u32;
     let mut tally = Tally::default();
     for number in 0..stack_count {
         let stack = Stack::any(&mut Random::new(0x38, number));
@@ -245,6 +247,7 @@ fn nested(trial: &Trial) -> Result<Tally, AccelError> {
                 format!("stack {number}: {pixel:?}, not {light:?}")
             });
         }
+        tally.count_followed(&rendering);
     }
     Ok(tally)
 }

@@ -68,15 +68,9 @@ impl Place {
     pub fn name(self) -> &'static str {
         match self {
             Place::Nan => "not a number",
-            Place::Shape => "shape",
-            Place::Coplanar => "coplanar",
-            Place::Vertex => "vertex",
-            Place::Edge => "edge",
-            Place::Sliver => "sliver",
-            Place::Grazing => "grazing",
-            Place::Far => "far",
             Place::End => "end of ray",
             Place::Other => "elsewhere",
+            _ => self.word(),
         }
     }
 }

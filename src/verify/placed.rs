@@ -1,9 +1,8 @@
 //! Shapes that are moved, turned, mirrored and stretched, and rays that leave them.
 
-use std::sync::Arc;
-
 use glam::{DAffine3, DQuat, DVec3};
 
+use super::meshes::convex_solids;
 use super::sketch::Asked;
 use super::spawned::{leave, outward};
 use super::trial::{Answer, Tally, Trial, describe, order};
@@ -12,7 +11,6 @@ use crate::accel::AccelError;
 use crate::numeric::{Random, Ray};
 use crate::render::{Departure, Departures};
 use crate::scene::{Geometry, Instance, Material, Scene};
-use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Sphere};
 
 pub(super) const CASES: &[Case] = &[
     Case {
@@ -45,25 +43,6 @@ enum Way {
     Inward,
 }
 
-/// Convex solids that hold the ball of radius 1/4 around the origin.
-fn solids() -> Vec<Shape> {
-    let corners = [
-        DVec3::ONE,
-        DVec3::new(-1.0, -1.0, 1.0),
-        DVec3::new(-1.0, 1.0, -1.0),
-        DVec3::new(1.0, -1.0, -1.0),
-    ];
-    let tetrahedron = Polyhedron::from_half_spaces(&corners.map(|n| HalfSpace { n, h: 1.0 }));
-    let mut solids = vec![
-        Shape::Sphere(Sphere::UNIT),
-        Shape::Cube,
-        Shape::Cylinder(Cylinder { capped: true }),
-        Shape::Cone(Cone { capped: true }),
-    ];
-    solids.extend(tetrahedron.ok().map(|solid| Shape::Polyhedron(Arc::new(solid))));
-    solids
-}
-
 /// Placements of each solid.
 const PLACEMENTS: usize = 24;
 
@@ -82,7 +61,7 @@ fn placement(random: &mut Random) -> DAffine3 {
 }
 
 fn leaving(trial: &Trial, way: Way) -> Result<Tally, AccelError> {
-    let solids = solids();
+    let solids = convex_solids();
     let count = solids.len() * PLACEMENTS;
     let mut sum = Tally::default();
     for part in 0..count {

@@ -131,6 +131,12 @@ impl Tally {
         self.count(answer, || describe(&ray, hit));
     }
 
+    /// Counts the rays of a picture that came after those of its pixels, each of which was counted with its answer.
+    pub(super) fn count_followed(&mut self, rendering: &Rendering) {
+        let pixels = rendering.image.pixels.len() as u64;
+        self.rays += rendering.ledger.total().rays.saturating_sub(pixels);
+    }
+
     /// Notes the error of a formula at an argument, to be plotted.
     pub(super) fn note_at(&mut self, axis: Axis, at: f64, off: f64) {
         self.note(off);

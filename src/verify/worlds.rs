@@ -1,15 +1,13 @@
 //! Twelve scenes of all kinds, made by code: what a renderer meets, and what is hard on trees over space.
 
-use std::sync::Arc;
-
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::holes::{cylinder, terrain};
-use super::meshes::{icosphere, lattice_cube, mesh, rings, scene};
+use super::meshes::{convex_solids, icosphere, lattice_cube, mesh, rings, scene};
 use crate::mesh::Mesh;
 use crate::numeric::Random;
 use crate::scene::{Geometry, Instance, Material, Scene};
-use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Sphere, Torus};
+use crate::shape::{Shape, Torus};
 
 /// How many there are.
 pub(super) const COUNT: usize = 12;
@@ -84,22 +82,8 @@ fn soup(random: &mut Random, triangle: impl Fn(&mut Random) -> [DVec3; 3]) -> Me
 
 /// A shape of each closed kind.
 fn solids() -> Vec<Geometry> {
-    let corners = [
-        DVec3::ONE,
-        DVec3::new(-1.0, -1.0, 1.0),
-        DVec3::new(-1.0, 1.0, -1.0),
-        DVec3::new(1.0, -1.0, -1.0),
-    ];
-    let tetrahedron = Polyhedron::from_half_spaces(&corners.map(|n| HalfSpace { n, h: 1.0 }));
-    let mut shapes = vec![
-        Shape::Sphere(Sphere::UNIT),
-        Shape::Cube,
-        Shape::Cylinder(Cylinder { capped: true }),
-        Shape::Cone(Cone { capped: true }),
-        Shape::Torus(Torus { minor_radius: 0.3 }),
-        Shape::Disk,
-    ];
-    shapes.extend(tetrahedron.ok().map(|solid| Shape::Polyhedron(Arc::new(solid))));
+    let mut shapes = convex_solids();
+    shapes.extend([Shape::Torus(Torus { minor_radius: 0.3 }), Shape::Disk]);
     shapes.into_iter().map(Geometry::Shape).collect()
 }
 

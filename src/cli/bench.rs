@@ -168,7 +168,9 @@ struct Structures<'s> {
     /// meshes, and with the other precisions.
     #[cfg(feature = "embree")]
     embree: Vec<EmbreeStructures<'s>>,
-    bsp: [(BspAccel<'s>, f64); 2],
+    bsp: [BspAccel<'s>; 2],
+    /// Of every build of the first of these.
+    bsp_seconds: Vec<f64>,
 }
 
 /// Embree's structures for one precision and one kind of instancing, which is absent where nothing is placed.
@@ -176,24 +178,29 @@ struct Structures<'s> {
 struct EmbreeStructures<'s> {
     precision: Precision,
     instancing: Option<Instancing>,
-    packet: (EmbreeAccel<'s>, f64),
+    packet: EmbreeAccel<'s>,
+    /// How it is built, and what each time took.
+    options: AccelOptions<'s>,
+    seconds: Vec<f64>,
     /// Absent for precisions that were not chosen.
     single: Option<EmbreeAccel<'s>>,
 }
 
 #[cfg(feature = "embree")]
 impl<'s> EmbreeStructures<'s> {
-    fn build_packet(scene: &'s Scene, options: &AccelOptions) -> Result<EmbreeStructures<'s>, Failure> {
-        let packet = timed(|| EmbreeAccel::build(scene, options))?;
+    fn build_packet(scene: &'s Scene, options: AccelOptions<'s>) -> Result<EmbreeStructures<'s>, Failure> {
+        let (packet, seconds) = timed(|| EmbreeAccel::build(scene, &options))?;
         Ok(EmbreeStructures {
             precision: options.precision,
-            instancing: (packet.0.placed_mesh_count() > 0).then_some(options.instancing),
+            instancing: (packet.placed_mesh_count() > 0).then_some(options.instancing),
             single: None,
             packet,
+            options,
+            seconds: vec![seconds],
         })
     }
 
-    fn build(scene: &'s Scene, options: &AccelOptions) -> Result<EmbreeStructures<'s>, Failure> {
+    fn build(scene: &'s Scene, options: AccelOptions<'s>) -> Result<EmbreeStructures<'s>, Failure> {
         let single = AccelOptions {
             kernel: Kernel::Single,
             ..options.clone()
@@ -205,14 +212,14 @@ impl<'s> EmbreeStructures<'s> {
     }
 
     /// All that a scene is measured with.
-    fn all(scene: &'s Scene, wish: &AccelOptions) -> Result<Vec<EmbreeStructures<'s>>, Failure> {
+    fn all(scene: &'s Scene, wish: &AccelOptions<'s>) -> Result<Vec<EmbreeStructures<'s>>, Failure> {
         let at = |precision: Precision| AccelOptions {
             precision,
             instancing: wish.instancing.resolved(precision),
             ..wish.clone()
         };
         let chosen = at(wish.precision);
-        let first = EmbreeStructures::build(scene, &chosen)?;
+        let first = EmbreeStructures::build(scene, chosen.clone())?;
         let other = chosen.instancing.other();
         let has_other = first.instancing.is_some() && other.resolved(wish.precision) == other;
         let mut built = vec![first];
@@ -220,12 +227,12 @@ impl<'s> EmbreeStructures<'s> {
             let instancing = other;
             built.push(EmbreeStructures::build(
                 scene,
-                &AccelOptions { instancing, ..chosen },
+                AccelOptions { instancing, ..chosen },
             )?);
         }
         for precision in Precision::ALL {
             if precision != wish.precision {
-                built.push(EmbreeStructures::build_packet(scene, &at(precision))?);
+                built.push(EmbreeStructures::build_packet(scene, at(precision))?);
             }
         }
         Ok(built)
@@ -243,11 +250,23 @@ impl<'s> Structures<'s> {
             progress: None,
         };
         let bsp = |kernel| timed(|| BspAccel::build(scene, &options(kernel)));
-        Ok(Structures {
+        let (packet, seconds) = bsp(Kernel::Packet)?;
+        let mut structures = Structures {
             #[cfg(feature = "embree")]
             embree: EmbreeStructures::all(scene, &options(Kernel::Packet))?,
-            bsp: [bsp(Kernel::Packet)?, bsp(Kernel::Single)?],
-        })
+            bsp: [packet, bsp(Kernel::Single)?.0],
+            bsp_seconds: vec![seconds],
+        };
+        // All in turn, so that whatever else the machine does hits all alike.
+        for _ in 1..job.repeat {
+            #[cfg(feature = "embree")]
+            for built in &mut structures.embree {
+                let again = timed(|| EmbreeAccel::build(scene, &built.options))?;
+                built.seconds.push(again.1);
+            }
+            structures.bsp_seconds.push(bsp(Kernel::Packet)?.1);
+        }
+        Ok(structures)
     }
 
     /// Every way of asking, the referee of answers first.
@@ -255,14 +274,14 @@ impl<'s> Structures<'s> {
         let mut contestants = Vec::new();
         #[cfg(feature = "embree")]
         for built in &self.embree {
-            let (packet, seconds) = &built.packet;
+            let packet = &built.packet;
             let embree = |mode, engine| Contestant {
                 backend: Backend::Embree,
                 instancing: built.instancing,
                 precision: built.precision,
                 mode,
                 engine,
-                build_seconds: *seconds,
+                build_seconds: Spread::of(&built.seconds),
                 report: packet.report(),
             };
             contestants.push(embree(Mode::Packet, Engine::Accel(packet)));
@@ -271,14 +290,14 @@ impl<'s> Structures<'s> {
                 contestants.push(embree(Mode::Single, Engine::Accel(single)));
             }
         }
-        let [(packet, seconds), (single, _)] = &self.bsp;
+        let [packet, single] = &self.bsp;
         let bsp = |mode, accel| Contestant {
             backend: Backend::Bsp,
             instancing: None,
             precision: Precision::Watertight,
             mode,
             engine: Engine::Accel(accel),
-            build_seconds: *seconds,
+            build_seconds: Spread::of(&self.bsp_seconds),
             report: packet.report(),
         };
         contestants.push(bsp(Mode::Packet, packet));
@@ -290,9 +309,9 @@ impl<'s> Structures<'s> {
     /// What the frame is rendered with.
     fn first(&self) -> &dyn Accel {
         #[cfg(feature = "embree")]
-        let first = &self.embree[0].packet.0;
+        let first = &self.embree[0].packet;
         #[cfg(not(feature = "embree"))]
-        let first = &self.bsp[0].0;
+        let first = &self.bsp[0];
         first
     }
 }
@@ -312,7 +331,7 @@ struct Contestant<'a> {
     precision: Precision,
     mode: Mode,
     engine: Engine<'a>,
-    build_seconds: f64,
+    build_seconds: Spread,
     report: AccelReport,
 }
 
@@ -489,7 +508,9 @@ fn rows(
                 mrays_per_s_min: speed(spread.max),
                 mrays_per_s_max: speed(spread.min),
                 ray_count: set.ray_count,
-                build_seconds: contestant.build_seconds,
+                build_seconds: contestant.build_seconds.median,
+                build_seconds_min: contestant.build_seconds.min,
+                build_seconds_max: contestant.build_seconds.max,
                 bytes: contestant.report.bytes,
                 mismatches: differ.wrong,
                 ties: differ.ties,

@@ -114,8 +114,12 @@ pub struct BenchRow {
     pub mrays_per_s_max: f64,
     /// Rays replayed in each repetition.
     pub ray_count: u64,
-    /// Seconds of the build, on `threads` threads.
+    /// Seconds of the build, on `threads` threads: the median over the repetitions.
     pub build_seconds: f64,
+    /// The fastest one's.
+    pub build_seconds_min: f64,
+    /// The slowest one's.
+    pub build_seconds_max: f64,
     /// Bytes of the structure.
     pub bytes: u64,
     /// Answers that differ from the first backend's packets by more than rounding; of raw calls, from their own
@@ -244,10 +248,12 @@ impl BenchTable<'_> {
                 .map_or(String::new(), |e| format!(" {} {}", e.version, e.isa));
             writeln!(
                 f,
-                "  {}{identity} ({}): built in {:.3} s on {} threads, {}",
+                "  {}{identity} ({}): built in {:.3} s ({:.3} .. {:.3}) on {} threads, {}",
                 row.backend,
                 row.precision_and_instancing(),
                 row.build_seconds,
+                row.build_seconds_min,
+                row.build_seconds_max,
                 row.threads,
                 memory::in_words(row.bytes)
             )?;
@@ -287,6 +293,8 @@ mod tests {
             mrays_per_s_max: mrays_per_s,
             ray_count: 1,
             build_seconds: 0.5,
+            build_seconds_min: 0.25,
+            build_seconds_max: 1.0,
             bytes: 2_000_000,
             mismatches: 0,
             ties: 0,
@@ -320,7 +328,8 @@ mod tests {
         assert_eq!(BenchTable(&rows[2..]).over_embree(&rows[2]), None);
         let text = table.to_string();
         assert_eq!(
-            text.matches("built in 0.500 s on 1 threads, 2.0 MB").count(),
+            text.matches("built in 0.500 s (0.250 .. 1.000) on 1 threads, 2.0 MB")
+                .count(),
             2,
             "{text}"
         );

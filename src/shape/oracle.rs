@@ -178,6 +178,55 @@ pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals 
     ends.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect()
 }
 
+/// Where a ray first crosses a torus.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum FirstCrossing {
+    /// Nowhere, however its surface is moved by what it may be.
+    Nowhere,
+    /// Between these two parameters, however the surface is moved; before the first it is not even near.
+    Between(f64, f64),
+}
+
+/// Steps of a march until it gives up: a ray that grazes the surface takes many.
+const MARCH_STEPS: usize = 256;
+
+/// Where a ray that starts well away from the surface of a torus of tube radius `r` first crosses it, in or out, by marches
+/// of the distance that is still free (Hart, "Sphere tracing", 1996), up to where it is within `share` of the parameter:
+/// for all surfaces that are moved by `delta` or less. The distances are off by less than half of `delta`. `None` where that
+/// does not tell, as where the ray grazes.
+pub(crate) fn first_crossing_of_torus(
+    r: f64,
+    delta: f64,
+    (o, d): (DVec3, DVec3),
+    share: f64,
+) -> Option<FirstCrossing> {
+    let depth = |t: f64| {
+        let p = o + t * d;
+        let across = (p.x * p.x + p.y * p.y).sqrt() - 1.0;
+        (across * across + p.z * p.z).sqrt() - r
+    };
+    let side = depth(0.0).signum();
+    let free = |t: f64| side * depth(t);
+    let length = d.length();
+    // Beyond this it has left the ball around the torus.
+    let end = (o.length() + 1.0 + r + 2.0 * delta) / length;
+    let mut t = 0.0;
+    for _ in 0..MARCH_STEPS {
+        let distance = free(t);
+        if distance <= 4.0 * delta {
+            let past = t * (1.0 + share);
+            let is_at_start = t == 0.0;
+            let is_past = free(past) < -4.0 * delta;
+            return (is_past && !is_at_start).then_some(FirstCrossing::Between(t, past));
+        }
+        t += (distance - 2.0 * delta) / length;
+        if t > end {
+            return Some(FirstCrossing::Nowhere);
+        }
+    }
+    None
+}
+
 /// The place of the minimum of `f`, which has one between `a` and `b`.
 fn lowest(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
     for _ in 0..80 {
@@ -202,6 +251,7 @@ pub(crate) fn is_within(inner: &[[Wide; 2]], outer: &[[Wide; 2]]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::Random;
 
     #[test]
     fn the_lectures_ray_is_inside_the_unit_sphere_between_its_two_roots() {
@@ -214,5 +264,37 @@ mod tests {
         );
         assert!((found[0][0].nearest() - 0.786_799_283_644_389_6).abs() < 1e-15);
         assert!((found[0][1].nearest() - 1.213_200_716_355_610_4).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_march_to_a_torus_brackets_what_bisection_finds() {
+        let mut random = Random::new(7, 0);
+        let (mut crossed, mut missed) = (0, 0);
+        for number in 0..3000 {
+            let r = random.pick(&[0.5, 0.1, 0.01]);
+            let delta = 1e-12;
+            let o = random.pick(&[0.3, 2.0, 100.0]) * random.direction();
+            let around = random.direction().with_z(0.0).normalize_or_zero();
+            let d = around + 1.2 * r * random.in_cube() - o;
+            let ends = |delta: f64| {
+                let inside = inside_torus(r, delta, o, d);
+                let ends = inside.into_iter().flatten().map(Wide::nearest);
+                ends.filter(|&t| t >= 0.0).next()
+            };
+            match first_crossing_of_torus(r, delta, (o, d), 1e-9) {
+                Some(FirstCrossing::Between(low, high)) => {
+                    crossed += 1;
+                    for end in [-delta, delta].map(ends) {
+                        assert!(end.is_some_and(|t| low <= t && t <= high), "{number}: {end:?}");
+                    }
+                }
+                Some(FirstCrossing::Nowhere) => {
+                    missed += 1;
+                    assert_eq!([-delta, delta].map(ends), [None; 2], "{number}");
+                }
+                None => {}
+            }
+        }
+        assert!(crossed > 2000 && missed > 200, "{crossed} {missed}");
     }
 }

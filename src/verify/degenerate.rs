@@ -205,8 +205,7 @@ fn triangles(random: &mut Random) -> Mesh {
 
 fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MOST_MESHES);
-    let mut sum = Tally::default();
-    for number in 0..mesh_count {
+    trial.over_parts(mesh_count, |number, part| {
         let mut random = Random::new(0xde6e, number);
         let fault = &FAULTS[number as usize % FAULTS.len()];
         let mut scene = Scene {
@@ -224,12 +223,10 @@ fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
         }
         // Nothing is asked of what was wrongly taken for sound.
         if is_sound || (fault.is_mended && judge_refusal(trial, &scene, &FAULTS[0], &mut tally)) {
-            let part = trial.part(number as usize, mesh_count as usize);
             tally = tally.with(hits_of(&part, &scene)?);
         }
-        sum = sum.with(tally);
-    }
-    Ok(sum)
+        Ok(tally)
+    })
 }
 
 /// Counts whether the scene is refused as it should be; whether it is sound, and taken for it.

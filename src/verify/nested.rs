@@ -231,12 +231,12 @@ impl Layer {
 fn nested(trial: &Trial) -> Result<Tally, AccelError> {
     let stack_count = trial.rays.div_ceil(RAYS_A_PICTURE).min(MOST_STACKS);
     let size = (trial.rays / (FOLLOWED * stack_count)).isqrt().max(4) as u32;
-    let mut tally = Tally::default();
-    for number in 0..stack_count {
+    trial.over_parts(stack_count, |number, _| {
+        let mut tally = Tally::default();
         let stack = Stack::any(&mut Random::new(0x38, number));
         let scene = stack.scene();
         let Some(rendering) = trial.picture((&scene, &stack.camera()), size, (64, 0.0))? else {
-            continue;
+            return Ok(tally);
         };
         let (light, bound) = stack.light();
         for pixel in &rendering.image.pixels {
@@ -248,8 +248,8 @@ fn nested(trial: &Trial) -> Result<Tally, AccelError> {
             });
         }
         tally.count_followed(&rendering);
-    }
-    Ok(tally)
+        Ok(tally)
+    })
 }
 
 #[cfg(test)]

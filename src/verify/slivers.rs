@@ -178,8 +178,7 @@ const MOST_MESHES: u64 = 10_000;
 
 fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MOST_MESHES);
-    let mut sum = Tally::default();
-    for number in 0..mesh_count {
+    trial.over_parts(mesh_count, |number, part| {
         let mut random = Random::new(0x6a7ba6e, number);
         let mut scene = Scene {
             materials: vec![Material::default()],
@@ -187,15 +186,11 @@ fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
         };
         if scene.validate().is_err() {
             // Named and refused before anything is built.
-            continue;
+            return Ok(Tally::default());
         }
         scene.normalise();
-        sum = sum.with(garbage_of(
-            &trial.part(number as usize, mesh_count as usize),
-            &scene,
-        )?);
-    }
-    Ok(sum)
+        garbage_of(&part, &scene)
+    })
 }
 
 /// A number of any exponent and sign that passes the checks of a scene's vertices.

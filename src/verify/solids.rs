@@ -16,7 +16,9 @@ use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{Random, Ray};
-use crate::shape::oracle::{self, Intervals, cut, inside_quadric, inside_torus, whole};
+use crate::shape::oracle::{
+    self, FirstCrossing, Intervals, cut, first_crossing_of_torus, inside_quadric, inside_torus, whole,
+};
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Torus};
 
 const ORACLE: &str = "where the line is inside the solid made smaller and larger by rounding, to 100 bits";
@@ -79,6 +81,8 @@ struct Solid {
     roundings: f64,
     /// What rays are aimed at: corners.
     corners: Vec<DVec3>,
+    /// The tube's radius of a torus, whose roots are dear: a march tells most answers right.
+    tube: Option<f64>,
 }
 
 /// x² + y² <= 1, |z| <= 1.
@@ -94,6 +98,7 @@ fn cylinder() -> Solid {
         inside: Box::new(inside),
         roundings: 16.0,
         corners: Vec::new(),
+        tube: None,
     }
 }
 
@@ -111,6 +116,7 @@ fn cone() -> Solid {
         inside: Box::new(inside),
         roundings: 16.0,
         corners: Vec::new(),
+        tube: None,
     }
 }
 
@@ -121,6 +127,7 @@ fn torus(minor_radius: f64) -> Solid {
         // The coefficients of the quartic, up to 16, and the division by the tube's radius count at tangents.
         roundings: 64.0,
         corners: Vec::new(),
+        tube: Some(minor_radius),
     }
 }
 
@@ -137,6 +144,7 @@ fn within(shape: Shape, half_spaces: Vec<HalfSpace>) -> Solid {
         inside: Box::new(inside),
         roundings: 16.0,
         corners,
+        tube: None,
     }
 }
 
@@ -188,6 +196,10 @@ impl Solid {
     fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let delta = self.roundings * 0.5 * f64::EPSILON * (1.0 + o.length());
+        if let Some(off) = self.tube.and_then(|r| found_by_march(r, delta, (o, d), hit)) {
+            tally.note(off);
+            return Answer::Right;
+        }
         let [inner, outer] = [-delta, delta].map(|delta| (self.inside)(o, d, delta));
         let [sure, possible] = [&inner, &outer].map(first_ahead);
         // What is farther than any f32 is out of reach.
@@ -219,6 +231,21 @@ impl Solid {
                 }
             }
         }
+    }
+}
+
+/// By how many ulps a ray's answer may be off for all that a march tells; `None` where it does not tell it is right.
+fn found_by_march(r: f64, delta: f64, ray: (DVec3, DVec3), hit: Option<Hit>) -> Option<f64> {
+    // A 64th of an ulp.
+    const SHARE: f64 = 1.0 / (1u64 << 30) as f64;
+    match (first_crossing_of_torus(r, delta, ray, SHARE)?, hit) {
+        (FirstCrossing::Nowhere, None) => Some(0.0),
+        (FirstCrossing::Between(low, high), Some(hit)) => {
+            // It may be at either end.
+            let off = beyond(hit.t, high, low);
+            (off <= 1.0).then_some(off)
+        }
+        _ => None,
     }
 }
 
@@ -290,12 +317,9 @@ fn along_cone(_: &Solid, random: &mut Random) -> Ray {
     Ray::new(origin.as_vec3(), direction.as_vec3())
 }
 
-/// Of so many rays one is asked: the referee walks along each in small steps.
-const TORUS_SHARE: usize = 16;
-
 fn distant_tori(trial: &Trial) -> Result<Tally, AccelError> {
     let tori: Vec<Solid> = [0.5, 0.1, 0.01, 0.001].map(torus).into();
-    at_solids(&trial.part(0, TORUS_SHARE), tori, |solid, random| {
+    at_solids(trial, tori, |solid, random| {
         let radius = match &solid.shape {
             Shape::Torus(torus) => torus.minor_radius,
             _ => 1.0,

@@ -215,6 +215,19 @@ impl<'a> Trial<'a> {
         }
     }
 
+    /// Puts its share of the questions to each of `count` parts, several at once, and adds up what they count: the same for
+    /// every number of threads.
+    pub(super) fn over_parts(
+        &self,
+        count: u64,
+        ask: impl Fn(u64, Trial) -> Result<Tally, AccelError> + Sync,
+    ) -> Result<Tally, AccelError> {
+        (0..count)
+            .into_par_iter()
+            .map(|number| ask(number, self.part(number as usize, count as usize)))
+            .try_reduce(Tally::default, |sum, tally| Ok(sum.with(tally)))
+    }
+
     /// Builds what finds the hits of `scene`.
     pub(super) fn engine<'s>(&self, scene: &'s Scene) -> Result<Engine<'s>, AccelError> {
         let accel = (self.subject.build)(scene)?;

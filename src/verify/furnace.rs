@@ -15,7 +15,7 @@ use crate::shape::{Cylinder, Shape, Sphere};
 pub(super) const CASES: &[Case] = &[Case {
     id: "H39",
     title: "white furnace",
-    construction: "glass, diamond, a mirror and water in glass in light of 1 all around, from outside and from inside, to 64 generations of rays",
+    construction: "glass, diamond, a mirror and water in glass in light of 1 all around, and a cube around the eye, to 64 generations of rays",
     oracle: "what boundaries reflect and let through adds up to 1, so every pixel is 1, less the weights of rays not followed",
     bound: "the derived roundings of f32, beside the weight of rays not followed in the worst pixel",
     unit: "of 10^-4",
@@ -24,7 +24,7 @@ pub(super) const CASES: &[Case] = &[Case {
     run: furnace,
 }];
 
-/// What a pixel may differ from 1 by.
+/// What a pixel may differ from 1 by, beside the weight of rays not followed.
 const BOUND: f64 = 1e-4;
 /// Generations of rays.
 const DEPTH: u32 = 64;
@@ -35,7 +35,7 @@ const CUTOFF: f32 = 1e-7;
 /// of which there are a hundred or so.
 const ROUNDING: f64 = (3 * DEPTH + 128) as f64 / (1u64 << 24) as f64;
 /// Rays a pixel, about.
-const FOLLOWED: u64 = 64;
+const FOLLOWED: u64 = 32;
 
 /// A polished body of index `ior` and `priority`; a mirror without an index.
 fn material(ior: Option<f64>, priority: i32) -> Material {
@@ -92,24 +92,34 @@ fn bodies() -> Scene {
     scene
 }
 
+/// A cube around the default camera, of an index below 1.2247: in no direction is light reflected totally on all of its
+/// sides, so that none is caught.
+fn around_the_eye() -> Scene {
+    let cube = DAffine3::from_scale_rotation_translation(
+        DVec3::splat(2.0),
+        DQuat::from_axis_angle(DVec3::new(0.36, 0.48, 0.8), 0.5),
+        DVec3::new(-0.9, -0.8, -1.1),
+    );
+    Scene {
+        materials: vec![material(Some(1.2), 0)],
+        background: Background::Uniform([1.0; 3]),
+        instances: Instance::new("", 0, 0, cube).into_iter().collect(),
+        ..scene(vec![Geometry::Mesh(lattice_cube(1))])
+    }
+}
+
 fn furnace(trial: &Trial) -> Result<Tally, AccelError> {
-    let scene = bodies();
-    let inside = DAffine3::from_translation(DVec3::new(-1.3, 0.5, -6.3));
-    let cameras = [DAffine3::IDENTITY, inside].map(|world_from_camera| Camera {
-        world_from_camera,
-        ..Camera::default()
-    });
     let size = (trial.rays / (2 * FOLLOWED)).isqrt().max(4) as u32;
     let mut tally = Tally::default();
-    for camera in &cameras {
-        let Some(rendering) = trial.picture((&scene, camera), size, (DEPTH, CUTOFF))? else {
+    for scene in [bodies(), around_the_eye()] {
+        let Some(rendering) = trial.picture((&scene, &Camera::default()), size, (DEPTH, CUTOFF))? else {
             continue;
         };
         let lost = rendering.ledger.max_lost_weight;
         for (number, pixel) in rendering.image.pixels.iter().enumerate() {
             let off = pixel.map(|channel| f64::from(channel) - 1.0);
             let worst = off.into_iter().map(f64::abs).fold(0.0, f64::max);
-            tally.note(worst / BOUND);
+            tally.note((worst - lost).max(0.0) / BOUND);
             // Comparisons with NaN are false.
             let is_right = |x: f64| -lost - ROUNDING <= x && x <= ROUNDING;
             let is_wrong = !(off.into_iter().all(is_right));
@@ -118,9 +128,9 @@ fn furnace(trial: &Trial) -> Result<Tally, AccelError> {
             });
         }
         tally.count_followed(&rendering);
-    }
-    if trial.is_drawn() {
-        tally.sketch.draw(&scene);
+        if trial.is_drawn() {
+            tally.sketch.draw(&scene);
+        }
     }
     Ok(tally)
 }

@@ -278,8 +278,8 @@ mod tests {
             let d = around + 1.2 * r * random.in_cube() - o;
             let ends = |delta: f64| {
                 let inside = inside_torus(r, delta, o, d);
-                let ends = inside.into_iter().flatten().map(Wide::nearest);
-                ends.filter(|&t| t >= 0.0).next()
+                let mut ends = inside.into_iter().flatten().map(Wide::nearest);
+                ends.find(|&t| t >= 0.0)
             };
             match first_crossing_of_torus(r, delta, (o, d), 1e-9) {
                 Some(FirstCrossing::Between(low, high)) => {

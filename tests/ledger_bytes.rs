@@ -211,8 +211,16 @@ fn bytes_are_what_an_allocator_counts_to_within_a_twentieth() {
         ("forest", 2),
         ("model_among_shapes", 1),
         ("glass_of_water", 1),
+        ("glass_of_water", 2),
     ] {
-        let share = share_of_counted(name, threads, |settings| RenderSettings { spp: 1, ..settings });
+        let share = || share_of_counted(name, threads, |settings| RenderSettings { spp: 1, ..settings });
+        // What two threads hold at once differs from run to run: the middle of three.
+        let mut shares = vec![share()];
+        if threads > 1 {
+            shares.extend([share(), share()]);
+            shares.sort_by(f64::total_cmp);
+        }
+        let share = shares[shares.len() / 2];
         assert!((0.95..=1.05).contains(&share), "{name}: {share}");
     }
     let adaptive = share_of_counted("lecture_lighting", 1, |settings| RenderSettings {

@@ -136,7 +136,9 @@ fn count(whit: &str, scene: &Path, backend: &str, spp: u32) -> Count {
 fn rendering(whit: &str, scene: &Path, backend: &str) -> Count {
     let [more, one] = [17, 1].map(|spp| {
         let counts = (0..3).map(|_| count(whit, scene, backend, spp));
-        counts.min_by(|a, b| a.instructions.total_cmp(&b.instructions)).unwrap()
+        counts
+            .min_by(|a, b| a.instructions.total_cmp(&b.instructions))
+            .unwrap()
     });
     Count {
         instructions: more.instructions - one.instructions,

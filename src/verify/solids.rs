@@ -3,23 +3,26 @@
 //! An answer is right if it is the exact one for a solid whose surface is moved by no more than rounding explains: what
 //! the smaller solid surely meets must be hit, and what is hit must lie between the two.
 //!
-//! Embree walks to user geometry without the care that it takes for robust triangles: the boxes of shapes are missed by
-//! some roundings of the distance of a ray's origin, which their padding covers for some hundred sizes. Where rays touch
-//! boxes from farther away, Embree is measured only.
+//! Embree walks to user geometry without the care that it takes for robust triangles: boxes of shapes are missed by some
+//! roundings of the distance of a ray's origin, which their padding covers for as far away as a camera of the scene stands.
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
 use super::meshes::among_others;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{Random, Ray};
+use crate::scene::Camera;
 use crate::shape::oracle::{
     self, FirstCrossing, Intervals, cut, first_crossing_of_torus, inside_quadric, inside_torus, whole,
 };
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Torus};
+
+/// How far from a solid's centre rays start at most, about.
+const FARTHEST: f64 = 1e5;
 
 const ORACLE: &str = "where the line is inside the solid made smaller and larger by rounding, to 100 bits";
 const BOUND: &str = "no wrong decision, t to 1 ulp of f32; ties are right for a solid moved by rounding";
@@ -55,7 +58,7 @@ pub(super) const CASES: &[Case] = &[
         bound: BOUND,
         unit: "ulp of t",
         asks: Asks::Shapes,
-        required: Closes::Vertices,
+        required: Closes::Faces,
         run: distant_tori,
     },
     Case {
@@ -264,7 +267,11 @@ fn at_solids(
     let mut sum = Tally::default();
     for (part, solid) in solids.iter().enumerate() {
         // All of these solids lie within √3 of their centre.
-        let scene = among_others(solid.shape.clone(), DVec3::ZERO, 3f64.sqrt());
+        let mut scene = among_others(solid.shape.clone(), DVec3::ZERO, 3f64.sqrt());
+        scene.cameras = vec![Camera {
+            world_from_camera: DAffine3::from_translation(FARTHEST * DVec3::Z),
+            ..Camera::default()
+        }];
         let engine = trial.engine(&scene)?;
         let tally = trial.part(part, solids.len()).nearest(
             &engine,

@@ -342,6 +342,7 @@ pub(super) mod tests {
 
     use super::super::EmbreeAccel;
     use super::super::patch::Patches;
+    use super::super::reach::Reach;
     use super::*;
     use crate::accel::{Accel, AccelOptions, Instancing, RayPacket};
     use crate::numeric::Ray;
@@ -388,7 +389,8 @@ pub(super) mod tests {
             instances: vec![Instance::new("sphere", 0, 0, DAffine3::IDENTITY).unwrap()],
             ..Scene::default()
         };
-        let [user, _] = UserGeometry::pair(&scene, vec![None], Patches::default(), Instancing::Callback);
+        let near = (&scene, Reach::default());
+        let [user, _] = UserGeometry::pair(near, vec![None], Patches::default(), Instancing::Callback);
         for count in 1..=37 {
             const ROWS: usize = 21;
             let mut rows = vec![0u32; ROWS * count];

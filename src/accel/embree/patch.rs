@@ -24,33 +24,37 @@ const COST: Cost = Cost {
     member: 0.05,
     cut: 0.5,
 };
+/// Blocks of corners in a patch's own record: few patches have more than sixteen corners, and what is elsewhere is waited
+/// for.
+const OWN: usize = 2;
 /// Patches of a mesh are made so many clusters at a time.
 const CHUNK: usize = 1 << 12;
 
 /// Corners of a patch by axis, eight by eight; the first of the patch is repeated where there are no more.
 pub(super) type Block = [[f32; PACK]; 3];
 
-/// Up to sixteen triangles of one instance, without their corners beyond the eighth: four lines of the cache.
+/// Up to sixteen triangles of one instance, without their corners beyond the sixteenth: five lines of the cache, of which
+/// the last is read of patches that are hit.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct Record {
-    corners: Block,
+    corners: [Block; OWN],
     /// For each of a triangle's corners, by triangle: which of the patch's, below `corner_count`.
     triangles: [[u8; MEMBERS]; 3],
-    /// The numbers of the triangles.
-    primitives: [u32; MEMBERS],
-    instance: u32,
-    /// Where the other blocks of corners begin among those of all patches.
-    more: u32,
     corner_count: u8,
     member_count: u8,
+    /// Where the last block of corners is among those of all patches, if there is one.
+    last: u32,
+    instance: u32,
+    /// The numbers of the triangles.
+    primitives: [u32; MEMBERS],
 }
 
 /// Up to sixteen triangles of one instance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch<'p> {
     record: &'p Record,
-    more: &'p [Block],
+    last: Option<&'p Block>,
 }
 
 impl<'p> Patch<'p> {
@@ -78,26 +82,27 @@ impl<'p> Patch<'p> {
         usize::from(self.record.corner_count)
     }
 
-    /// Its corners from the ninth on; at most two blocks.
+    /// Its first sixteen corners, the second eight of which mean nothing if there are no more than eight.
     #[inline(always)]
-    pub(super) fn more(self) -> &'p [Block] {
-        self.more
+    pub(super) fn own(self) -> &'p [Block; OWN] {
+        &self.record.corners
     }
 
-    /// Its first eight corners.
+    /// Its corners from the seventeenth on.
     #[inline(always)]
-    pub(super) fn first(self) -> &'p Block {
-        &self.record.corners
+    pub(super) fn last(self) -> Option<&'p Block> {
+        self.last
     }
 
     /// One corner.
     #[inline(always)]
     pub(super) fn corner(self, index: usize) -> [f32; 3] {
-        let block = match (index / PACK).checked_sub(1) {
-            Some(number) => self.more.get(number).unwrap_or(&self.record.corners),
-            None => &self.record.corners,
+        let [first, second] = &self.record.corners;
+        let [x, y, z] = match index / PACK {
+            0 => first,
+            1 => second,
+            _ => self.last.unwrap_or(first),
         };
-        let [x, y, z] = block;
         [x[index % PACK], y[index % PACK], z[index % PACK]]
     }
 
@@ -190,11 +195,6 @@ impl Gathering {
         Some(new)
     }
 
-    /// How many blocks its corners take.
-    fn block_count(&self) -> usize {
-        usize::from(self.corner_count).div_ceil(PACK)
-    }
-
     /// The corners of a block.
     fn block(&self, number: usize) -> Block {
         let mut block = [[0.0; PACK]; 3];
@@ -209,7 +209,7 @@ impl Gathering {
 #[derive(Debug, Default)]
 pub(super) struct Patches {
     records: Vec<Record>,
-    /// Corners beyond the eighth of each patch, patch by patch.
+    /// Corners beyond the sixteenth.
     blocks: Vec<Block>,
     reach: Reach,
 }
@@ -256,17 +256,18 @@ impl Patches {
 
     fn push(&mut self, gathering: &Gathering, instance: u32) {
         self.records.push(Record {
-            corners: gathering.block(0),
+            corners: [gathering.block(0), gathering.block(1)],
             triangles: gathering.triangles,
-            primitives: gathering.primitives,
-            instance,
-            // Below 2^32, as triangles are: nine corners are of three of them at least.
-            more: self.blocks.len() as u32,
             corner_count: gathering.corner_count,
             member_count: gathering.member_count,
+            // Below 2^32, as triangles are: seventeen corners are of six of them at least.
+            last: self.blocks.len() as u32,
+            instance,
+            primitives: gathering.primitives,
         });
-        self.blocks
-            .extend((1..gathering.block_count()).map(|number| gathering.block(number)));
+        if usize::from(gathering.corner_count) > OWN * PACK {
+            self.blocks.push(gathering.block(OWN));
+        }
     }
 
     /// How many there are.
@@ -278,10 +279,12 @@ impl Patches {
     #[inline(always)]
     pub(super) fn get(&self, index: usize) -> Option<Patch<'_>> {
         let record = self.records.get(index)?;
-        let first = record.more as usize;
-        let count = (usize::from(record.corner_count).div_ceil(PACK)).saturating_sub(1);
-        let more = self.blocks.get(first..first + count)?;
-        Some(Patch { record, more })
+        let has_more = usize::from(record.corner_count) > OWN * PACK;
+        let last = match has_more {
+            true => Some(self.blocks.get(record.last as usize)?),
+            false => None,
+        };
+        Some(Patch { record, last })
     }
 
     /// The box that Embree is told of one of them.

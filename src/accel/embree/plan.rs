@@ -19,8 +19,10 @@ pub(super) struct Plan<'s> {
     native: Vec<(u32, Given<'s>)>,
     /// By geometry: whether it is a mesh with a scene of its own.
     is_placed: Vec<bool>,
-    /// How far rays come from, where triangles are patches.
-    reach: Option<Reach>,
+    /// How far rays come from.
+    reach: Reach,
+    /// Whether triangles are patches.
+    is_patched: bool,
 }
 
 /// A mesh for Embree.
@@ -62,19 +64,16 @@ impl<'s> Plan<'s> {
             }
             is_placed[geometry] |= placed_mesh(scene, instance).is_some();
         }
-        let (native, reach) = match precision {
-            Precision::Fast | Precision::Robust => (natives(&world), None),
-            Precision::Watertight => {
-                let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
-                (Vec::new(), Some(Reach::of(scene, &bounds)))
-            }
-        };
+        let is_patched = precision == Precision::Watertight;
+        let native = if is_patched { Vec::new() } else { natives(&world) };
+        let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
         Plan {
             scene,
             world,
             native,
             is_placed,
-            reach,
+            reach: Reach::of(scene, &bounds),
+            is_patched,
         }
     }
 
@@ -90,10 +89,15 @@ impl<'s> Plan<'s> {
 
     /// The triangles of the world that are not; on the current pool.
     pub(super) fn patches(&self) -> Patches {
-        match self.reach {
-            Some(reach) => Patches::of(self.world.iter().copied(), reach),
-            None => Patches::default(),
+        if !self.is_patched {
+            return Patches::default();
         }
+        Patches::of(self.world.iter().copied(), self.reach)
+    }
+
+    /// How far rays come from.
+    pub(super) fn reach(&self) -> Reach {
+        self.reach
     }
 
     /// Triangles that nobody is asked about, those of repeated instances included.
@@ -114,7 +118,7 @@ impl<'s> Plan<'s> {
             let mine = instances.filter(|instance| instance.geometry == number);
             is_placed.then(|| Placed {
                 mesh,
-                reach: self.reach.map(|reach| reach.in_object(mine)),
+                reach: self.is_patched.then(|| self.reach.in_object(mine)),
             })
         })
     }

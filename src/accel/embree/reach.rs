@@ -8,6 +8,9 @@
 //! that are rounded twice, over their sum. With `M` the largest coordinate of the box and `R` that of the origin, all of
 //! it is under `16 u (M + R)`, by which boxes are larger on every side.
 //!
+//! The boxes of other user geometry have that room too, on every rung: Embree walks to user geometry by `b/d - o/d`, robust
+//! or not, and finds a side `b` some 3 u of the distance aside.
+//!
 //! That is no bound for triangles that are seen nearly edge-on, whose weights may be anything. They are met wherever they
 //! are; but which of two that lie within their own depth of each other is the nearer, rounding decides.
 //!
@@ -61,9 +64,14 @@ impl Reach {
         }
     }
 
+    /// By how much a box must be larger on every side for what rounding does.
+    pub(super) fn padding(self, bounds: &Bounds) -> f64 {
+        self.padding * (bounds.magnitude() + self.distance)
+    }
+
     /// A box with room for what rounding does.
     pub(super) fn padded(self, bounds: &Bounds) -> Bounds {
-        let padding = DVec3::splat(self.padding * (bounds.magnitude() + self.distance));
+        let padding = DVec3::splat(self.padding(bounds));
         Bounds {
             min: bounds.min - padding,
             max: bounds.max + padding,

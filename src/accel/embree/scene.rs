@@ -106,7 +106,7 @@ pub(super) fn build<'s>(
     let parts = build_placed(&plan, device, options, &mut progress)?;
     let placed_bytes = device.memory().bytes().saturating_sub(before);
     let patches = in_pool(options.threads, || plan.patches());
-    let users = UserGeometry::pair(scene, parts, patches, instancing).map(Arc::new);
+    let users = UserGeometry::pair((scene, plan.reach()), parts, patches, instancing).map(Arc::new);
 
     let mut world = EmbreeScene::new(device, options.precision)?;
     for (instance, given) in plan.native() {

@@ -279,14 +279,20 @@ fn bits_of<const W: usize>(values: &[f32; W]) -> [u32; W] {
 #[inline(always)]
 fn nearest_of<I: Isa>(isa: I, patch: Patch, ray: &Ray, question: Question) -> Option<Hit> {
     let shear = Shear::new(ray);
-    let first = shear.flatten(patch.first());
+    let [first, second] = patch.own();
+    let first = shear.flatten(first);
     // Of boxes, which have eight corners, there are many.
-    let mut maybe = match patch.more() {
-        [] => may_hold(isa, patch, &first),
-        [second] => may_hold(isa, patch, &joined::<2, 16>([first, shear.flatten(second)])),
-        [second, third, ..] => {
-            let all = [first, shear.flatten(second), shear.flatten(third)];
-            may_hold(isa, patch, &joined::<3, CORNERS>(all))
+    let mut maybe = if patch.corner_count() <= PACK {
+        may_hold(isa, patch, &first)
+    } else {
+        let second = shear.flatten(second);
+        match patch.last() {
+            None => may_hold(isa, patch, &joined::<2, 16>([first, second])),
+            Some(last) => may_hold(
+                isa,
+                patch,
+                &joined::<3, CORNERS>([first, second, shear.flatten(last)]),
+            ),
         }
     };
     // Triangles that there are not are points, which are met by nothing and may be by everything.

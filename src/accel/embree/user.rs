@@ -12,6 +12,7 @@ use super::cluster::{MEMBERS, SphereCluster, SphereClusters};
 use super::native;
 use super::patch::{Patch, Patches};
 use super::plan::placed_mesh;
+use super::reach::Reach;
 use super::scene::{EmbreeScene, SceneRef};
 use crate::accel::Instancing;
 use crate::accel::shapes::world_sphere;
@@ -32,6 +33,8 @@ pub(super) struct UserGeometry<'s> {
     parts: Arc<[Option<Box<Part<'s>>>]>,
     /// Equal steps of time between the boxes that Embree is told; 0 where nothing moves.
     step_count: u32,
+    /// How far rays come from.
+    reach: Reach,
     panic_count: AtomicU64,
 }
 
@@ -80,10 +83,10 @@ pub(super) fn is_user(scene: &Scene, instance: &Instance, instancing: Instancing
 }
 
 impl<'s> UserGeometry<'s> {
-    /// What stands still, and what moves; `parts` holds a committed scene for every mesh with a placed instance, and
-    /// `patches` the triangles of the world that are not Embree's own.
+    /// What stands still, and what moves, for rays from that far; `parts` holds a committed scene for every mesh with a
+    /// placed instance, and `patches` the triangles of the world that are not Embree's own.
     pub(super) fn pair(
-        scene: &'s Scene,
+        (scene, reach): (&'s Scene, Reach),
         parts: Vec<Option<Part<'s>>>,
         patches: Patches,
         instancing: Instancing,
@@ -102,12 +105,14 @@ impl<'s> UserGeometry<'s> {
             clusters,
             instances: still,
             parts: parts.clone(),
+            reach,
             ..UserGeometry::of_patches(scene, patches)
         };
         let moving = UserGeometry {
             instances: moving.iter().map(|(index, _)| *index).collect(),
             parts,
             step_count,
+            reach,
             ..UserGeometry::of_patches(scene, Patches::default())
         };
         [still, moving]
@@ -122,6 +127,7 @@ impl<'s> UserGeometry<'s> {
             instances: Vec::new(),
             parts: Arc::new([]),
             step_count: 0,
+            reach: Reach::default(),
             panic_count: AtomicU64::new(0),
         }
     }
@@ -177,7 +183,7 @@ impl<'s> UserGeometry<'s> {
         let instance = match self.primitive(primitive)? {
             Primitive::Spheres(cluster, _) => {
                 let world = cluster.bounds();
-                return Some(padded(&world, padding(&world)));
+                return Some(padded(&world, self.padding(&world)));
             }
             Primitive::Patch(_) => return self.patches.boxed(primitive - self.clusters.len()),
             Primitive::Instance(_, instance) => instance,
@@ -189,15 +195,21 @@ impl<'s> UserGeometry<'s> {
         };
         if self.step_count == 0 {
             let world = instance.world_bounds(geometry, &object);
-            return Some(padded(&world, padding(&world)));
+            return Some(padded(&world, self.padding(&world)));
         }
         let now = instance.step_bounds(geometry, &object, [step, self.step_count]);
         let always = instance.world_bounds(geometry, &object).magnitude();
         let interpolation = UNIT * f64::from(2 * self.step_count + 4);
         Some(padded(
             &now,
-            padding(&now) + (PLACEMENT_PADDING + interpolation) * always,
+            self.padding(&now) + (PLACEMENT_PADDING + interpolation) * always,
         ))
+    }
+
+    /// What a box is padded by on all sides.
+    fn padding(&self, world: &Bounds) -> f64 {
+        let placement = PLACEMENT_PADDING * world.magnitude() + NEAR_PADDING * world.extent().max_element();
+        placement.max(self.reach.padding(world))
     }
 
     /// Bytes of its records and those of its parts, but for patches.
@@ -259,14 +271,9 @@ const PLACEMENT_PADDING: f64 = 1.0 / (1 << 20) as f64;
 /// Half a unit in the last place of an f32 at 1.
 const UNIT: f64 = 1.0 / (1 << 24) as f64;
 
-/// Part of a box's longest edge by which it is padded: Embree walks to user geometry by `b/d - o/d`, robust or not, and
-/// finds sides `b` some 3/2^24 of the distance `o` aside, and this is more for rays that start within hundreds of edges.
-const DISTANT_PADDING: f64 = 1.0 / (1 << 13) as f64;
-
-/// What a box is padded by on all sides.
-fn padding(world: &Bounds) -> f64 {
-    PLACEMENT_PADDING * world.magnitude() + DISTANT_PADDING * world.extent().max_element()
-}
+/// Part of a box's longest edge by which it is padded at least: rays that start within hundreds of edges find it wherever
+/// they start, be it farther than [`Reach`] knows of.
+const NEAR_PADDING: f64 = 1.0 / (1 << 13) as f64;
 
 fn padded(world: &Bounds, by: f64) -> ([f32; 3], [f32; 3]) {
     let padding = DVec3::splat(by);

@@ -9,7 +9,7 @@ use std::fs;
 
 use cli_program::{fails_with, whit};
 use whit::accel::{self, AccelOptions, Backend};
-use whit::verify::{Build, Formulas, PATHS, Subject, Verdict, cases, check};
+use whit::verify::{Build, Formulas, Judged, PATHS, Subject, Verdict, cases, check};
 
 /// Enough to meet what happens to one ray in a hundred, and over in seconds without optimisation.
 const RAYS: u64 = 2000;
@@ -18,8 +18,9 @@ const RAYS: u64 = 2000;
 fn nothing_is_wrong_on_any_path_that_promises_better() {
     let mut failures = Vec::new();
     for case in cases() {
+        let judged = Judged::default();
         for path in PATHS.iter().filter(|p| case.applies_to(p) && p.is_built_in()) {
-            let outcome = check(case, RAYS, path, None).unwrap();
+            let outcome = check((case, RAYS), path, None, &judged).unwrap();
             let tally = outcome.tally;
             if outcome.verdict == Verdict::Fails || tally.rays == 0 {
                 failures.push(format!("{} on {}: {tally:?}", case.id, path.name));
@@ -35,27 +36,29 @@ fn every_case_catches_careless_code() {
     let ours: &Build = &|scene| accel::build(scene, Backend::Bsp, &AccelOptions::default());
     let fat: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::fat(scene)));
     let fickle: &Build = &|scene| Ok(Box::new(naive::FickleAccel(naive::NaiveAccel::new(scene))));
-    let subject = |build, formulas| Subject { build, formulas };
     let careless = [
-        (
-            "a textbook's structure and formulas",
-            subject(naive, naive::FORMULAS),
-        ),
-        ("starts on the surface", subject(ours, naive::FORMULAS)),
-        ("starts a fixed distance off", subject(ours, naive::FIXED_EPSILON)),
-        ("refraction in f32", subject(ours, naive::SINGLE)),
-        ("larger triangles", subject(fat, Formulas::OURS)),
-        ("answers that change", subject(fickle, Formulas::OURS)),
+        ("a textbook's structure and formulas", naive, naive::FORMULAS),
+        ("starts on the surface", ours, naive::FORMULAS),
+        ("starts a fixed distance off", ours, naive::FIXED_EPSILON),
+        ("refraction in f32", ours, naive::SINGLE),
+        ("larger triangles", fat, Formulas::OURS),
+        ("answers that change", fickle, Formulas::OURS),
     ];
     let mut failures = Vec::new();
     for case in cases() {
-        let caught = careless.iter().find(|(_, subject)| {
-            let tally = case.ask(RAYS / 2, subject).unwrap();
+        let caught = careless.iter().find(|&&(_, build, formulas)| {
+            let judged = &Judged::default();
+            let subject = Subject {
+                build,
+                formulas,
+                judged,
+            };
+            let tally = case.ask(RAYS / 2, &subject).unwrap();
             assert_eq!(tally.wrong > 0, tally.example.is_some(), "{}", case.id);
             tally.wrong > 0
         });
         match caught {
-            Some((by, _)) => println!("{}: catches {by}", case.id),
+            Some((by, ..)) => println!("{}: catches {by}", case.id),
             None => failures.push(case.id),
         }
     }
@@ -71,10 +74,37 @@ fn any_number_of_threads_counts_the_same() {
             .unwrap();
         let case = cases().into_iter().find(|case| case.id == "H36").unwrap();
         let build: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
-        let formulas = Formulas::OURS;
-        pool.install(|| case.ask(20_000, &Subject { build, formulas }).unwrap())
+        let subject = Subject {
+            build,
+            formulas: Formulas::OURS,
+            judged: &Judged::default(),
+        };
+        pool.install(|| case.ask(20_000, &subject).unwrap())
     };
     assert_eq!(on(1), on(3));
+}
+
+#[test]
+fn what_other_paths_were_told_changes_no_verdict() {
+    let naive: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
+    let ours: &Build = &|scene| accel::build(scene, Backend::Bsp, &AccelOptions::default());
+    for case in cases()
+        .into_iter()
+        .filter(|case| ["H05", "H11", "H17", "H26"].contains(&case.id))
+    {
+        let ask = |build, judged| {
+            let subject = Subject {
+                build,
+                formulas: Formulas::OURS,
+                judged,
+            };
+            case.ask(5000, &subject).unwrap()
+        };
+        let judged = Judged::default();
+        let first = ask(naive, &judged);
+        assert_eq!(first, ask(naive, &judged), "{}", case.id);
+        assert_eq!(ask(ours, &judged), ask(ours, &Judged::default()), "{}", case.id);
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::accel::AccelError;
 use crate::image::check_writable;
 use crate::report::verify::{VerifyRow, case_list, table};
 use crate::report::verify_page;
-use crate::verify::{self, Case, PATHS, Path, Verdict};
+use crate::verify::{self, Case, Judged, PATHS, Path, Verdict};
 
 use super::args::VerifyArgs;
 use super::failure::Failure;
@@ -40,6 +40,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     let progress = Progress::new(Verbosity::Normal);
     let runs = runs(&cases, &pool.install(|| instruction_sets(args.isa.as_deref())));
     let mut rows = Vec::with_capacity(runs.len());
+    let mut judged = ("", Judged::default());
     for (number, (case, path, isa)) in runs.iter().enumerate() {
         interrupt::check()?;
         progress.phase(case.id, path.name);
@@ -49,7 +50,10 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         } else {
             verify::check
         };
-        let outcome = pool.install(|| check(case, args.rays, path, isa.as_deref()))?;
+        if judged.0 != case.id {
+            judged = (case.id, Judged::default());
+        }
+        let outcome = pool.install(|| check((case, args.rays), path, isa.as_deref(), &judged.1))?;
         rows.push(VerifyRow::new(case, path, outcome));
     }
     progress.clear();

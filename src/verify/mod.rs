@@ -25,6 +25,7 @@ mod furnace;
 mod holes;
 mod hygiene;
 mod interfaces;
+mod judged;
 mod marches;
 mod meshes;
 mod nested;
@@ -58,6 +59,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 pub use hygiene::Hygiene;
+pub use judged::Judged;
 pub use outline::{Outline, view};
 pub use own::{Comparison, Difference, MOST_DIFFERENCES, RayKind, Reply, ask_again, compare_all};
 pub use path::{Closes, PATHS, Path};
@@ -196,13 +198,19 @@ impl Case {
     }
 }
 
-/// Puts a case to a path with about `rays` questions; Embree is held to the instruction set `isa` if one is given.
+/// Puts a case to a path with about `rays` questions; Embree is held to the instruction set `isa` if one is given. `judged`
+/// is for all paths that are asked as many questions of the case.
 ///
 /// # Errors
 ///
 /// Where a structure cannot be built: without Embree, on a machine without the instruction set.
-pub fn check(case: &Case, rays: u64, path: &Path, isa: Option<&str>) -> Result<Outcome, AccelError> {
-    outcome(case, path, isa, |subject| case.ask(rays, subject))
+pub fn check(
+    (case, rays): (&Case, u64),
+    path: &Path,
+    isa: Option<&str>,
+    judged: &Judged,
+) -> Result<Outcome, AccelError> {
+    outcome(case, path, (isa, judged), |subject| case.ask(rays, subject))
 }
 
 /// As [`check`], with lines of what the first rays are sent into in [`Tally::sketch`].
@@ -210,20 +218,26 @@ pub fn check(case: &Case, rays: u64, path: &Path, isa: Option<&str>) -> Result<O
 /// # Errors
 ///
 /// As for [`check`].
-pub fn check_drawn(case: &Case, rays: u64, path: &Path, isa: Option<&str>) -> Result<Outcome, AccelError> {
-    outcome(case, path, isa, |subject| case.ask_drawn(rays, subject))
+pub fn check_drawn(
+    (case, rays): (&Case, u64),
+    path: &Path,
+    isa: Option<&str>,
+    judged: &Judged,
+) -> Result<Outcome, AccelError> {
+    outcome(case, path, (isa, judged), |subject| case.ask_drawn(rays, subject))
 }
 
 fn outcome(
     case: &Case,
     path: &Path,
-    isa: Option<&str>,
+    (isa, judged): (Option<&str>, &Judged),
     ask: impl FnOnce(&Subject) -> Result<Tally, AccelError>,
 ) -> Result<Outcome, AccelError> {
     let build: &Build = &|scene| build_path(scene, path, isa);
     let subject = Subject {
         build,
         formulas: Formulas::OURS,
+        judged,
     };
     let embree = if path.is_embree() {
         trial::embree_identity(&subject)?

@@ -3,9 +3,9 @@
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::transforms::{Oracle, turn};
-use super::trial::{Answer, Tally, Trial, order};
+use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
-use crate::accel::{AccelError, LANES};
+use crate::accel::{AccelError, Hit, RayPacket};
 use crate::numeric::{Bounds, Random, Ray};
 use crate::render::{Departure, Departures};
 use crate::scene::{Geometry, Instance, Material, Scene};
@@ -78,22 +78,20 @@ fn thin_of(trial: &Trial, scene: &Scene, stretched: &DAffine3) -> Result<Tally, 
     let engine = trial.engine(scene)?;
     let departures = Departures::new(scene);
     let oracle = Oracle::new(stretched);
-    let tally = trial.in_chunks(|random, count| {
-        let rays: Vec<Ray> = (0..count).map(|_| at(&stretched.matrix3, random)).collect();
-        let mut tally = Tally::default();
-        let packets = engine.traced(&rays, order(random));
-        let met = packets.iter().flat_map(|packet| departures.of(packet));
-        for ((number, ray), at) in rays.iter().enumerate().zip(met) {
-            let hit = packets[number / LANES].hit(number % LANES);
-            let answer = match oracle.judge(ray, hit, &mut Tally::default()) {
-                Answer::Right => at.map_or(Answer::Right, |at| tilted(&oracle, ray, &at, &mut tally)),
-                other => other,
-            };
-            tally.count_ray(answer, ray, hit);
+    let judge = |ray: &Ray, hit: Option<Hit>, tally: &mut Tally| {
+        let answer = oracle.judge(ray, hit, &mut Tally::default());
+        match hit {
+            Some(hit) if answer == Answer::Right => {
+                let mut packet = RayPacket::EMPTY;
+                packet.set(0, ray);
+                packet.set_hit(0, &hit);
+                let [at, ..] = departures.of(&packet);
+                at.map_or(Answer::Wrong, |at| tilted(&oracle, ray, &at, tally))
+            }
+            _ => answer,
         }
-        tally
-    });
-    Ok(trial.with_drawing(&engine, tally))
+    };
+    Ok(trial.nearest(&engine, |random| at(&stretched.matrix3, random), judge))
 }
 
 /// A ray at an ellipsoid, from its own distances or from those of the world.

@@ -6,6 +6,7 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::judged::{Judged, Judgement};
 use super::own::Reply;
 use super::sketch::{Asked, Axis, Error, Sketch};
 use crate::accel::{Accel, AccelError, EmbreeIdentity, Hit, LANES, RayOrder, RayPacket};
@@ -23,6 +24,8 @@ pub struct Subject<'a> {
     pub build: &'a Build<'a>,
     /// What is computed without a scene.
     pub formulas: Formulas,
+    /// What was said of the answers of other subjects to the same case.
+    pub judged: &'a Judged,
 }
 
 /// The formulas that cases ask, so that a test may put a careless one in the place of any.
@@ -262,9 +265,14 @@ impl<'a> Trial<'a> {
 
     /// Asks `ask` for the questions of each chunk and adds up what it counts: the same for every number of threads.
     pub(super) fn in_chunks(&self, ask: impl Fn(&mut Random, usize) -> Tally + Sync) -> Tally {
+        self.in_numbered_chunks(|_, random, count| ask(random, count))
+    }
+
+    /// As [`Trial::in_chunks`], with the number of the chunk.
+    fn in_numbered_chunks(&self, ask: impl Fn(u64, &mut Random, usize) -> Tally + Sync) -> Tally {
         let chunk = |index: u64| {
             let count = CHUNK.min(self.rays - index * CHUNK);
-            ask(&mut Random::new(self.seed, index), count as usize)
+            ask(index, &mut Random::new(self.seed, index), count as usize)
         };
         // Neighbours are added up, in their order, as soon as both are there.
         (0..self.rays.div_ceil(CHUNK))
@@ -286,19 +294,36 @@ impl<'a> Trial<'a> {
         tally
     }
 
-    /// Asks for the nearest hits of rays that `ray` makes, and counts what `judge` says of each.
+    /// Asks for the nearest hits of rays that `ray` makes, and counts what `judge` says of each, and the error that it notes.
+    /// An answer that another subject gave is not judged again.
     pub(super) fn nearest(
         &self,
         engine: &Engine,
         ray: impl Fn(&mut Random) -> Ray + Sync,
         judge: impl Fn(&Ray, Option<Hit>, &mut Tally) -> Answer + Sync,
     ) -> Tally {
-        let tally = self.in_chunks(|random, count| {
+        let tally = self.in_numbered_chunks(|number, random, count| {
             let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
+            let hits = engine.nearest(&rays, order(random));
+            let said = self.subject.judged.recall((self.seed, number));
+            let mut judgements = Vec::with_capacity(if said.is_empty() { count } else { 0 });
             let mut tally = Tally::default();
-            for (ray, hit) in rays.iter().zip(engine.nearest(&rays, order(random))) {
-                let answer = judge(ray, hit, &mut tally);
-                tally.count_ray(answer, ray, hit);
+            for (i, (ray, hit)) in rays.iter().zip(hits).enumerate() {
+                let judgement = said.get(i).and_then(|said| said.of(hit));
+                let judgement = judgement.unwrap_or_else(|| {
+                    let mut own = Tally::default();
+                    let answer = judge(ray, hit, &mut own);
+                    let error = own.worst;
+                    Judgement { hit, answer, error }
+                });
+                tally.note(judgement.error);
+                tally.count_ray(judgement.answer, ray, hit);
+                if said.is_empty() {
+                    judgements.push(judgement);
+                }
+            }
+            if said.is_empty() {
+                self.subject.judged.keep((self.seed, number), judgements);
             }
             tally
         });

@@ -222,11 +222,15 @@ fn failures(row: &VerifyRow) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verify::{PATHS, Path, cases, check_drawn};
+    use crate::verify::{Judged, PATHS, Path, cases, check_drawn};
 
     fn row(id: &str, path: &Path) -> VerifyRow {
         let case = cases().into_iter().find(|case| case.id == id).unwrap();
-        VerifyRow::new(case, path, check_drawn(case, 300, path, None).unwrap())
+        VerifyRow::new(
+            case,
+            path,
+            check_drawn((case, 300), path, None, &Judged::default()).unwrap(),
+        )
     }
 
     fn bsp() -> &'static Path {

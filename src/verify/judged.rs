@@ -1,0 +1,126 @@
+//! What has been judged: most paths give most rays the same answer, and working out what the answer should be is dear.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::trial::Answer;
+use crate::accel::Hit;
+
+/// Most answers that are kept of a case, which take 40 bytes each.
+const MOST: usize = 1 << 24;
+
+/// An answer and what was said of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Judgement {
+    pub(super) hit: Option<Hit>,
+    pub(super) answer: Answer,
+    /// The error met, in the unit of the case; 0 where it has none.
+    pub(super) error: f64,
+}
+
+impl Judgement {
+    /// What was said, if it was said of this very answer.
+    pub(super) fn of(&self, hit: Option<Hit>) -> Option<Judgement> {
+        (bits(self.hit) == bits(hit)).then_some(*self)
+    }
+}
+
+fn bits(hit: Option<Hit>) -> Option<[u32; 5]> {
+    let hit = hit?;
+    let [t, u, v] = [hit.t, hit.u, hit.v].map(f32::to_bits);
+    Some([hit.instance, hit.primitive, t, u, v])
+}
+
+/// The seed of a part of a case, and the number of the chunk.
+type Chunk = (u64, u64);
+
+/// The answers of the first path to each chunk of a case's rays, for the paths that come after it.
+///
+/// One is for one case with one number of rays, whose questions and oracle are the same on every path.
+#[derive(Debug, Default)]
+pub struct Judged {
+    chunks: Mutex<HashMap<Chunk, Arc<[Judgement]>>>,
+}
+
+impl Judged {
+    /// What was said of a chunk's answers, in the order of its rays; nothing if nobody was asked or there is no room.
+    pub(super) fn recall(&self, chunk: Chunk) -> Arc<[Judgement]> {
+        let chunks = self.chunks.lock().unwrap_or_else(PoisonError::into_inner);
+        chunks.get(&chunk).cloned().unwrap_or_default()
+    }
+
+    /// Keeps what was said of a chunk's answers, the first time.
+    pub(super) fn keep(&self, chunk: Chunk, judgements: Vec<Judgement>) {
+        let mut chunks = self.chunks.lock().unwrap_or_else(PoisonError::into_inner);
+        if chunks.len().saturating_mul(judgements.len()) < MOST {
+            chunks.entry(chunk).or_insert_with(|| judgements.into());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HIT: Hit = Hit {
+        instance: 1,
+        primitive: 2,
+        t: 3.0,
+        u: 0.25,
+        v: 0.0,
+    };
+
+    #[test]
+    fn what_was_said_holds_for_the_same_bits_alone() {
+        let said = |hit| Judgement {
+            hit,
+            answer: Answer::Tie,
+            error: 0.5,
+        };
+        let of = |kept, hit| said(kept).of(hit).map(|said| said.error);
+        assert_eq!(of(Some(HIT), Some(HIT)), Some(0.5));
+        assert_eq!(of(None, None), Some(0.5));
+        for other in [
+            Hit { instance: 0, ..HIT },
+            Hit { primitive: 0, ..HIT },
+            Hit {
+                t: 3f32.next_up(),
+                ..HIT
+            },
+            Hit { u: 0.5, ..HIT },
+            Hit { v: -0.0, ..HIT },
+        ] {
+            assert_eq!(of(Some(HIT), Some(other)), None, "{other:?}");
+        }
+        assert_eq!(of(Some(HIT), None), None);
+        assert_eq!(of(None, Some(HIT)), None);
+    }
+
+    #[test]
+    fn the_first_answers_are_kept_by_chunk_while_there_is_room() {
+        let said = |error, count| {
+            let judgement = Judgement {
+                hit: None,
+                answer: Answer::Right,
+                error,
+            };
+            vec![judgement; count]
+        };
+        let judged = Judged::default();
+        assert!(judged.recall((1, 0)).is_empty());
+        judged.keep((1, 0), said(1.0, 2));
+        judged.keep((1, 0), said(2.0, 2));
+        judged.keep((1, 1), said(3.0, 1));
+        judged.keep((1, 2), said(4.0, MOST));
+        let errors = |chunk| {
+            judged
+                .recall(chunk)
+                .iter()
+                .map(|said| said.error)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(errors((1, 0)), [1.0, 1.0]);
+        assert_eq!(errors((1, 1)), [3.0]);
+        assert!(errors((1, 2)).is_empty());
+    }
+}

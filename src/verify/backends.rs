@@ -26,7 +26,7 @@ pub(super) const CASES: &[Case] = &[Case {
 }];
 
 /// Rays for each that brute force is asked.
-const SHARE: u64 = 64;
+const SHARE: usize = 64;
 
 fn against_each_other(trial: &Trial) -> Result<Tally, AccelError> {
     let is_embree = embree_identity(trial.subject)?.is_some();
@@ -35,18 +35,15 @@ fn against_each_other(trial: &Trial) -> Result<Tally, AccelError> {
     } else {
         (Backend::Brute, SHARE)
     };
-    let mut sum = Tally::default();
-    for number in 0..worlds::COUNT {
+    trial.over_parts(worlds::COUNT, |number, trial| {
         let scene = world(number);
         let options = AccelOptions {
             threads: rayon::current_num_threads(),
             ..AccelOptions::default()
         };
         let referee = Engine::of(accel::build(&scene, referee, &options)?, &scene);
-        let part = trial.part(number, worlds::COUNT * share as usize);
-        sum = sum.with(compare(&part, &scene, &referee)?);
-    }
-    Ok(sum)
+        compare(&trial.part(0, share), &scene, &referee)
+    })
 }
 
 fn compare(trial: &Trial, scene: &Scene, referee: &Engine) -> Result<Tally, AccelError> {

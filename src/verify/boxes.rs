@@ -66,8 +66,8 @@ fn cubes(shift: f64) -> Scene {
 const SHIFTS: [f64; 3] = [0.0, 1.0, -1.0];
 
 fn at_cube(trial: &Trial, components: &[f32]) -> Result<Tally, AccelError> {
-    let mut sum = Tally::default();
-    for (part, shift) in SHIFTS.into_iter().enumerate() {
+    trial.over_parts(SHIFTS.len(), |number, trial| {
+        let shift = SHIFTS[number];
         let scene = cubes(shift);
         let centers: Vec<DVec3> = scene
             .instances
@@ -85,12 +85,9 @@ fn at_cube(trial: &Trial, components: &[f32]) -> Result<Tally, AccelError> {
             }
             Ray::new(origin, direction)
         };
-        let tally = trial
-            .part(part, SHIFTS.len())
-            .nearest(&engine, ray, |ray, hit, tally| judge(&centers, ray, hit, tally));
-        sum = sum.with(tally);
-    }
-    Ok(sum)
+        let judge = |ray: &Ray, hit, tally: &mut Tally| judge(&centers, ray, hit, tally);
+        Ok(trial.nearest(&engine, ray, judge))
+    })
 }
 
 /// A parameter as a fraction with a positive denominator: few bits each, so that products of two are exact in f64.

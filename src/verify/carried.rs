@@ -82,8 +82,7 @@ fn powers_of_two(trial: &Trial) -> Result<Tally, AccelError> {
     let powers = if trial.rays < MANY { 1 } else { EXPONENTS.len() };
     let count = worlds::COUNT * powers;
     let normalise = trial.subject.formulas.normalise;
-    let mut sum = Tally::default();
-    for part in 0..count {
+    trial.over_parts(count, |part, trial| {
         let mut plain = world(part / powers);
         let mut large = plain.clone();
         // Each scene begins with another, so that all are met where there is one for each.
@@ -98,10 +97,8 @@ fn powers_of_two(trial: &Trial) -> Result<Tally, AccelError> {
         normalise(&mut plain);
         normalise(&mut large);
         let factor = factor * large.normalisation.scale / plain.normalisation.scale;
-        let part = trial.part(part, count);
-        sum = sum.with(scaled_hits(&part, [&plain, &large], factor as f32)?);
-    }
-    Ok(sum)
+        scaled_hits(&trial, [&plain, &large], factor as f32)
+    })
 }
 
 /// Asks for hits in a scene and in the same with all lengths times `factor`, a power of two.
@@ -205,18 +202,12 @@ fn turnable() -> Scene {
 fn turned(trial: &Trial) -> Result<Tally, AccelError> {
     let scene = turnable();
     let engine = trial.engine(&scene)?;
-    let mut sum = Tally::default();
-    for (part, turn) in rotations().enumerate() {
-        let turned = turned_scene(&scene, &turn);
+    let turns: Vec<DMat3> = rotations().collect();
+    trial.over_parts(turns.len(), |number, trial| {
+        let turned = turned_scene(&scene, &turns[number]);
         let other = trial.engine(&turned)?;
-        sum = sum.with(turned_hits(
-            &trial.part(part, 24),
-            &scene,
-            [&engine, &other],
-            &turn,
-        ));
-    }
-    Ok(sum)
+        Ok(turned_hits(&trial, &scene, [&engine, &other], &turns[number]))
+    })
 }
 
 fn turned_hits(trial: &Trial, scene: &Scene, [engine, other]: [&Engine; 2], turn: &DMat3) -> Tally {

@@ -125,12 +125,10 @@ fn closed_meshes(
     aimed: impl Fn(&Closed, &mut Random) -> Ray + Sync,
 ) -> Result<Tally, AccelError> {
     let meshes = meshes();
-    let mut sum = Tally::default();
-    for (part, closed) in meshes.iter().enumerate() {
-        let part = trial.part(part, meshes.len());
-        sum = sum.with(leaks(&part, &closed.mesh, |random| aimed(closed, random))?);
-    }
-    Ok(sum)
+    trial.over_parts(meshes.len(), |number, trial| {
+        let closed = &meshes[number];
+        leaks(&trial, &closed.mesh, |random| aimed(closed, random))
+    })
 }
 
 /// Counts the rays that miss.
@@ -148,8 +146,8 @@ fn far_away(trial: &Trial) -> Result<Tally, AccelError> {
         // Its edges are some roundings of a coordinate long.
         (25, DVec3::new(1e6, -1e6, 1e6)),
     ];
-    let mut sum = Tally::default();
-    for (part, (ring_count, center)) in balls.into_iter().enumerate() {
+    trial.over_parts(balls.len(), |number, trial| {
+        let (ring_count, center) = balls[number];
         let closed = Closed {
             mesh: rings(ring_count, center, |_, _| 2.0),
             center,
@@ -159,9 +157,8 @@ fn far_away(trial: &Trial) -> Result<Tally, AccelError> {
             let origin = start(&closed, random).as_vec3();
             Ray::new(origin, random.direction().as_vec3())
         };
-        sum = sum.with(leaks(&trial.part(part, balls.len()), &closed.mesh, ray)?);
-    }
-    Ok(sum)
+        leaks(&trial, &closed.mesh, ray)
+    })
 }
 
 fn along_the_lattice(trial: &Trial) -> Result<Tally, AccelError> {

@@ -205,9 +205,9 @@ fn triangles(random: &mut Random) -> Mesh {
 
 fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MOST_MESHES);
-    trial.over_parts(mesh_count, |number, part| {
-        let mut random = Random::new(0xde6e, number);
-        let fault = &FAULTS[number as usize % FAULTS.len()];
+    trial.over_parts(mesh_count as usize, |number, part| {
+        let mut random = Random::new(0xde6e, number as u64);
+        let fault = &FAULTS[number % FAULTS.len()];
         let mut scene = Scene {
             materials: vec![Material::default()],
             ..scene(vec![Geometry::Mesh(triangles(&mut random))])

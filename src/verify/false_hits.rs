@@ -121,8 +121,8 @@ fn huge_box(width: f64) -> Mesh {
 }
 
 fn huge_boxes(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut sum = Tally::default();
-    for (part, (width, is_normal)) in WIDTHS.iter().flat_map(|&w| [(w, false), (w, true)]).enumerate() {
+    trial.over_parts(2 * WIDTHS.len(), |number, trial| {
+        let (width, is_normal) = (WIDTHS[number / 2], number % 2 == 1);
         let mut scene = Scene {
             materials: vec![Material::default()],
             ..scene(vec![Geometry::Mesh(huge_box(width))])
@@ -130,9 +130,8 @@ fn huge_boxes(trial: &Trial) -> Result<Tally, AccelError> {
         if is_normal {
             scene.normalise();
         }
-        sum = sum.with(huge_box_of(&trial.part(part, 2 * WIDTHS.len()), &scene, width)?);
-    }
-    Ok(sum)
+        huge_box_of(&trial, &scene, width)
+    })
 }
 
 fn huge_box_of(trial: &Trial, scene: &Scene, width: f64) -> Result<Tally, AccelError> {

@@ -253,10 +253,9 @@ fn height_at(x: f64, z: f64) -> f64 {
 }
 
 fn terrains(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut sum = Tally::default();
-    for axis in 0..3 {
+    trial.over_parts(3, |axis, trial| {
         let scene = scene(vec![Geometry::Mesh(terrain(axis))]);
-        let engine = trial.part(axis, 3).engine(&scene)?;
+        let engine = trial.engine(&scene)?;
         let ray = |random: &mut Random| {
             let mut inner = || 0.5 * (1 + random.below(2 * SQUARES - 1)) as f64;
             let origin = turned(axis, inner(), ABOVE, inner()).as_vec3();
@@ -268,9 +267,8 @@ fn terrains(trial: &Trial) -> Result<Tally, AccelError> {
             let t = ABOVE - height_at(x, z);
             Answer::wrong_if(hit.is_none_or(|hit| !((f64::from(hit.t) - t).abs() <= 1.0 / 1024.0)))
         };
-        sum = sum.with(trial.part(axis, 3).nearest(&engine, ray, judge));
-    }
-    Ok(sum)
+        Ok(trial.nearest(&engine, ray, judge))
+    })
 }
 
 /// Units of a lattice that a mesh is snapped to, in its radius.

@@ -231,9 +231,9 @@ impl Layer {
 fn nested(trial: &Trial) -> Result<Tally, AccelError> {
     let stack_count = trial.rays.div_ceil(RAYS_A_PICTURE).min(MOST_STACKS);
     let size = (trial.rays / (FOLLOWED * stack_count)).isqrt().max(4) as u32;
-    trial.over_parts(stack_count, |number, _| {
+    trial.over_parts(stack_count as usize, |number, _| {
         let mut tally = Tally::default();
-        let stack = Stack::any(&mut Random::new(0x38, number));
+        let stack = Stack::any(&mut Random::new(0x38, number as u64));
         let scene = stack.scene();
         let Some(rendering) = trial.picture((&scene, &stack.camera()), size, (64, 0.0))? else {
             return Ok(tally);

@@ -150,20 +150,18 @@ fn sheets(distance: f64) -> Scene {
 }
 
 fn through_sheets(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut sum = Tally::default();
     let expected: Vec<u32> = (0..SHEETS).collect();
-    for (part, distance) in DISTANCES.into_iter().enumerate() {
-        let trial = trial.part(part, DISTANCES.len());
+    trial.over_parts(DISTANCES.len(), |number, trial| {
+        let distance = DISTANCES[number];
         let scene = sheets(distance);
         let ray = |random: &mut Random| {
             let mut aside = || random.within(-0.4, 0.4);
             let direction = DVec3::new(aside(), aside(), 1.0);
             Ray::new((0.1 * distance * random.in_cube()).as_vec3(), direction.as_vec3())
         };
-        sum = sum.with(expect(&trial.part(0, 2), &scene, ray, &expected)?);
-        sum = sum.with(between_ends(&trial.part(1, 2), &scene, distance)?);
-    }
-    Ok(sum)
+        let met = expect(&trial.part(0, 2), &scene, ray, &expected)?;
+        Ok(met.with(between_ends(&trial.part(1, 2), &scene, distance)?))
+    })
 }
 
 /// Rays that end at, before or behind a sheet: what they meet must lie between their ends.
@@ -208,18 +206,12 @@ fn triangles(size: f64) -> Mesh {
 }
 
 fn along_normals(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut sum = Tally::default();
-    for (part, exponent) in SCALES.enumerate() {
-        let size = 10f64.powi(exponent);
+    trial.over_parts(SCALES.count(), |number, trial| {
+        let size = 10f64.powi(SCALES.start() + number as i32);
         let mesh = triangles(size);
         let scene = solid(scene(vec![Geometry::Mesh(mesh.clone())]));
-        sum = sum.with(along_normals_of(
-            &trial.part(part, SCALES.count()),
-            &scene,
-            &mesh,
-        )?);
-    }
-    Ok(sum)
+        along_normals_of(&trial, &scene, &mesh)
+    })
 }
 
 fn along_normals_of(trial: &Trial, scene: &Scene, mesh: &Mesh) -> Result<Tally, AccelError> {
@@ -280,11 +272,9 @@ fn through_shells(trial: &Trial) -> Result<Tally, AccelError> {
         let target = 0.9 / 3f64.sqrt() * random.in_cube();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
-    let mut sum = Tally::default();
-    for (part, scene) in scenes.iter().enumerate() {
-        sum = sum.with(expect(&trial.part(part, 2), scene, ray, &[0, 1, 1, 0])?);
-    }
-    Ok(sum)
+    trial.over_parts(scenes.len(), |number, trial| {
+        expect(&trial, &scenes[number], ray, &[0, 1, 1, 0])
+    })
 }
 
 fn box_above_a_floor(trial: &Trial) -> Result<Tally, AccelError> {

@@ -62,13 +62,11 @@ fn placement(random: &mut Random) -> DAffine3 {
 
 fn leaving(trial: &Trial, way: Way) -> Result<Tally, AccelError> {
     let solids = convex_solids();
-    let count = solids.len() * PLACEMENTS;
-    let mut sum = Tally::default();
-    for part in 0..count {
-        let shape = solids[part / PLACEMENTS].clone();
-        let map = placement(&mut Random::new(0x91ace, part as u64));
+    trial.over_parts(solids.len() * PLACEMENTS, |number, trial| {
+        let shape = solids[number / PLACEMENTS].clone();
+        let map = placement(&mut Random::new(0x91ace, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, map) else {
-            continue;
+            return Ok(Tally::default());
         };
         let scene = Scene {
             geometries: vec![Geometry::Shape(shape)],
@@ -76,9 +74,8 @@ fn leaving(trial: &Trial, way: Way) -> Result<Tally, AccelError> {
             materials: vec![Material::default()],
             ..Scene::default()
         };
-        sum = sum.with(leaving_of(&trial.part(part, count), &scene, &map, way)?);
-    }
-    Ok(sum)
+        leaving_of(&trial, &scene, &map, way)
+    })
 }
 
 fn leaving_of(trial: &Trial, scene: &Scene, map: &DAffine3, way: Way) -> Result<Tally, AccelError> {

@@ -57,11 +57,10 @@ fn ellipsoid(part: usize, random: &mut Random) -> (Shape, DAffine3, DAffine3) {
 }
 
 fn thin(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut sum = Tally::default();
-    for part in 0..COUNT {
-        let (shape, place, stretched) = ellipsoid(part, &mut Random::new(0x08, part as u64));
+    trial.over_parts(COUNT, |number, trial| {
+        let (shape, place, stretched) = ellipsoid(number, &mut Random::new(0x08, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, place) else {
-            continue;
+            return Ok(Tally::default());
         };
         let scene = Scene {
             geometries: vec![Geometry::Shape(shape)],
@@ -69,9 +68,8 @@ fn thin(trial: &Trial) -> Result<Tally, AccelError> {
             materials: vec![Material::default()],
             ..Scene::default()
         };
-        sum = sum.with(thin_of(&trial.part(part, COUNT), &scene, &stretched)?);
-    }
-    Ok(sum)
+        thin_of(&trial, &scene, &stretched)
+    })
 }
 
 fn thin_of(trial: &Trial, scene: &Scene, stretched: &DAffine3) -> Result<Tally, AccelError> {

@@ -118,15 +118,13 @@ fn seams(trial: &Trial) -> Result<Tally, AccelError> {
     let grounds: Vec<Ground> = DISTANCES
         .flat_map(|power| STEPS.map(|step| Ground::new(10f64.powi(power), step)))
         .collect();
-    let mut sum = Tally::default();
-    for (part, ground) in grounds.iter().enumerate() {
+    trial.over_parts(grounds.len(), |number, trial| {
+        let ground = &grounds[number];
         let engine = trial.engine(&ground.scene)?;
-        let tally = trial.part(part, grounds.len()).nearest(
+        Ok(trial.nearest(
             &engine,
             |random| ground.ray(random),
             |ray, hit, tally| ground.judge(ray, hit, tally),
-        );
-        sum = sum.with(tally);
-    }
-    Ok(sum)
+        ))
+    })
 }

@@ -178,8 +178,8 @@ const MOST_MESHES: u64 = 10_000;
 
 fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MOST_MESHES);
-    trial.over_parts(mesh_count, |number, part| {
-        let mut random = Random::new(0x6a7ba6e, number);
+    trial.over_parts(mesh_count as usize, |number, part| {
+        let mut random = Random::new(0x6a7ba6e, number as u64);
         let mut scene = Scene {
             materials: vec![Material::default()],
             ..scene(vec![Geometry::Mesh(any_mesh(&mut random))])

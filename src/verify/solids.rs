@@ -264,8 +264,8 @@ fn at_solids(
     solids: Vec<Solid>,
     ray: impl Fn(&Solid, &mut Random) -> Ray + Sync,
 ) -> Result<Tally, AccelError> {
-    let mut sum = Tally::default();
-    for (part, solid) in solids.iter().enumerate() {
+    trial.over_parts(solids.len(), |number, trial| {
+        let solid = &solids[number];
         // All of these solids lie within √3 of their centre.
         let mut scene = among_others(solid.shape.clone(), DVec3::ZERO, 3f64.sqrt());
         scene.cameras = vec![Camera {
@@ -273,7 +273,7 @@ fn at_solids(
             ..Camera::default()
         }];
         let engine = trial.engine(&scene)?;
-        let tally = trial.part(part, solids.len()).nearest(
+        Ok(trial.nearest(
             &engine,
             |random| ray(solid, random),
             |ray, hit, tally| {
@@ -283,10 +283,8 @@ fn at_solids(
                 }
                 solid.judge(ray, hit, tally)
             },
-        );
-        sum = sum.with(tally);
-    }
-    Ok(sum)
+        ))
+    })
 }
 
 fn along_cylinder(_: &Solid, random: &mut Random) -> Ray {

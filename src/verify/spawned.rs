@@ -85,13 +85,10 @@ fn self_shadows(trial: &Trial) -> Result<Tally, AccelError> {
     let cells: Vec<(i32, i32)> = SCALES
         .flat_map(|scale| DISTANCES.map(move |distance| (scale, distance)))
         .collect();
-    let mut sum = Tally::default();
-    for (part, &(scale, distance)) in cells.iter().enumerate() {
-        let part = trial.part(part, cells.len());
-        let tally = self_shadows_of(&part, 10f64.powi(scale), 10f64.powi(distance))?;
-        sum = sum.with(tally);
-    }
-    Ok(sum)
+    trial.over_parts(cells.len(), |number, trial| {
+        let (scale, distance) = cells[number];
+        self_shadows_of(&trial, 10f64.powi(scale), 10f64.powi(distance))
+    })
 }
 
 /// A turned icosahedron of that radius, so many radii from the origin, where another stands: as a scene is loaded.
@@ -157,14 +154,10 @@ fn sliver_shadows(trial: &Trial) -> Result<Tally, AccelError> {
     let cells: Vec<i32> = ASPECTS
         .flat_map(|aspect| std::iter::repeat_n(aspect, TRIANGLES))
         .collect();
-    let mut sum = Tally::default();
-    for (number, &aspect) in cells.iter().enumerate() {
+    trial.over_parts(cells.len(), |number, trial| {
         let mut random = Random::new(0x19, number as u64);
-        let corners = triangle(&mut random, 10f64.powi(aspect));
-        let part = trial.part(number, cells.len());
-        sum = sum.with(shadows_of_triangle(&part, corners)?);
-    }
-    Ok(sum)
+        shadows_of_triangle(&trial, triangle(&mut random, 10f64.powi(cells[number])))
+    })
 }
 
 /// A triangle within a few units of the origin, so many times as long as high.
@@ -225,17 +218,15 @@ fn sheets(gap: u32) -> Scene {
 }
 
 fn smallest_gap(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut sum = Tally::default();
-    for gap in 1..=GAPS {
+    trial.over_parts(GAPS as usize, |number, trial| {
+        let gap = 1 + number as u32;
         let scene = sheets(gap);
         let engine = trial.engine(&scene)?;
         let departures = Departures::new(&scene);
-        let tally = trial
-            .part(gap as usize, GAPS as usize)
-            .in_chunks(|random, count| across(trial, (&engine, &departures), gap, random, count));
-        sum = sum.with(trial.with_drawing(&engine, tally));
-    }
-    Ok(sum)
+        let ask = |random: &mut Random, count| across(&trial, (&engine, &departures), gap, random, count);
+        let tally = trial.in_chunks(ask);
+        Ok(trial.with_drawing(&engine, tally))
+    })
 }
 
 /// Rays from below the lower sheet, that go through it upward from where they have met it; they must meet the upper one.

@@ -223,22 +223,19 @@ fn distant(trial: &Trial, powers: RangeInclusive<i32>) -> Result<Tally, AccelErr
 fn huge(trial: &Trial) -> Result<Tally, AccelError> {
     const LEAST: i32 = 3;
     const COUNT: usize = 6;
-    let mut sum = Tally::default();
-    for part in 0..COUNT {
-        let radius = 10f64.powi(LEAST + part as i32);
+    trial.over_parts(COUNT, |number, trial| {
+        let radius = 10f64.powi(LEAST + number as i32);
         let sphere = Sphere {
             center: DVec3::new(0.0, -radius, 0.0),
             radius,
         };
-        let tally = at_sphere(&trial.part(part, COUNT), sphere, |random| {
+        at_sphere(&trial, sphere, |random| {
             let height = 10f64.powf(random.within(-3.0, 0.0));
             let down = random.direction();
             let direction = DVec3::new(down.x, -down.y.abs(), down.z);
             Ray::new(Vec3::new(0.0, height as f32, 0.0), direction.as_vec3())
-        })?;
-        sum = sum.with(tally);
-    }
-    Ok(sum)
+        })
+    })
 }
 
 fn tangents(trial: &Trial) -> Result<Tally, AccelError> {

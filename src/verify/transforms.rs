@@ -79,11 +79,10 @@ fn scaled(random: &mut Random) -> DAffine3 {
 }
 
 fn placed(trial: &Trial, map: fn(&mut Random) -> DAffine3) -> Result<Tally, AccelError> {
-    let mut sum = Tally::default();
-    for part in 0..MAPS {
-        let map = map(&mut Random::new(0x3a9, part as u64));
+    trial.over_parts(MAPS, |number, trial| {
+        let map = map(&mut Random::new(0x3a9, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, map) else {
-            continue;
+            return Ok(Tally::default());
         };
         let scene = Scene {
             geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
@@ -100,12 +99,8 @@ fn placed(trial: &Trial, map: fn(&mut Random) -> DAffine3) -> Result<Tally, Acce
             let way = (target - origin.as_dvec3()).normalize_or_zero();
             Ray::new(origin, (length * way).as_vec3())
         };
-        let tally = trial
-            .part(part, MAPS)
-            .nearest(&engine, ray, |ray, hit, tally| oracle.judge(ray, hit, tally));
-        sum = sum.with(tally);
-    }
-    Ok(sum)
+        Ok(trial.nearest(&engine, ray, |ray, hit, tally| oracle.judge(ray, hit, tally)))
+    })
 }
 
 type Wide3 = [Wide; 3];

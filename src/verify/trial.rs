@@ -222,12 +222,12 @@ impl<'a> Trial<'a> {
     /// every number of threads.
     pub(super) fn over_parts(
         &self,
-        count: u64,
-        ask: impl Fn(u64, Trial) -> Result<Tally, AccelError> + Sync,
+        count: usize,
+        ask: impl Fn(usize, Trial) -> Result<Tally, AccelError> + Sync,
     ) -> Result<Tally, AccelError> {
         (0..count)
             .into_par_iter()
-            .map(|number| ask(number, self.part(number as usize, count as usize)))
+            .map(|number| ask(number, self.part(number, count)))
             .try_reduce(Tally::default, |sum, tally| Ok(sum.with(tally)))
     }
 

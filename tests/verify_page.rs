@@ -1,29 +1,18 @@
-//! Pages of `whit verify` in a browser: headless Chromium, where it is installed.
+//! Pages of `whit verify` in a browser.
 
+#[path = "common/browser.rs"]
+mod browser;
 mod cli_program;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
+use browser::{chromium, is_clean};
 use cli_program::{first_light, whit};
 use serde_json::Value;
 
-/// What Chromium is called.
-const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
-
-/// Listens from the page's first moment on for whatever goes wrong.
-const LISTENER: &str = r#"<script>
-window.problems = [];
-addEventListener("error", (event) => problems.push(event.message || `no ${event.target.src}`), true);
-document.addEventListener("securitypolicyviolation", (event) => problems.push(`forbidden: ${event.blockedURI}`));
-</script>
-"#;
-
 /// Uses the filter and writes down what came of it.
-const PROBE: &str = r#"<script>
-addEventListener("load", () => {
-  const shown = (what) => [...document.querySelectorAll(what)].filter((element) => element.getClientRects().length > 0);
+const PROBE: &str = r#"
   const field = document.querySelector(".filter input[type=search]");
   const boxes = [...document.querySelectorAll(".filter input[type=checkbox]")];
   const rows = () => shown("table.filtered tbody tr").length;
@@ -42,98 +31,12 @@ addEventListener("load", () => {
     found.again = rows();
   }
   found.pictures = shown("section svg, section img").length;
-  found.width = [document.documentElement.scrollWidth, innerWidth];
-  found.ground = getComputedStyle(document.body).backgroundColor;
-  found.loaded = performance.getEntriesByType("resource").map((entry) => entry.name).filter((name) => !name.startsWith("data:"));
-  found.problems = problems;
-  const answer = document.createElement("pre");
-  answer.id = "answer";
-  answer.textContent = btoa(unescape(encodeURIComponent(JSON.stringify(found))));
-  document.body.append(answer);
-});
-</script>
+  return found;
 "#;
 
-/// The browser, or `None` with a word about it.
-fn chromium() -> Option<&'static str> {
-    let is_there = |name: &&&str| Command::new(name).arg("--version").output().is_ok();
-    let found = NAMES.iter().find(is_there).copied();
-    if found.is_none() {
-        println!("skipped: Chromium is not installed");
-    }
-    found
-}
-
-/// What the browser finds in a page, looked at with these flags.
+/// What the browser finds in a page.
 fn looked_at(browser: &str, page: &Path, flags: &[&str]) -> Value {
-    let text = fs::read_to_string(page).unwrap();
-    let text = text
-        .replacen("<head>\n", &format!("<head>\n{LISTENER}"), 1)
-        .replacen("</body>", &format!("{PROBE}</body>"), 1);
-    let folder = tempfile::tempdir().unwrap();
-    let probed = folder.path().join("page.html");
-    fs::write(&probed, text).unwrap();
-    let output = Command::new(browser)
-        .args([
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-quic",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--disable-sync",
-            "--enable-logging=stderr",
-            "--virtual-time-budget=5000",
-            "--dump-dom",
-        ])
-        .arg(format!(
-            "--user-data-dir={}",
-            folder.path().join("profile").display()
-        ))
-        .args(flags)
-        .arg(format!("file://{}", probed.display()))
-        .output()
-        .unwrap();
-    let (dom, told) = (
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr),
-    );
-    let console: Vec<&str> = told.lines().filter(|line| line.contains("CONSOLE")).collect();
-    let (_, answer) = dom.split_once("<pre id=\"answer\">").expect("the probe has run");
-    let (answer, _) = answer.split_once("</pre>").unwrap();
-    let mut found: Value = serde_json::from_slice(&base64(answer)).unwrap();
-    found["console"] = serde_json::json!(console);
-    found
-}
-
-/// Decodes base64, which keeps answers free of what HTML would change.
-fn base64(text: &str) -> Vec<u8> {
-    let digit = |byte: u8| match byte {
-        b'A'..=b'Z' => Some(byte - b'A'),
-        b'a'..=b'z' => Some(byte - b'a' + 26),
-        b'0'..=b'9' => Some(byte - b'0' + 52),
-        b'+' => Some(62),
-        b'/' => Some(63),
-        _ => None,
-    };
-    let (mut bits, mut count, mut bytes) = (0u32, 0, Vec::new());
-    for digit in text.bytes().filter_map(digit) {
-        bits = bits << 6 | u32::from(digit);
-        count += 6;
-        if count >= 8 {
-            count -= 8;
-            bytes.push((bits >> count) as u8);
-        }
-    }
-    bytes
-}
-
-#[track_caller]
-fn is_clean(found: &Value) {
-    for key in ["problems", "loaded", "console"] {
-        assert_eq!(found[key], serde_json::json!([]), "{key} of {found}");
-    }
+    browser::looked_at(browser, page, PROBE, flags)
 }
 
 /// The page of two cases.

@@ -1,5 +1,6 @@
 //! What may be typed: the flags and their ranges. Nothing below this room knows a flag.
 
+mod compare;
 mod verify;
 
 use std::fmt;
@@ -9,6 +10,7 @@ use std::sync::LazyLock;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
+pub(super) use compare::CompareArgs;
 pub(super) use verify::VerifyArgs;
 
 use crate::accel::{Backend, Instancing, Precision};
@@ -73,6 +75,8 @@ pub(super) enum Command {
     Bench(BenchArgs),
     /// Put hard cases with exact answers to every way of finding hits
     Verify(VerifyArgs),
+    /// Say how far a picture is from its reference
+    Compare(CompareArgs),
 }
 
 const RENDER_EXAMPLES: &str = "\

@@ -6,6 +6,7 @@
 mod args;
 mod asked_again;
 mod bench;
+mod compare;
 mod extents;
 mod failure;
 mod forecast;
@@ -39,6 +40,7 @@ pub fn run() -> i32 {
             Command::Schema => output::print(&crate::scene_file::json_schema()),
             Command::Bench(args) => bench::run(&args),
             Command::Verify(args) => verify::run(&args),
+            Command::Compare(args) => compare::run(&args),
         }
     });
     match result {

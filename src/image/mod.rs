@@ -7,6 +7,7 @@
 mod atomic;
 mod exr;
 pub mod metrics;
+mod picture;
 mod png;
 mod read;
 mod tone;
@@ -15,6 +16,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 pub use atomic::{check_writable, write_atomically};
+pub use picture::{Picture, read_picture};
 pub use read::{ReadImage, ReadPixels, TransferCurve, read, read_size};
 pub use tone::{ToneMap, linear_from_srgb};
 

@@ -82,6 +82,14 @@ pub fn read_size(path: &Path) -> Result<[u32; 2], ImageError> {
     Ok([size.0, size.1])
 }
 
+/// Whether the file at `path` holds radiance, told by its first bytes, and whether as an EXR.
+pub(super) fn holds_radiance(path: &Path) -> Result<(bool, bool), ImageError> {
+    let mut file = open(path)?;
+    let start = file.fill_buf().map_err(|error| unreadable(path, &error))?;
+    let is_exr = start.starts_with(&EXR_MAGIC);
+    Ok((is_exr || start.starts_with(&HDR_MAGIC), is_exr))
+}
+
 fn open(path: &Path) -> Result<BufReader<File>, ImageError> {
     let file = File::open(path).map_err(|error| unreadable(path, &error))?;
     Ok(BufReader::new(file))

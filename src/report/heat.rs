@@ -81,7 +81,7 @@ fn scale(costs: &[f32]) -> [f32; 2] {
 }
 
 /// The colour at `place` of the scale, 0 to 1; linear RGB.
-fn color(place: f64) -> [f32; 3] {
+pub(super) fn color(place: f64) -> [f32; 3] {
     let along = |[from, to]: [f64; 2]| from + (to - from) * place;
     let hue = along(HUE).to_radians();
     let lightness = along(LIGHTNESS);

@@ -4,6 +4,9 @@
 //! Keys of the JSON forms are stable: they are added to, never renamed.
 
 pub mod bench;
+pub mod compare;
+pub mod compare_page;
+pub mod difference;
 pub mod extents;
 pub mod forecast;
 pub mod heat;
@@ -22,3 +25,4 @@ pub mod table;
 pub mod verify;
 pub mod verify_page;
 mod volumes_info;
+mod words;

@@ -9,6 +9,7 @@ use crate::image::metrics::Metrics;
 use crate::scene::Effect;
 
 use super::bench::Spread;
+use super::words::percent;
 
 /// What things cost in a scene, by a few tiles of its picture.
 #[derive(Clone, Debug, Serialize)]
@@ -149,18 +150,6 @@ impl PriceList {
             Some(0.0) => format!(" (saves about {} of the time)", percent(price.time.median)),
             Some(share) => format!(" (about {} of the time)", percent(share)),
         }
-    }
-}
-
-/// A part of a whole: two digits are more than measurements of time give.
-fn percent(part: f64) -> String {
-    let percent = 100.0 * part.abs();
-    match percent {
-        0.0 => "0 %".into(),
-        p if p < 0.01 => "<0.01 %".into(),
-        p if p < 0.095 => format!("{p:.2} %"),
-        p if p < 9.5 => format!("{p:.1} %"),
-        p => format!("{p:.0} %"),
     }
 }
 

@@ -8,7 +8,6 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::clipped;
 use super::flip_color::{Colors, hyab, luminance};
 use super::flip_filter::{ContrastFilter, FeatureDetector, Plane};
 use crate::image::LinearImage;
@@ -21,15 +20,18 @@ const STRETCHED: f64 = 0.95;
 /// Exponent of feature differences (section 4.2).
 const FEATURE_EXPONENT: f64 = 0.5;
 
-/// The error of each pixel, 0 to 1, of two pictures of one size whose linear radiance is shown times `gain`.
-pub(super) fn error_map(images: [&LinearImage; 2], gain: f64, pixels_per_degree: f64) -> Vec<f32> {
+/// What a screen shows of a pixel of linear radiance.
+type Shown<'a> = dyn Fn([f32; 3]) -> DVec3 + Sync + 'a;
+
+/// The error of each pixel, 0 to 1, of two pictures of one size; `shown` is what a screen shows of a pixel, linear and 0 to 1.
+pub(super) fn error_map(images: [&LinearImage; 2], shown: &Shown, pixels_per_degree: f64) -> Vec<f32> {
     if images[0].pixels.is_empty() {
         return Vec::new();
     }
     let colors = Colors::new();
     let contrast = ContrastFilter::new(pixels_per_degree);
     let detector = FeatureDetector::new(pixels_per_degree);
-    let [reference, test] = images.map(|image| Seen::new(image, gain, &colors, (&contrast, &detector)));
+    let [reference, test] = images.map(|image| Seen::new(image, shown, &colors, (&contrast, &detector)));
     let largest = largest_distance(&colors);
     let error = |index: usize| {
         let distance = hyab(reference.colors[index], test.colors[index]).powf(COLOR_EXPONENT);
@@ -53,17 +55,14 @@ struct Seen {
 impl Seen {
     fn new(
         image: &LinearImage,
-        gain: f64,
+        shown: &Shown,
         colors: &Colors,
         (contrast, detector): (&ContrastFilter, &FeatureDetector),
     ) -> Seen {
         let opponent: Vec<DVec3> = image
             .pixels
             .par_iter()
-            .map(|pixel| {
-                let shown = pixel.map(|channel| clipped(gain * f64::from(channel)));
-                colors.opponent(DVec3::from(shown))
-            })
+            .map(|&pixel| colors.opponent(shown(pixel)))
             .collect();
         let plane = |of: &(dyn Fn(&DVec3) -> f64 + Sync)| Plane {
             width: image.width as usize,

@@ -22,6 +22,11 @@ impl Kernel {
         Kernel((-radius..=radius).map(|x| weight(f64::from(x))).collect())
     }
 
+    /// The weights of a Gaussian, which sum to one.
+    pub(super) fn gaussian(radius: i32, deviation: f64) -> Kernel {
+        Kernel::new(radius, |x| (-x * x / (2.0 * deviation * deviation)).exp()).normalised()
+    }
+
     /// The same, so that its weights sum to one.
     fn normalised(mut self) -> Kernel {
         let sum: f64 = self.0.iter().sum();

@@ -7,7 +7,12 @@
 mod flip;
 mod flip_color;
 mod flip_filter;
+mod flip_hdr;
+#[cfg(test)]
+mod pairs;
+mod ssim;
 
+use glam::DVec3;
 use serde::Serialize;
 
 use super::{LinearImage, ToneMap};
@@ -18,6 +23,9 @@ pub const PIXELS_PER_DEGREE: f64 = 67.0;
 
 /// Part of a channel's range from which on a pixel counts as changed: the width of an 8-bit code.
 pub const VISIBLE_STEP: f64 = 1.0 / 255.0;
+
+/// What squares of radiance count as at least where errors are relative to them.
+pub const DARKEST_SQUARE: f64 = 1e-2;
 
 /// How a picture is looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,11 +56,14 @@ pub struct Deviation {
     pub max: f64,
 }
 
-/// How far a picture is from its reference. All is 0 for equal ones, but for the ratio [`Metrics::psnr`].
+/// How far a picture is from its reference. All is 0 for equal ones, but for the ratio [`Metrics::psnr`]; which of two is the
+/// reference matters to [`Metrics::rel_mse`] alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Metrics {
     /// Of linear radiance, before exposure; not a number where a pixel is none.
     pub radiance: Deviation,
+    /// Mean of squared differences of radiance, each over the square of the reference's and [`DARKEST_SQUARE`].
+    pub rel_mse: f64,
     /// Of values as displayed, from 0 for black to 1 for white; what is no number is black.
     pub displayed: Deviation,
     /// Peak signal-to-noise ratio in decibels, as displayed, of a peak of 1; infinite for pictures displayed alike.
@@ -68,6 +79,9 @@ pub struct Metrics {
 pub struct Comparison {
     /// In numbers, over the whole picture.
     pub metrics: Metrics,
+    /// Mean structural similarity as displayed, 1 for pictures displayed alike; none for pictures of less than 11 pixels a
+    /// side.
+    pub ssim: Option<f64>,
     /// LDR-FLIP error of each pixel, 0 to 1, row by row, the top row first.
     pub flip_map: Vec<f32>,
 }
@@ -85,7 +99,7 @@ pub enum CompareError {
     },
 }
 
-/// Holds `test` against `reference`; which is which changes no number.
+/// Holds `test` against `reference`.
 pub fn compare(
     reference: &LinearImage,
     test: &LinearImage,
@@ -95,8 +109,33 @@ pub fn compare(
     let flip_map = tally.add(reference, test, viewing)?;
     Ok(Comparison {
         metrics: tally.metrics(),
+        ssim: ssim::ssim([reference, test], f64::from(viewing.tone.exposure_ev).exp2()),
         flip_map,
     })
+}
+
+/// HDR-FLIP error of each pixel, 0 to 1, row by row: the largest at any exposure at which `reference` is likely to be looked
+/// at. For pictures of linear radiance.
+///
+/// # Errors
+///
+/// Where sizes differ.
+pub fn flip_hdr_map(
+    reference: &LinearImage,
+    test: &LinearImage,
+    pixels_per_degree: f64,
+) -> Result<Vec<f32>, CompareError> {
+    check_sizes(reference, test)?;
+    Ok(flip_hdr::hdr_error_map(reference, test, pixels_per_degree))
+}
+
+/// That two pictures have pixels in common.
+fn check_sizes(reference: &LinearImage, test: &LinearImage) -> Result<(), CompareError> {
+    let [reference, test] = [reference, test].map(|image| [image.width, image.height]);
+    if reference != test {
+        return Err(CompareError::Sizes { reference, test });
+    }
+    Ok(())
 }
 
 /// Differences added up over several parts of a picture.
@@ -105,6 +144,7 @@ pub struct Tally {
     pixel_count: usize,
     changed_count: usize,
     radiance: Sums,
+    relative_squares: f64,
     displayed: Sums,
     flip: f64,
 }
@@ -119,26 +159,22 @@ impl Tally {
         test: &LinearImage,
         viewing: &Viewing,
     ) -> Result<Vec<f32>, CompareError> {
-        let size = |image: &LinearImage| [image.width, image.height];
-        if size(reference) != size(test) {
-            return Err(CompareError::Sizes {
-                reference: size(reference),
-                test: size(test),
-            });
-        }
+        check_sizes(reference, test)?;
         let gain = f64::from(viewing.tone.exposure_ev).exp2();
         for (a, b) in reference.pixels.iter().zip(&test.pixels) {
             let mut changed = false;
             for (&a, &b) in a.iter().zip(b) {
                 let [a, b] = [a, b].map(f64::from);
                 self.radiance.add(a - b);
+                self.relative_squares += (a - b).powi(2) / (a * a + DARKEST_SQUARE);
                 let step = as_displayed(a * gain) - as_displayed(b * gain);
                 self.displayed.add(step);
                 changed |= step.abs() > VISIBLE_STEP;
             }
             self.changed_count += usize::from(changed);
         }
-        let map = flip::error_map([reference, test], gain, viewing.pixels_per_degree);
+        let shown = |pixel: [f32; 3]| DVec3::from(pixel.map(|x| clipped(gain * f64::from(x))));
+        let map = flip::error_map([reference, test], &shown, viewing.pixels_per_degree);
         self.flip += map.iter().copied().map(f64::from).sum::<f64>();
         self.pixel_count += map.len();
         Ok(map)
@@ -150,6 +186,7 @@ impl Tally {
         let displayed = self.displayed.deviation(3.0 * count);
         Metrics {
             radiance: self.radiance.deviation(3.0 * count),
+            rel_mse: self.relative_squares / (3.0 * count),
             displayed,
             psnr: -20.0 * displayed.rmse.log10(),
             changed_share: self.changed_count as f64 / count,
@@ -192,7 +229,7 @@ fn clipped(radiance: f64) -> f64 {
 }
 
 /// The sRGB value of a radiance, 0 to 1 (IEC 61966-2-1).
-fn as_displayed(radiance: f64) -> f64 {
+pub fn as_displayed(radiance: f64) -> f64 {
     /// Where the curve's two pieces meet.
     const LINEAR_END: f64 = 0.003_130_8;
     let linear = clipped(radiance);

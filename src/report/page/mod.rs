@@ -6,14 +6,16 @@
 mod drawing;
 mod plot;
 mod table;
+mod viewer;
 
 pub use drawing::{Drawing, Region};
 pub use plot::{Mark, Plot};
 pub use table::{Cell, Column, Table};
+pub use viewer::{View, viewer};
 
 /// How pages look.
 const STYLE: &str = include_str!("page.css");
-/// What makes their filters work.
+/// What makes their filters and viewers work.
 const SCRIPT: &str = include_str!("page.js");
 /// What pages may load.
 const POLICY: &str =

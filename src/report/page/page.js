@@ -27,3 +27,48 @@ for (const form of document.querySelectorAll("form.filter")) {
   form.addEventListener("submit", (event) => event.preventDefault());
   apply();
 }
+
+// Shows one picture of a viewer, or two of which one slides over the other, or both in turns.
+for (const viewer of document.querySelectorAll(".viewer")) {
+  const form = viewer.querySelector("form");
+  const stage = viewer.querySelector(".stage");
+  const figures = [...stage.querySelectorAll("figure")];
+  const [under, over] = figures;
+  let turn = 0;
+  const apply = () => {
+    const mode = form.elements.view.value;
+    stage.classList.toggle("slide", mode === "slide");
+    stage.classList.toggle("pixels", form.elements.pixels.checked);
+    form.elements.cut.hidden = mode !== "slide";
+    stage.style.setProperty("--cut", `${form.elements.cut.value}%`);
+    for (const figure of figures) {
+      figure.hidden = mode === "slide" ? figure !== under && figure !== over
+        : mode === "turns" ? figure !== figures[turn]
+        : figure.dataset.view !== mode;
+    }
+  };
+  const slideTo = (event) => {
+    const box = over.querySelector("img").getBoundingClientRect();
+    form.elements.cut.value = (100 * (event.clientX - box.left)) / box.width;
+    apply();
+  };
+  stage.addEventListener("pointermove", (event) => {
+    if (event.buttons && stage.classList.contains("slide")) slideTo(event);
+  });
+  stage.addEventListener("click", (event) => {
+    if (stage.classList.contains("slide")) return slideTo(event);
+    if (form.elements.view.value === "turns") turn = 1 - turn;
+    apply();
+  });
+  // Whoever wants no motion takes the turns by clicking.
+  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) {
+    setInterval(() => {
+      if (form.elements.view.value !== "turns") return;
+      turn = 1 - turn;
+      apply();
+    }, 600);
+  }
+  form.addEventListener("input", apply);
+  form.addEventListener("submit", (event) => event.preventDefault());
+  apply();
+}

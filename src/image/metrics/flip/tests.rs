@@ -2,50 +2,26 @@
 
 use std::f64::consts::PI;
 
+use super::super::clipped;
 use super::*;
 use crate::image::linear_from_srgb;
 use crate::image::metrics::PIXELS_PER_DEGREE;
+use crate::image::metrics::pairs::{self, COUNT, image, mean};
 
-/// A picture of 24x17 pixels from 8-bit sRGB codes, by column, row and channel.
-fn image(code: impl Fn(u32, u32, u32) -> u32) -> LinearImage {
-    let mut image = LinearImage::black(24, 17);
-    for (index, pixel) in image.pixels.iter_mut().enumerate() {
-        let (x, y) = (index as u32 % 24, index as u32 / 24);
-        *pixel = [0, 1, 2].map(|c| linear_from_srgb(f64::from(code(x, y, c) % 256) / 255.0) as f32);
-    }
-    image
+fn clipped_pixel(pixel: [f32; 3]) -> DVec3 {
+    DVec3::from(pixel.map(|channel| clipped(channel.into())))
 }
 
-/// Noise, an edge that moves, a point that appears, and the largest distance of colours.
-fn pairs() -> [(&'static str, [LinearImage; 2]); 4] {
-    let noise = |x, y, c| x * 37 + y * 17 + c * 91 + x * y * 3;
-    let squares = |x: u32, y: u32| if (x / 4 + y / 4) % 2 == 1 { 40 } else { 0 };
-    let edge = |end| image(move |x, _, c| if x < end { 200 } else { 40 + 10 * c });
-    let ramp = |x, c| 90 + x * 3 + c * 5;
-    let dot = |x, y, c| if (x, y) == (11, 8) { 255 } else { ramp(x, c) };
-    [
-        (
-            "noise",
-            [image(noise), image(|x, y, c| noise(x, y, c) + squares(x, y))],
-        ),
-        ("edge", [edge(12), edge(13)]),
-        ("dot", [image(|x, _, c| ramp(x, c)), image(dot)]),
-        (
-            "green and blue",
-            [
-                image(|_, _, c| if c == 1 { 255 } else { 0 }),
-                image(|_, _, c| if c == 2 { 255 } else { 0 }),
-            ],
-        ),
-    ]
+fn displayed(code: u32) -> f64 {
+    linear_from_srgb(f64::from(code) / 255.0)
+}
+
+fn pairs() -> [(&'static str, [LinearImage; 2]); COUNT] {
+    pairs::pairs(displayed)
 }
 
 fn map(pair: &[LinearImage; 2], pixels_per_degree: f64) -> Vec<f32> {
-    error_map([&pair[0], &pair[1]], 1.0, pixels_per_degree)
-}
-
-fn mean(map: &[f32]) -> f64 {
-    map.iter().copied().map(f64::from).sum::<f64>() / map.len() as f64
+    error_map([&pair[0], &pair[1]], &clipped_pixel, pixels_per_degree)
 }
 
 /// What `flip-evaluator` 1.7, of FLIP's authors, gives for [`pairs`]: the means at 67 and at 30 pixels a degree, and at
@@ -53,7 +29,7 @@ fn mean(map: &[f32]) -> f64 {
 ///
 /// It computes in f32. An error of 2^-23 in a feature difference is 3e-4 in its root, and the differences seen are no
 /// more.
-const PUBLISHED: [(f64, f64, [f64; 4]); 4] = [
+const PUBLISHED: [(f64, f64, [f64; 4]); COUNT] = [
     (0.291_920, 0.418_501, [0.059_762, 0.324_991, 0.442_9, 0.395_114]),
     (0.099_853, 0.077_810, [0.0, 0.392_042, 0.447_786, 0.0]),
     (0.011_179, 0.006_980, [0.0, 0.377_666, 0.286_362, 0.0]),
@@ -177,7 +153,7 @@ fn filters_in_two_passes_are_the_papers_in_one() {
     for (name, [image, _]) in pairs() {
         let contrast = ContrastFilter::new(PIXELS_PER_DEGREE);
         let detector = FeatureDetector::new(PIXELS_PER_DEGREE);
-        let seen = Seen::new(&image, 1.0, &Colors::new(), (&contrast, &detector));
+        let seen = Seen::new(&image, &clipped_pixel, &Colors::new(), (&contrast, &detector));
         let (colors, features) = seen_plainly(&image, PIXELS_PER_DEGREE);
         // Sums of some 441 products of values up to 500: 441 · 500 · 2^-53 = 2.4e-11, as much from a cube root near
         // black.
@@ -209,7 +185,7 @@ fn a_picture_does_not_differ_from_itself() {
 
 #[test]
 fn a_greater_difference_is_a_greater_error() {
-    let gray = |code| image(move |_, _, _| code);
+    let gray = |code| image(move |_, _, _| code, displayed);
     let errors: Vec<f64> = [100, 101, 110, 150, 255]
         .map(|code| mean(&map(&[gray(100), gray(code)], 67.0)))
         .to_vec();
@@ -226,6 +202,13 @@ fn a_picture_of_one_pixel_or_none_has_an_error_too() {
         height: 1,
         pixels: vec![[1.0; 3]],
     };
-    assert!(error_map([&one, &LinearImage::black(1, 1)], 1.0, 67.0)[0] > 0.9);
-    assert!(error_map([&LinearImage::default(), &LinearImage::default()], 1.0, 67.0).is_empty());
+    assert!(error_map([&one, &LinearImage::black(1, 1)], &clipped_pixel, 67.0)[0] > 0.9);
+    assert!(
+        error_map(
+            [&LinearImage::default(), &LinearImage::default()],
+            &clipped_pixel,
+            67.0
+        )
+        .is_empty()
+    );
 }

@@ -1,0 +1,112 @@
+//! Reading whole pictures, to be held against each other.
+
+use std::path::Path;
+
+use super::read::{self, ReadPixels, TransferCurve, read_size};
+use super::{ImageError, LinearImage, linear_from_srgb};
+
+/// Most pixels of a picture: 3 GiB of them.
+const MOST_PIXELS: u64 = 1 << 28;
+
+/// A picture of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Linear RGB; of a PNG or JPEG what is displayed, 0 to 1, and alpha is not looked at.
+    pub image: LinearImage,
+    /// Whether the file holds radiance, which may be anything, and not codes for a screen.
+    pub is_radiance: bool,
+}
+
+/// Reads the EXR, HDR, PNG or JPEG at `path`. An EXR may hold NaN and infinities, so that they can be counted.
+///
+/// # Errors
+///
+/// Where the file cannot be read, is no picture or one of more than 2^28 pixels.
+pub fn read_picture(path: &Path) -> Result<Picture, ImageError> {
+    let [width, height] = read_size(path)?;
+    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+        return Err(ImageError::Unusable {
+            path: path.to_owned(),
+            fault: format!("has {width} x {height} pixels, more than {MOST_PIXELS}"),
+            remedy: "compare parts of it",
+        });
+    }
+    let (is_radiance, is_exr) = read::holds_radiance(path)?;
+    if is_exr {
+        let image = super::read_exr(path)?;
+        return Ok(Picture { image, is_radiance });
+    }
+    // Floats count four times.
+    let read = read::read(path, TransferCurve::Srgb, 4 * MOST_PIXELS)?;
+    let pixels = match read.pixels {
+        ReadPixels::Bytes(codes) => {
+            let linear: Vec<f32> = (0..=255)
+                .map(|code| linear_from_srgb(f64::from(code) / 255.0) as f32)
+                .collect();
+            let pixel = |[r, g, b, _]: [u8; 4]| [r, g, b].map(|code| linear[usize::from(code)]);
+            codes.into_iter().map(pixel).collect()
+        }
+        ReadPixels::Floats(floats) => floats.into_iter().map(|[r, g, b, _]| [r, g, b]).collect(),
+    };
+    let image = LinearImage {
+        width: read.width,
+        height: read.height,
+        pixels,
+    };
+    Ok(Picture { image, is_radiance })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{ImageFormat, ToneMap, write};
+    use super::*;
+
+    #[test]
+    fn a_png_is_read_as_it_is_displayed_and_an_exr_with_all_it_holds() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut image = LinearImage::black(3, 2);
+        image.pixels[1] = [0.25, 0.5, 2.0];
+        image.pixels[5] = [f32::NAN, 1.0, f32::INFINITY];
+        let path = |name: &str| folder.path().join(name);
+        write(&image, &path("a.exr"), ImageFormat::Exr, ToneMap::default()).unwrap();
+        write(&image, &path("a.png"), ImageFormat::Png, ToneMap::default()).unwrap();
+
+        let radiance = read_picture(&path("a.exr")).unwrap();
+        assert!(radiance.is_radiance);
+        let bits = |image: &LinearImage| {
+            image
+                .pixels
+                .iter()
+                .map(|p| p.map(f32::to_bits))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(bits(&radiance.image), bits(&image));
+
+        let displayed = read_picture(&path("a.png")).unwrap();
+        assert!(!displayed.is_radiance);
+        let [r, g, b] = displayed.image.pixels[1];
+        assert!(
+            (r - 0.25).abs() < 0.004 && (g - 0.5).abs() < 0.004 && b == 1.0,
+            "{r} {g} {b}"
+        );
+        assert_eq!(displayed.image.pixels[5], [0.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn what_is_no_picture_is_refused_with_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        for text in ["", "not a picture", "\u{76}/1\u{1}broken"] {
+            std::fs::write(&path, text).unwrap();
+            let error = read_picture(&path).unwrap_err().to_string();
+            assert!(error.contains("a.png"), "{error}");
+        }
+        let missing = folder.path().join("none.exr");
+        assert!(
+            read_picture(&missing)
+                .unwrap_err()
+                .to_string()
+                .contains("none.exr")
+        );
+    }
+}

@@ -36,7 +36,7 @@ use super::forecast::Forecast;
 use super::ledger::{Account, Ledger};
 use super::look::{Kinds, Look};
 use super::meter::Meter;
-use super::wave::{Visit, Wave};
+use super::wave::{Visit, Waves};
 use super::{Frame, Monitor, RUN, pilot};
 use crate::numeric::LANES;
 use crate::scene::Effect;
@@ -74,6 +74,7 @@ pub(super) fn render(
         ledger += pilot(frame, &mut picture, &tiles, monitor)?;
         meter.skip();
     }
+    let waves = Waves::new(frame);
     let mut first_count = None;
     loop {
         picture.decide();
@@ -97,7 +98,7 @@ pub(super) fn render(
             };
             (monitor.progress)(part);
         };
-        let visited = render_round(frame, round, monitor, &progress)?;
+        let visited = render_round(&waves, round, monitor, &progress)?;
         meter.skip();
         for (tile, visits, estimates, tile_ledger) in visited {
             ledger += tile_ledger;
@@ -120,7 +121,7 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, tiles: &[Tile], monitor: &Mon
     picture.wanted = (0..picture.wanted.len()).map(asked).collect();
     let mut ledger = Ledger::default();
     for _ in 0..pilot::MOST_ROUNDS {
-        let visited = render_round(frame, picture.visits(tiles), monitor, &|_| ())?;
+        let visited = render_round(&Waves::new(frame), picture.visits(tiles), monitor, &|_| ())?;
         let first_rounds: Vec<Estimate> = visited.iter().flat_map(|visited| &visited.2).copied().collect();
         let before = frame.even_count;
         frame.set_even_count(pilot::even_count(&first_rounds, picture.target, picture.spp));
@@ -144,18 +145,19 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, tiles: &[Tile], monitor: &Mon
 type Visited = (Tile, Vec<Visit>, Vec<Estimate>, Ledger);
 
 fn render_round(
-    frame: &Frame,
+    waves: &Waves,
     round: Vec<(Tile, Vec<Visit>)>,
     monitor: &Monitor,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Option<Vec<Visited>> {
     let finished = AtomicUsize::new(0);
     let tile_count = round.len() as f64;
-    round
+    // Into a place of its own each, which no list of options that ends at the first `None` would do.
+    let visited = round
         .into_par_iter()
         .with_max_len(RUN)
         .map_init(
-            || Wave::new(frame),
+            || waves.lend(),
             |wave, (tile, visits)| {
                 if monitor.cancel.load(Ordering::Relaxed) {
                     return None;
@@ -165,7 +167,8 @@ fn render_round(
                 Some((tile, visits, estimates, ledger))
             },
         )
-        .collect()
+        .collect::<Vec<Option<_>>>();
+    visited.into_iter().collect()
 }
 
 /// The state of all pixels between two rounds.

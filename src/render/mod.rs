@@ -87,7 +87,7 @@ use subsurface::Bodies;
 use surface::{SurfaceScene, Surfaces};
 use surroundings::Environment;
 use texturing::Widths;
-use wave::{TilePicture, Wave};
+use wave::{TilePicture, Wave, Waves};
 
 /// Most tiles that one thread takes in a row: few enough that no thread is left with much when the others are done.
 const RUN: usize = 16;
@@ -318,14 +318,18 @@ fn render_tiles(frame: &Frame, monitor: &Monitor) -> Option<(Vec<(Tile, TilePict
         (monitor.progress)(finished as f64 / tiles.len() as f64);
         Some(((tile, picture), ledger))
     };
-    let rendered: Option<Vec<_>> = tiles
+    let waves = Waves::new(frame);
+    // Into a place of its own each, which no list of options that ends at the first `None` would do.
+    let rendered: Vec<Option<_>> = tiles
         .par_iter()
         .with_max_len(RUN)
-        .map_init(|| Wave::new(frame), |wave, &tile| render_tile(wave, tile))
+        .map_init(|| waves.lend(), |wave, &tile| render_tile(wave, tile))
         .collect();
+    drop(waves);
     let mut ledger = Ledger::default();
     let mut finished_tiles = Vec::with_capacity(tiles.len());
-    for (tile, tile_ledger) in rendered? {
+    for tile in rendered {
+        let (tile, tile_ledger) = tile?;
         ledger += tile_ledger;
         finished_tiles.push(tile);
     }

@@ -10,7 +10,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::film::{TILE, Tile, tiles};
-use super::wave::{TilePicture, Wave};
+use super::wave::{TilePicture, Wave, Waves};
 use super::{Frame, Ledger, Monitor, Plan, RenderSettings, filter};
 use crate::accel::Accel;
 use crate::image::LinearImage;
@@ -92,9 +92,10 @@ pub fn render_sample(
         };
         Some((sampled, ledger))
     };
+    let waves = Waves::new(&frame);
     let rendered: Option<Vec<_>> = chosen
         .par_iter()
-        .map_init(|| Wave::new(&frame), |wave, &tile| render(wave, tile))
+        .map_init(|| waves.lend(), |wave, &tile| render(wave, tile))
         .collect();
     let (tiles, ledgers): (Vec<_>, Vec<_>) = rendered?.into_iter().unzip();
     let mut ledger = Ledger::default();

@@ -5,7 +5,8 @@
 //! before the next few packets) and the rays of the next generation. The tree ends where no ray is left, at the depth
 //! limit, or where a ray's weight falls under the cut-off.
 
-use std::ops::Range;
+use std::ops::{Deref, DerefMut, Range};
+use std::sync::{Mutex, PoisonError};
 
 use multiversion::multiversion;
 
@@ -263,6 +264,60 @@ impl<'f, 's> Wave<'f, 's> {
             }
             self.current.clear();
         }
+    }
+}
+
+/// The waves of a render: as many as ever worked at the same time, each lent to whoever has tiles to render.
+///
+/// A run of tiles is short, and a wave's queues have grown by its end: the next run takes them over as they are.
+pub(super) struct Waves<'f, 's> {
+    frame: &'f Frame<'s>,
+    idle: Mutex<Vec<Wave<'f, 's>>>,
+}
+
+impl<'f, 's> Waves<'f, 's> {
+    pub(super) fn new(frame: &'f Frame<'s>) -> Waves<'f, 's> {
+        Waves {
+            frame,
+            idle: Mutex::default(),
+        }
+    }
+
+    /// A wave for a run of tiles; it comes back when it is dropped.
+    pub(super) fn lend(&self) -> Lent<'_, 'f, 's> {
+        let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        Lent {
+            waves: self,
+            wave: Some(idle.unwrap_or_else(|| Wave::new(self.frame))),
+        }
+    }
+}
+
+/// A wave at work.
+pub(super) struct Lent<'w, 'f, 's> {
+    waves: &'w Waves<'f, 's>,
+    /// There until it is given back.
+    wave: Option<Wave<'f, 's>>,
+}
+
+impl<'f, 's> Deref for Lent<'_, 'f, 's> {
+    type Target = Wave<'f, 's>;
+
+    fn deref(&self) -> &Wave<'f, 's> {
+        self.wave.as_ref().expect("given back only when dropped")
+    }
+}
+
+impl<'f, 's> DerefMut for Lent<'_, 'f, 's> {
+    fn deref_mut(&mut self) -> &mut Wave<'f, 's> {
+        self.wave.as_mut().expect("given back only when dropped")
+    }
+}
+
+impl Drop for Lent<'_, '_, '_> {
+    fn drop(&mut self) {
+        let mut idle = self.waves.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        idle.extend(self.wave.take());
     }
 }
 

@@ -12,7 +12,7 @@
 //! 4. [`image`] writes the picture.
 //!
 //! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`] [`image`] · [`scene`] ·
-//! [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`render`] · [`verify`] ·
+//! [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`render`] · [`cost`] [`verify`] ·
 //! [`report`] · [`cli`].
 //!
 //! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one
@@ -43,6 +43,7 @@
 
 pub mod accel;
 pub mod cli;
+pub mod cost;
 pub mod gltf;
 pub mod image;
 pub mod mesh;

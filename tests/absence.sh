@@ -7,23 +7,25 @@ cd "$(dirname "$0")/.."
 
 program=${CARGO_TARGET_DIR:-target}/release/whit
 builds=$(mktemp -d)
-finish() {
-    # Nobody is to find a program there that leaves effects out. Cargo knows what it built last, and builds anew.
-    if [ -e "$builds/whole" ]; then cp "$builds/whole" "$program"; fi
-    rm -rf "$builds"
-}
-trap finish EXIT
+trap 'rm -rf "$builds"' EXIT
 
+# In a folder of its own, where nobody finds a program that leaves effects out. What whit stands on is taken over.
 build() {
-    WHIT_WITHOUT=$2 cargo build --release --quiet
-    cp "$program" "$builds/$1"
+    mkdir "$builds/$1.target"
+    cp -a "$(dirname "$program")" "$builds/$1.target"
+    WHIT_WITHOUT=$2 CARGO_TARGET_DIR="$builds/$1.target" cargo build --release --quiet
+    mv "$builds/$1.target/release/whit" "$builds/$1"
+    rm -rf "$builds/$1.target"
 }
 
 cargo build --release --quiet
 cp "$program" "$builds/whole"
 # The names as `whit info` prints them, all but those given.
 all=$("$builds/whole" info scenes/first_light.gltf | sed -n 's/^effect *\([a-z-]*\) .*/\1/p')
-build bare "$(paste -sd, <<<"$all")"
+# Side by side: the last step of each keeps one core busy.
+build bare "$(paste -sd, <<<"$all")" &
+bare=$!
 build mirrors "$(grep -vx -e shadow -e reflection <<<"$all" | paste -sd,)"
+wait "$bare"
 WHIT_WHOLE=$builds/whole WHIT_MIRRORS=$builds/mirrors WHIT_BARE=$builds/bare \
     cargo test --test absence -- --nocapture

@@ -42,6 +42,14 @@ impl Scene {
         self.fog = self.fog.map(|fog| fog.rescaled(scale));
     }
 
+    /// Has every volume and the fog marched through in steps that are `factor` times as long.
+    pub fn scale_march_steps(&mut self, factor: f64) {
+        for volume in &mut self.volumes {
+            *volume = volume.clone().with_steps(factor);
+        }
+        self.fog = self.fog.map(|fog| fog.with_steps(factor));
+    }
+
     /// What is wrong with the place of a volume, with the volume's number.
     pub(super) fn check_volumes(&self) -> Result<(), (usize, String)> {
         self.volumes.iter().enumerate().try_for_each(|(index, volume)| {

@@ -53,6 +53,14 @@ impl Fog {
         }
     }
 
+    /// The same marched through in steps that are `factor` times as long, but not so short that a march would never end.
+    #[must_use]
+    pub fn with_steps(self, factor: f64) -> Fog {
+        let step = factor * self.step;
+        let ends = self.extinction == 0.0 || self.extinction * step * MOST_STEPS >= 1.0;
+        if ends { Fog { step, ..self } } else { self }
+    }
+
     /// Extinction per world unit.
     pub fn extinction(&self) -> f64 {
         self.extinction

@@ -223,6 +223,16 @@ impl Volume {
         cube.transformed(&self.world_from_cube)
     }
 
+    /// The same marched through in steps that are `factor` times as long, but not so short that a march would never end.
+    #[must_use]
+    pub fn with_steps(self, factor: f64) -> Volume {
+        let diameter = 2.0 * DVec3::from_array(axis_lengths(&self.world_from_cube)).length();
+        Volume {
+            step: (factor * self.step).max(diameter / MOST_STEPS),
+            ..self
+        }
+    }
+
     /// Length of a step in world units.
     pub fn step(&self) -> f64 {
         self.step

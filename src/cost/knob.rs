@@ -1,0 +1,460 @@
+//! What can be turned, and how far.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::accel::{Backend, Instancing, Precision};
+use crate::render::{Adaptive, FilterKind, Pattern, Plan, RenderSettings};
+use crate::scene::{Effect, Geometry, LightKind, Scene};
+
+/// Something that trades error for seconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Knob {
+    /// Samples a pixel.
+    Samples,
+    /// How they lie in the pixel.
+    Pattern,
+    /// The standard error that ends the sampling of a pixel.
+    Adaptive,
+    /// Generations of reflected and refracted rays.
+    Depth,
+    /// The weight under which a ray is not followed.
+    Cutoff,
+    /// Wavelengths that a path splits into.
+    Wavelengths,
+    /// Points of each extended light that a surface asks.
+    LightSamples,
+    /// Rays into the lobe of a rough surface.
+    RoughRays,
+    /// Length of the steps through volumes.
+    MarchStep,
+    /// Whether textures are averaged over what a ray covers.
+    TextureFilter,
+    /// What finds the hits, and how far triangle hits may be trusted.
+    HitPath,
+    /// How Embree is given placed meshes.
+    Instancing,
+}
+
+impl Knob {
+    /// All.
+    pub const ALL: [Knob; 12] = [
+        Knob::Samples,
+        Knob::Pattern,
+        Knob::Adaptive,
+        Knob::Depth,
+        Knob::Cutoff,
+        Knob::Wavelengths,
+        Knob::LightSamples,
+        Knob::RoughRays,
+        Knob::MarchStep,
+        Knob::TextureFilter,
+        Knob::HitPath,
+        Knob::Instancing,
+    ];
+
+    /// What reports call it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Knob::Samples => "samples",
+            Knob::Pattern => "pattern",
+            Knob::Adaptive => "adaptive",
+            Knob::Depth => "depth",
+            Knob::Cutoff => "cut-off",
+            Knob::Wavelengths => "wavelengths",
+            Knob::LightSamples => "light samples",
+            Knob::RoughRays => "rough rays",
+            Knob::MarchStep => "march step",
+            Knob::TextureFilter => "texture filter",
+            Knob::HitPath => "hit path",
+            Knob::Instancing => "instancing",
+        }
+    }
+
+    /// Whether its places lie in an order along which the error falls.
+    pub const fn is_graded(self) -> bool {
+        matches!(
+            self,
+            Knob::Samples
+                | Knob::Adaptive
+                | Knob::Depth
+                | Knob::Cutoff
+                | Knob::Wavelengths
+                | Knob::LightSamples
+                | Knob::RoughRays
+                | Knob::MarchStep
+        )
+    }
+}
+
+impl fmt::Display for Knob {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What finds the hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct HitPath {
+    /// Embree, or the BSP in f64.
+    pub backend: Backend,
+    /// How far Embree's hits of triangles may be trusted.
+    pub precision: Precision,
+    /// How it is given placed meshes.
+    pub instancing: Instancing,
+}
+
+impl HitPath {
+    /// The path of every hit in f64.
+    pub const BSP: HitPath = HitPath {
+        backend: Backend::Bsp,
+        precision: Precision::Watertight,
+        instancing: Instancing::Auto,
+    };
+
+    /// What reports call it.
+    pub fn name(&self) -> String {
+        match self.backend {
+            Backend::Embree => self.precision.to_string(),
+            backend => backend.to_string(),
+        }
+    }
+}
+
+/// What a configuration changes of the scene itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SceneChange {
+    /// Points of each extended light, in place of the lights' own.
+    pub light_samples: Option<u32>,
+    /// Rays into lobes, in place of the materials' own.
+    pub rough_rays: Option<u32>,
+    /// Steps through volumes are so many powers of two times as long as the volumes' own.
+    pub step_doublings: i32,
+}
+
+impl SceneChange {
+    /// The scene with the change made.
+    pub fn made(&self, scene: &Scene) -> Scene {
+        let mut scene = scene.clone();
+        if let Some(count) = self.light_samples {
+            for light in &mut scene.lights {
+                if let LightKind::Area { samples, .. } = &mut light.kind {
+                    *samples = count;
+                }
+            }
+        }
+        if let Some(rays) = self.rough_rays {
+            scene.set_rough_rays(rays);
+        }
+        if self.step_doublings != 0 {
+            scene.scale_march_steps(2f64.powi(self.step_doublings));
+        }
+        scene
+    }
+}
+
+/// A way of rendering a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Configuration {
+    /// What picture is made.
+    pub settings: RenderSettings,
+    /// What finds the hits.
+    pub path: HitPath,
+    /// What is changed of the scene.
+    pub change: SceneChange,
+}
+
+impl Configuration {
+    /// The names and values of everything that knobs turn.
+    pub fn words(&self) -> BTreeMap<String, String> {
+        let settings = &self.settings;
+        let mut words = BTreeMap::from([
+            ("samples".to_owned(), settings.spp.to_string()),
+            ("pattern".to_owned(), pattern_name(settings.pattern).to_owned()),
+            ("depth".to_owned(), settings.depth.to_string()),
+            ("cutoff".to_owned(), cutoff_name(settings.weight_cutoff)),
+            ("wavelengths".to_owned(), settings.wavelengths.to_string()),
+            ("path".to_owned(), self.path.name()),
+        ]);
+        let mut add = |name: &str, value: Option<String>| {
+            words.extend(value.map(|value| (name.to_owned(), value)));
+        };
+        add(
+            "adaptive",
+            settings.adaptive.map(|adaptive| adaptive.error.to_string()),
+        );
+        add(
+            "light_samples",
+            self.change.light_samples.map(|count| count.to_string()),
+        );
+        add(
+            "rough_rays",
+            self.change.rough_rays.map(|count| count.to_string()),
+        );
+        let doublings = self.change.step_doublings;
+        add("march_step", (doublings != 0).then(|| step_name(doublings)));
+        let unfiltered = settings.effects.removed.has(Effect::TextureFilter);
+        add("texture_filter", unfiltered.then(|| "off".to_owned()));
+        let instancing = self.path.instancing;
+        add(
+            "instancing",
+            (instancing != Instancing::Auto).then(|| instancing.to_string()),
+        );
+        words
+    }
+}
+
+fn pattern_name(pattern: Pattern) -> &'static str {
+    match pattern {
+        Pattern::Regular => "regular",
+        Pattern::Jittered => "jittered",
+        Pattern::Sobol => "sobol",
+        Pattern::R2 => "r2",
+    }
+}
+
+fn cutoff_name(cutoff: f32) -> String {
+    if cutoff > 0.0 {
+        format!("1/{}", (1.0 / cutoff).round())
+    } else {
+        "none".to_owned()
+    }
+}
+
+fn step_name(doublings: i32) -> String {
+    if doublings < 0 {
+        format!("1/{} of the scene's", 1u32 << -doublings)
+    } else {
+        format!("{} times the scene's", 1u32 << doublings)
+    }
+}
+
+/// The places to which a scene's knobs are turned, each by itself with all others as in `base`: those that `plan` makes
+/// relevant, no others. Samples go up to `most_samples`.
+pub fn knobs(
+    scene: &Scene,
+    plan: &Plan,
+    base: &Configuration,
+    most_samples: u32,
+) -> Vec<(Knob, String, Configuration)> {
+    let turns = Turns {
+        scene,
+        plan,
+        base,
+        most_samples,
+    };
+    let all = Knob::ALL.into_iter().flat_map(|knob| {
+        let levels = turns.levels(knob).into_iter();
+        levels.map(move |(level, configuration)| (knob, level, configuration))
+    });
+    // What turns to where it is already is the base.
+    all.filter(|(_, _, configuration)| configuration != base)
+        .collect()
+}
+
+struct Turns<'a> {
+    scene: &'a Scene,
+    plan: &'a Plan,
+    base: &'a Configuration,
+    most_samples: u32,
+}
+
+type Level = (String, Configuration);
+
+impl Turns<'_> {
+    fn has(&self, effect: Effect) -> bool {
+        self.plan.effects().has(effect)
+    }
+
+    /// With other settings.
+    fn set(&self, change: impl Fn(&mut RenderSettings)) -> Configuration {
+        let mut configuration = *self.base;
+        change(&mut configuration.settings);
+        configuration
+    }
+
+    fn levels(&self, knob: Knob) -> Vec<Level> {
+        let bounces = self.has(Effect::Reflection) || self.has(Effect::Refraction);
+        match knob {
+            Knob::Samples => self.samples(),
+            Knob::Pattern => self.patterns(),
+            Knob::Adaptive => self.adaptive(),
+            Knob::Depth if bounces => self.depths(),
+            Knob::Cutoff if bounces => self.cutoffs(),
+            Knob::Wavelengths if self.has(Effect::Dispersion) => self.wavelengths(),
+            Knob::LightSamples if self.has_extended_lights() => self.light_samples(),
+            Knob::RoughRays if self.has(Effect::RoughReflection) => self.rough_rays(),
+            Knob::MarchStep if self.has(Effect::Volume) => self.march_steps(),
+            Knob::TextureFilter if self.has(Effect::TextureFilter) => self.texture_filter(),
+            Knob::HitPath => self.hit_paths(),
+            Knob::Instancing => self.instancings(),
+            _ => Vec::new(),
+        }
+    }
+
+    fn samples(&self) -> Vec<Level> {
+        let powers = (0..32).map(|power| 1u32 << power);
+        powers
+            .take_while(|&spp| spp <= self.most_samples)
+            .map(|spp| (spp.to_string(), self.set(|settings| settings.spp = spp)))
+            .collect()
+    }
+
+    fn patterns(&self) -> Vec<Level> {
+        let all = [Pattern::Regular, Pattern::Jittered, Pattern::Sobol, Pattern::R2];
+        all.into_iter()
+            .map(|pattern| {
+                (
+                    pattern_name(pattern).to_owned(),
+                    self.set(|settings| settings.pattern = pattern),
+                )
+            })
+            .collect()
+    }
+
+    /// Up to the most samples; needs a box, and a pattern whose samples go on.
+    fn adaptive(&self) -> Vec<Level> {
+        let settings = &self.base.settings;
+        let fits = settings.filter.kind == FilterKind::Box && settings.pattern != Pattern::Regular;
+        // Every pixel takes sixteen.
+        if !fits || self.most_samples <= 16 {
+            return Vec::new();
+        }
+        [0.04, 0.02, 0.01, 0.005]
+            .into_iter()
+            .map(|error| {
+                let adaptive = Adaptive { error, gain: 1.0 };
+                let configuration = self.set(|settings| {
+                    settings.spp = self.most_samples;
+                    settings.adaptive = Some(adaptive);
+                });
+                (error.to_string(), configuration)
+            })
+            .collect()
+    }
+
+    fn depths(&self) -> Vec<Level> {
+        let mut depths: Vec<u32> = (0..=4).chain([6, 8, 12]).collect();
+        depths.retain(|&depth| depth <= self.base.settings.depth.max(2) * 2);
+        depths
+            .into_iter()
+            .map(|depth| (depth.to_string(), self.set(|settings| settings.depth = depth)))
+            .collect()
+    }
+
+    fn cutoffs(&self) -> Vec<Level> {
+        [1.0 / 8.0, 1.0 / 32.0, 1.0 / 128.0, 1.0 / 512.0, 1.0 / 4096.0, 0.0]
+            .into_iter()
+            .map(|cutoff| {
+                (
+                    cutoff_name(cutoff),
+                    self.set(|settings| settings.weight_cutoff = cutoff),
+                )
+            })
+            .collect()
+    }
+
+    fn wavelengths(&self) -> Vec<Level> {
+        [1, 2, 4, 8, 16, 32]
+            .into_iter()
+            .map(|count| {
+                (
+                    count.to_string(),
+                    self.set(|settings| settings.wavelengths = count),
+                )
+            })
+            .collect()
+    }
+
+    fn has_extended_lights(&self) -> bool {
+        let mut lights = self.scene.lights.iter();
+        lights.any(|light| matches!(light.kind, LightKind::Area { .. }))
+    }
+
+    fn light_samples(&self) -> Vec<Level> {
+        self.changed([1, 2, 4, 8], |change, count| change.light_samples = Some(count))
+    }
+
+    fn rough_rays(&self) -> Vec<Level> {
+        self.changed([1, 2, 4, 8], |change, count| change.rough_rays = Some(count))
+    }
+
+    fn changed(&self, counts: [u32; 4], change: impl Fn(&mut SceneChange, u32)) -> Vec<Level> {
+        counts
+            .into_iter()
+            .map(|count| {
+                let mut configuration = *self.base;
+                change(&mut configuration.change, count);
+                (count.to_string(), configuration)
+            })
+            .collect()
+    }
+
+    fn march_steps(&self) -> Vec<Level> {
+        [2, 1, 0, -1]
+            .into_iter()
+            .map(|step_doublings| {
+                let mut configuration = *self.base;
+                configuration.change.step_doublings = step_doublings;
+                (step_name(step_doublings), configuration)
+            })
+            .collect()
+    }
+
+    fn texture_filter(&self) -> Vec<Level> {
+        let mut removed = self.base.settings.effects.removed;
+        removed = removed.with(Effect::TextureFilter);
+        let off = self.set(|settings| settings.effects.removed = removed);
+        vec![("off".to_owned(), off)]
+    }
+
+    fn hit_paths(&self) -> Vec<Level> {
+        let has_meshes = self
+            .scene
+            .geometries
+            .iter()
+            .any(|geometry| matches!(geometry, Geometry::Mesh(_)));
+        let mut paths = Vec::new();
+        if cfg!(feature = "embree") {
+            // Precisions differ in triangles alone.
+            let precisions: &[Precision] = if has_meshes {
+                &Precision::ALL
+            } else {
+                &[Precision::Robust]
+            };
+            paths.extend(precisions.iter().map(|&precision| HitPath {
+                backend: Backend::Embree,
+                precision,
+                instancing: Instancing::Auto,
+            }));
+        }
+        paths.push(HitPath::BSP);
+        paths
+            .into_iter()
+            .map(|path| (path.name(), Configuration { path, ..*self.base }))
+            .collect()
+    }
+
+    fn instancings(&self) -> Vec<Level> {
+        let is_placed = |geometry: &Geometry| matches!(geometry, Geometry::Mesh(_));
+        let mut seen = vec![false; self.scene.geometries.len()];
+        // A mesh that stands once may be given where it stands.
+        let has_placed = self.scene.instances.iter().any(|instance| {
+            let geometry = instance.geometry as usize;
+            is_placed(&self.scene.geometries[geometry]) && std::mem::replace(&mut seen[geometry], true)
+        });
+        let path = self.base.path;
+        if path.backend != Backend::Embree || path.precision == Precision::Watertight || !has_placed {
+            return Vec::new();
+        }
+        let other = path.instancing.resolved(path.precision).other();
+        let path = HitPath {
+            instancing: other,
+            ..path
+        };
+        vec![(other.to_string(), Configuration { path, ..*self.base })]
+    }
+}

@@ -1,0 +1,14 @@
+//! What accuracy costs in time: a scene's knobs, each turned by itself, on one plot of error over seconds.
+//!
+//! A [`Configuration`] is a way of rendering a scene; those that are measured differ from the *base* in one [`Knob`] each.
+//! Errors are held against two independent halves of a reference, so that the reference's own noise does not count
+//! ([`Halves`]); times are ratios to the base within blocks in which every configuration takes one turn ([`blocks`]).
+//! Whatever is told comes with an interval that holds the true value 95 times of 100.
+
+mod knob;
+pub mod statistics;
+mod study;
+
+pub use knob::{Configuration, HitPath, Knob, SceneChange, knobs};
+pub use statistics::Interval;
+pub use study::{Check, Curve, Point, Reference, Study, Timing};

@@ -1,0 +1,132 @@
+//! What a study of a scene found.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Interval, Knob};
+
+/// Everything that was measured of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Study {
+    /// Width and height of the pictures that were measured.
+    pub size: [u32; 2],
+    /// Threads that rendered.
+    pub threads: usize,
+    /// What errors are held against.
+    pub reference: Reference,
+    /// How times were taken.
+    pub timing: Timing,
+    /// Every configuration; the first is the base.
+    pub points: Vec<Point>,
+    /// Knobs that were turned to several places, with how the error falls as they take more time.
+    pub curves: Vec<Curve>,
+}
+
+/// The picture that errors are held against, in two independent halves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Reference {
+    /// Samples a pixel of each half.
+    pub spp: u32,
+    /// What found the hits of each half.
+    pub paths: [String; 2],
+    /// Root of the mean square that the mean of the halves still errs by, as displayed (black is 0, white 1).
+    pub noise: f64,
+    /// What was asked of it.
+    pub checks: Vec<Check>,
+}
+
+impl Reference {
+    /// Whether errors may be trusted.
+    pub fn has_converged(&self) -> bool {
+        self.checks.iter().all(|check| check.holds)
+    }
+}
+
+/// Something that was asked of a reference.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Check {
+    /// A word or two.
+    pub name: String,
+    /// Whether the answer is as it must be.
+    pub holds: bool,
+    /// What was measured, against what bound.
+    pub words: String,
+}
+
+/// How times were taken.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Timing {
+    /// Blocks in which every configuration took one turn, and which count.
+    pub blocks: usize,
+    /// Blocks that do not, as the machine was busy with something else.
+    pub dropped: usize,
+    /// Largest deviation of the kernel that says so among those that count, as a share of its median.
+    pub calibration_spread: f64,
+    /// Seconds that everything took.
+    pub spent: f64,
+    /// Seconds that it was to take.
+    pub budget: f64,
+}
+
+/// A configuration and what was measured of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// The knob that is turned; the base turns none.
+    pub knob: Option<Knob>,
+    /// To where, as the knob words it; `base` for the base.
+    pub level: String,
+    /// The whole configuration, as the settings' names and values.
+    pub settings: BTreeMap<String, String>,
+    /// Seconds to make the scene ready to be asked, once.
+    pub build_seconds: f64,
+    /// Seconds of a picture.
+    pub seconds: Interval,
+    /// Those over the base's.
+    pub time_ratio: Interval,
+    /// Root of the mean squared error as displayed (black is 0, white 1), the reference's own noise not counted.
+    pub rmse: Interval,
+    /// The part of the squared error that stays however many pictures are averaged.
+    pub bias_squared: Interval,
+    /// The part that differs from picture to picture.
+    pub variance: f64,
+    /// Mean squared error of radiance over the reference's square.
+    pub rel_mse: f64,
+    /// Mean LDR-FLIP error of one picture.
+    pub flip: f64,
+    /// Largest error of a channel as displayed, of one picture.
+    pub max: f64,
+    /// Part of the pixels of one picture that are visibly off: a channel by more than 1/255.
+    pub changed_share: f64,
+    /// Pixels of one picture that are no numbers.
+    pub non_finite: u64,
+    /// Rays of a picture.
+    pub rays: u64,
+    /// Whether no other is known to be both faster and closer.
+    pub on_front: bool,
+}
+
+/// How the error falls along a knob.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Curve {
+    /// Which.
+    pub knob: Knob,
+    /// Its points, by time, as places in [`Study::points`].
+    pub points: Vec<usize>,
+    /// Of the logarithm of the error over that of the time, if there are points enough for a line.
+    pub slope: Option<Interval>,
+}
+
+impl Study {
+    /// How many times the time is that half the error takes along the curve, by its slope: `None` where the error does
+    /// not fall.
+    pub fn price_of_half(&self, curve: &Curve) -> Option<Interval> {
+        let slope = curve.slope?;
+        let price = |slope: f64| 2f64.powf(-1.0 / slope);
+        (slope.high < 0.0).then(|| Interval {
+            value: price(slope.value),
+            low: price(slope.low),
+            high: price(slope.high),
+        })
+    }
+}

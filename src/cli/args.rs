@@ -1,6 +1,7 @@
 //! What may be typed: the flags and their ranges. Nothing below this room knows a flag.
 
 mod compare;
+mod cost;
 mod verify;
 
 use std::fmt;
@@ -11,6 +12,7 @@ use std::sync::LazyLock;
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
 pub(super) use compare::CompareArgs;
+pub(super) use cost::CostArgs;
 pub(super) use verify::VerifyArgs;
 
 use crate::accel::{Backend, Instancing, Precision};
@@ -77,6 +79,8 @@ pub(super) enum Command {
     Verify(VerifyArgs),
     /// Say how far a picture is from its reference
     Compare(CompareArgs),
+    /// Measure what accuracy costs in time: error over seconds for every knob of a scene
+    Cost(CostArgs),
 }
 
 const RENDER_EXAMPLES: &str = "\

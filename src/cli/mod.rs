@@ -7,6 +7,7 @@ mod args;
 mod asked_again;
 mod bench;
 mod compare;
+mod cost;
 mod extents;
 mod failure;
 mod forecast;
@@ -41,6 +42,7 @@ pub fn run() -> i32 {
             Command::Bench(args) => bench::run(&args),
             Command::Verify(args) => verify::run(&args),
             Command::Compare(args) => compare::run(&args),
+            Command::Cost(args) => cost::run(&args),
         }
     });
     match result {

@@ -53,6 +53,11 @@ impl Progress {
         }
     }
 
+    /// Says what is being done within the phase.
+    pub(super) fn say(&self, what: &str) {
+        self.bar.set_message(what.to_owned());
+    }
+
     /// Shows the finished fraction of the phase; from any thread.
     pub(super) fn fraction(&self, fraction: f64) {
         self.bar.set_position((fraction * STEPS) as u64);

@@ -1,0 +1,70 @@
+//! Flags of `whit cost`.
+
+use std::path::PathBuf;
+
+use clap::Args as ArgGroup;
+
+use super::{ImageSize, TracingArgs};
+use crate::accel::Backend;
+
+/// Enough for a few thousand pixels of a slow scene.
+const DEFAULT_BUDGET: f64 = 120.0;
+
+const COST_HELP: &str = "\
+Every knob that the scene gives a meaning is turned by itself: samples a pixel and how they lie, adaptive sampling,
+depth, cut-off, wavelengths, points of lights, rays into lobes, steps through volumes, the texture filter, what finds
+the hits and how far it may be trusted. Errors are those of values as displayed (black is 0, white 1), held against two
+independent halves of a reference, one through Embree and one through the BSP; times are ratios within blocks in which
+every setting takes one turn. Pictures are as large as the budget affords, unless --size says it.
+
+Written into --out: report.html (one file, nothing to load), report.json, points.csv and ref.exr.
+
+Examples:
+  whit cost scene.toml
+  whit cost scene.glb --budget 300 --out scene.cost
+  whit cost scene.toml --size 320x240 --out scene.cost --date 2026-11-23";
+
+/// Flags of `whit cost`.
+#[derive(Debug, ArgGroup)]
+#[command(after_help = COST_HELP)]
+pub(in crate::cli) struct CostArgs {
+    /// Scene file (.toml) or glTF scene (.glb, .gltf)
+    #[arg(value_name = "SCENE")]
+    pub(in crate::cli) scene: PathBuf,
+
+    /// Seconds that everything may take, loading included
+    #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = budget)]
+    pub(in crate::cli) budget: f64,
+
+    /// Width and height of the pictures that are measured [default: as large as the budget affords]
+    #[arg(long, value_name = "WxH")]
+    pub(in crate::cli) size: Option<ImageSize>,
+
+    /// Camera to look through, by name or number; see `whit info`
+    #[arg(long, value_name = "NAME|N")]
+    pub(in crate::cli) camera: Option<String>,
+
+    /// What finds the hits of the base [default: embree if built in, else bsp]
+    #[arg(long)]
+    pub(in crate::cli) backend: Option<Backend>,
+
+    #[command(flatten)]
+    pub(in crate::cli) tracing: TracingArgs,
+
+    /// Folder to write the report into; it is made if it is not there
+    #[arg(long, value_name = "DIR")]
+    pub(in crate::cli) out: Option<PathBuf>,
+
+    /// What the report's page says of its date
+    #[arg(long, value_name = "WORDS", requires = "out")]
+    pub(in crate::cli) date: Option<String>,
+}
+
+fn budget(text: &str) -> Result<f64, String> {
+    text.strip_suffix('s')
+        .unwrap_or(text)
+        .parse()
+        .ok()
+        .filter(|seconds| (1.0..=super::MAX_BUDGET).contains(seconds))
+        .ok_or_else(|| format!("give seconds from 1 to {}", super::MAX_BUDGET))
+}

@@ -1,0 +1,196 @@
+//! `whit cost`: what accuracy costs in time, on the user's scene.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use crate::accel::{AccelError, Backend};
+use crate::cost::{self, Configuration, CostError, Experiment, Findings, HitPath, SceneChange, Watcher};
+use crate::image::metrics::{self, Viewing};
+use crate::image::{ImageFormat, ToneMap, check_writable, write};
+use crate::report::cost::{CostText, points_csv};
+use crate::report::{cost_page, difference, memory};
+use crate::scene::EffectSet;
+use crate::scene_file::{Output, SceneFile};
+
+use super::args::CostArgs;
+use super::failure::Failure;
+use super::interrupt;
+use super::job::{Tracing, choose_camera, settings};
+use super::output;
+use super::progress::{Progress, Verbosity};
+use super::scene;
+
+/// Bytes of a pixel for each configuration and for each picture of it: its sums, its first picture, what it shows.
+const BYTES_A_PIXEL: u64 = 12 + 12 + 12;
+/// Configurations of a scene that calls for everything.
+const MOST_CONFIGURATIONS: u64 = 64;
+
+/// Measures what the arguments ask for.
+pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
+    let start = Instant::now();
+    let backend = args.backend.unwrap_or_default();
+    if backend == Backend::Embree && !cfg!(feature = "embree") {
+        return Err(AccelError::NoEmbree.into());
+    }
+    if backend == Backend::Brute {
+        return Err(Failure::Input(
+            "brute force is too slow for a base: choose `--backend embree` or `--backend bsp`".into(),
+        ));
+    }
+    let folder = args.out.as_deref().map(Folder::new).transpose()?;
+    let tracing = Tracing::new(&args.tracing);
+    let progress = Progress::new(Verbosity::Normal);
+    let findings = tracing
+        .pool()?
+        .install(|| measure(args, backend, &tracing, start, &progress));
+    progress.clear();
+    let (findings, tone) = findings?;
+    output::print(&CostText(&findings.study).to_string())?;
+    match &folder {
+        Some(folder) => folder.write(args, &findings, tone),
+        None => Ok(()),
+    }
+}
+
+fn measure(
+    args: &CostArgs,
+    backend: Backend,
+    tracing: &Tracing,
+    start: Instant,
+    progress: &Progress,
+) -> Result<(Findings, ToneMap), Failure> {
+    let name = args.scene.display().to_string();
+    progress.phase(&name, "load");
+    let SceneFile { scene, output, .. } = scene::load(&args.scene, EffectSet::NONE)?;
+    for warning in &scene.warnings {
+        progress.warn(&format!("{name}: {warning}"));
+    }
+    let camera = choose_camera(&scene, &args.scene, args.camera.as_deref())?;
+    let size = args.size.map(|size| [size.width, size.height]);
+    check_memory(size)?;
+    let picture = Output {
+        size: size.or(output.size),
+        ..output
+    };
+    let tone = ToneMap {
+        exposure_ev: output.exposure.unwrap_or(0.0),
+    };
+    let experiment = Experiment {
+        scene: &scene,
+        camera,
+        base: Configuration {
+            settings: settings(&picture)?,
+            path: match backend {
+                Backend::Embree => HitPath {
+                    backend,
+                    precision: tracing.precision,
+                    instancing: tracing.instancing,
+                },
+                _ => HitPath::BSP,
+            },
+            change: SceneChange::default(),
+        },
+        tone,
+        size,
+        budget: args.budget,
+        start,
+        threads: tracing.threads,
+        isa: tracing.isa.clone(),
+    };
+    progress.phase(&name, "measure");
+    let watcher = Watcher {
+        progress: &|what, fraction| {
+            progress.say(what);
+            progress.fraction(fraction);
+        },
+        cancel: &interrupt::CANCELLED,
+    };
+    let findings = cost::run(&experiment, &watcher).map_err(|error| match error {
+        CostError::Cancelled => Failure::Interrupted,
+        CostError::Accel(error) => error.into(),
+    })?;
+    Ok((findings, tone))
+}
+
+/// Refuses pictures that the machine cannot hold all at the same time.
+fn check_memory(size: Option<[u32; 2]>) -> Result<(), Failure> {
+    let Some([width, height]) = size else {
+        return Ok(());
+    };
+    let needed = u64::from(width) * u64::from(height) * BYTES_A_PIXEL * MOST_CONFIGURATIONS;
+    match memory::available_bytes().filter(|&free| needed > free) {
+        Some(free) => Err(Failure::Input(format!(
+            "pictures of {width}x{height} pixels in all settings take {} of memory and {} are free: give a smaller \
+             `--size`",
+            memory::in_words(needed),
+            memory::in_words(free)
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// Where a report goes.
+struct Folder {
+    page: PathBuf,
+    json: PathBuf,
+    csv: PathBuf,
+    reference: PathBuf,
+}
+
+impl Folder {
+    /// Makes the folder if it is not there, and sees that files can be written into it.
+    fn new(folder: &Path) -> Result<Folder, Failure> {
+        fs::create_dir_all(folder).map_err(|error| {
+            Failure::Input(format!("cannot make the folder {}: {error}", folder.display()))
+        })?;
+        let files = Folder {
+            page: folder.join("report.html"),
+            json: folder.join("report.json"),
+            csv: folder.join("points.csv"),
+            reference: folder.join("ref.exr"),
+        };
+        for path in [&files.page, &files.json, &files.csv, &files.reference] {
+            check_writable(path)?;
+        }
+        Ok(files)
+    }
+
+    fn write(&self, args: &CostArgs, findings: &Findings, tone: ToneMap) -> Result<(), Failure> {
+        let Findings {
+            study,
+            reference,
+            pictures,
+        } = findings;
+        interrupt::finish_first(|| output::write_json(&self.json, study))?;
+        interrupt::finish_first(|| output::write_text(&self.csv, &points_csv(study)))?;
+        interrupt::finish_first(|| write(reference, &self.reference, ImageFormat::Exr, tone))?;
+        let base = &pictures[0];
+        let viewing = Viewing {
+            tone,
+            ..Viewing::default()
+        };
+        let compared = metrics::compare(reference, base, &viewing);
+        let flip = compared
+            .map_err(|error| Failure::Work(error.to_string()))?
+            .flip_map;
+        let facts = cost_page::Facts {
+            scene: &args.scene,
+            embree: None,
+            date: args.date.as_deref(),
+        };
+        let pictures = cost_page::Pictures {
+            reference,
+            picture: base,
+            difference: &difference::signed(reference, base, tone.exposure_ev),
+            flip: &difference::heat(&flip, reference.width),
+        };
+        let page = cost_page::page(study, &facts, &pictures).map_err(|error| {
+            Failure::Work(format!(
+                "could not put the pictures into {}: {error}",
+                self.page.display()
+            ))
+        })?;
+        interrupt::finish_first(|| output::write_text(&self.page, &page))
+    }
+}

@@ -1,0 +1,241 @@
+//! Times in blocks: every contestant takes one turn in each, in random order, beside a kernel that tells whether the
+//! machine was busy with something else.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use super::statistics::{median, median_interval};
+use super::{Interval, Timing};
+use crate::numeric::Random;
+
+/// A block counts if its kernel took as long as the median, to this share of it.
+const CALM: f64 = 0.05;
+/// Rounds of the kernel: some ten milliseconds.
+const KERNEL_ROUNDS: u64 = 1 << 23;
+
+/// How long measuring may go on.
+#[derive(Clone, Copy, Debug)]
+pub struct Protocol {
+    /// Blocks that are taken whatever the time.
+    pub least: usize,
+    /// Blocks that tell times apart as well as anyone asks.
+    pub most: usize,
+    /// When the last block must be over.
+    pub deadline: Instant,
+    /// Of the order of turns.
+    pub seed: u64,
+}
+
+/// Seconds of all turns.
+#[derive(Clone, Debug, Default)]
+pub struct Blocks {
+    /// Of the kernel, a block each.
+    calibration: Vec<f64>,
+    /// Of each contestant, a block each.
+    seconds: Vec<Vec<f64>>,
+}
+
+impl Blocks {
+    /// Has `contestants` take turns: `turn` is told who, and in which block, and tells the seconds.
+    ///
+    /// # Errors
+    ///
+    /// The first of `turn`.
+    pub fn measure<E>(
+        contestants: usize,
+        protocol: &Protocol,
+        mut turn: impl FnMut(usize, usize) -> Result<f64, E>,
+    ) -> Result<Blocks, E> {
+        let mut blocks = Blocks {
+            calibration: Vec::new(),
+            seconds: vec![Vec::new(); contestants],
+        };
+        let mut random = Random::new(protocol.seed, contestants as u64);
+        let mut order: Vec<usize> = (0..contestants).collect();
+        let mut longest = 0.0f64;
+        for block in 0..protocol.most {
+            let start = Instant::now();
+            let left = protocol.deadline.saturating_duration_since(start).as_secs_f64();
+            if block >= protocol.least && left < 1.05 * longest {
+                break;
+            }
+            shuffle(&mut order, &mut random);
+            let before = kernel_seconds();
+            for &contestant in &order {
+                let seconds = turn(contestant, block)?;
+                blocks.seconds[contestant].push(seconds);
+            }
+            // Of the two, the one that was disturbed less.
+            blocks.calibration.push(before.min(kernel_seconds()));
+            longest = longest.max(start.elapsed().as_secs_f64());
+        }
+        Ok(blocks)
+    }
+
+    /// Which blocks count: those in which the machine was calm, or where hardly any were, all.
+    fn calm(&self) -> Vec<bool> {
+        let usual = median(&self.calibration);
+        let calm: Vec<bool> = self
+            .calibration
+            .iter()
+            .map(|seconds| (seconds / usual - 1.0).abs() <= CALM)
+            .collect();
+        let count = calm.iter().filter(|&&is_calm| is_calm).count();
+        // Six are the fewest whose extremes hold a median.
+        if count < self.calibration.len().min(6) {
+            vec![true; self.calibration.len()]
+        } else {
+            calm
+        }
+    }
+
+    fn counting<'a>(&'a self, contestant: usize, calm: &'a [bool]) -> impl Iterator<Item = f64> + 'a {
+        let seconds = self.seconds[contestant].iter();
+        seconds
+            .zip(calm)
+            .filter(|(_, is_calm)| **is_calm)
+            .map(|(&seconds, _)| seconds)
+    }
+
+    /// A contestant's seconds.
+    pub fn seconds(&self, contestant: usize) -> Interval {
+        let calm = self.calm();
+        median_interval(&self.counting(contestant, &calm).collect::<Vec<_>>())
+    }
+
+    /// A contestant's seconds over those that `base` took in the same block.
+    pub fn ratio(&self, contestant: usize, base: usize) -> Interval {
+        let calm = self.calm();
+        let ratios: Vec<f64> = self
+            .counting(contestant, &calm)
+            .zip(self.counting(base, &calm))
+            .map(|(seconds, base)| seconds / base)
+            .collect();
+        median_interval(&ratios)
+    }
+
+    /// How they were taken, in a run of `spent` seconds that was to take `budget`.
+    pub fn timing(&self, spent: f64, budget: f64) -> Timing {
+        let calm = self.calm();
+        let usual = median(&self.calibration);
+        let counting = self
+            .calibration
+            .iter()
+            .zip(&calm)
+            .filter(|(_, is_calm)| **is_calm);
+        let spread = counting
+            .map(|(seconds, _)| (seconds / usual - 1.0).abs())
+            .fold(0.0, f64::max);
+        let blocks = calm.iter().filter(|&&is_calm| is_calm).count();
+        Timing {
+            blocks,
+            dropped: calm.len() - blocks,
+            calibration_spread: spread,
+            spent,
+            budget,
+        }
+    }
+}
+
+/// Every order is as likely as any other (R. Durstenfeld, "Algorithm 235: Random permutation", CACM 7(7), 1964).
+fn shuffle(order: &mut [usize], random: &mut Random) {
+    for last in (1..order.len()).rev() {
+        order.swap(last, random.below(last + 1));
+    }
+}
+
+/// What the same arithmetic takes now.
+fn kernel_seconds() -> f64 {
+    let start = Instant::now();
+    let mut state = black_box(1u64);
+    for round in 0..KERNEL_ROUNDS {
+        state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(round);
+    }
+    black_box(state);
+    start.elapsed().as_secs_f64()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+    use std::time::Duration;
+
+    use super::*;
+
+    fn protocol(blocks: usize, seed: u64) -> Protocol {
+        Protocol {
+            least: blocks,
+            most: blocks,
+            deadline: Instant::now(),
+            seed,
+        }
+    }
+
+    #[test]
+    fn everyone_takes_one_turn_a_block_in_changing_order() {
+        let mut turns = Vec::new();
+        let blocks = Blocks::measure(5, &protocol(8, 1), |who, block| {
+            turns.push((block, who));
+            Ok::<_, Infallible>(who as f64 + 1.0)
+        })
+        .unwrap_or_else(|never| match never {});
+        let orders: Vec<Vec<usize>> = turns
+            .chunks(5)
+            .map(|turns| turns.iter().map(|turn| turn.1).collect())
+            .collect();
+        for order in &orders {
+            let mut sorted = order.clone();
+            sorted.sort_unstable();
+            assert_eq!(sorted, [0, 1, 2, 3, 4]);
+        }
+        assert!(orders.iter().any(|order| *order != orders[0]));
+        assert_eq!(blocks.ratio(3, 1), Interval::exact(2.0));
+    }
+
+    #[test]
+    fn equal_contestants_are_told_apart_at_most_five_times_of_100() {
+        let mut apart = 0;
+        for run in 0..400 {
+            let mut random = Random::new(5, run);
+            let blocks = Blocks {
+                calibration: vec![1.0; 10],
+                seconds: (0..2)
+                    .map(|_| (0..10).map(|_| 1.0 + 0.3 * random.unit().powi(4)).collect())
+                    .collect(),
+            };
+            apart += usize::from(!blocks.ratio(1, 0).holds(1.0));
+        }
+        assert!(apart <= 20, "{apart} of 400");
+    }
+
+    #[test]
+    fn blocks_in_which_the_machine_was_busy_do_not_count() {
+        let mut blocks = Blocks {
+            calibration: vec![1.0; 9],
+            seconds: vec![vec![1.0; 9], vec![1.1; 9]],
+        };
+        blocks.calibration[4] = 1.2;
+        blocks.seconds[1][4] = 9.0;
+        let timing = blocks.timing(1.0, 2.0);
+        assert_eq!((timing.blocks, timing.dropped), (8, 1));
+        assert!((blocks.ratio(1, 0).high - 1.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn measuring_ends_before_the_deadline_if_the_least_is_done() {
+        let deadline = Instant::now() + Duration::from_millis(400);
+        let protocol = Protocol {
+            least: 1,
+            most: 1000,
+            deadline,
+            seed: 3,
+        };
+        let nap = Duration::from_millis(20);
+        let blocks = Blocks::measure(1, &protocol, |_, _| {
+            std::thread::sleep(nap);
+            Ok::<_, Infallible>(nap.as_secs_f64())
+        });
+        let count = blocks.unwrap_or_else(|never| match never {}).calibration.len();
+        assert!((1..20).contains(&count), "{count}");
+    }
+}

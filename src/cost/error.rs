@@ -1,0 +1,280 @@
+//! Errors against a reference that is noisy itself.
+//!
+//! The reference comes in two halves A and B whose errors are independent of each other. The mean of (X - A)(X - B) over
+//! all pixels has the expectation of the squared error of X against the truth: what the halves err by does not add to it,
+//! where (X - (A + B) / 2)² would have it added. Over two different pictures of one configuration, (X - A)(Y - B) has the
+//! expectation of the squared bias alone. Values are those displayed: clipped, from 0 for black to 1 for white.
+
+use super::Interval;
+use super::statistics::bootstrap;
+use crate::image::metrics::as_displayed;
+use crate::image::{LinearImage, ToneMap};
+
+/// Sides of the blocks of pixels that intervals are drawn from: neighbours share edges and textures.
+const BLOCK: usize = 8;
+
+/// A picture as displayed.
+#[derive(Clone, Debug)]
+pub struct Displayed {
+    width: usize,
+    pixels: Vec<[f32; 3]>,
+}
+
+impl Displayed {
+    /// What `tone` makes of a picture.
+    pub fn new(image: &LinearImage, tone: ToneMap) -> Displayed {
+        let gain = f64::from(tone.exposure_ev).exp2();
+        let shown = |pixel: &[f32; 3]| pixel.map(|x| as_displayed(gain * f64::from(x)) as f32);
+        Displayed {
+            width: image.width as usize,
+            pixels: image.pixels.iter().map(shown).collect(),
+        }
+    }
+
+    /// The mean square of the difference, over all pixels and channels.
+    pub fn mean_square_to(&self, other: &Displayed) -> f64 {
+        let differences = self.minus(other);
+        differences
+            .iter()
+            .map(|difference| difference * difference)
+            .sum::<f64>()
+            / differences.len() as f64
+    }
+
+    /// The difference of every channel of every pixel.
+    pub fn minus(&self, other: &Displayed) -> Vec<f64> {
+        let pairs = self.pixels.iter().zip(&other.pixels);
+        pairs
+            .flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c])))
+            .collect()
+    }
+
+    /// Of which block a pixel is.
+    fn block_of(&self, pixel: usize) -> usize {
+        let (x, y) = (pixel % self.width, pixel / self.width);
+        y / BLOCK * self.width.div_ceil(BLOCK) + x / BLOCK
+    }
+
+    fn block_count(&self) -> usize {
+        let height = self.pixels.len() / self.width;
+        self.width.div_ceil(BLOCK) * height.div_ceil(BLOCK)
+    }
+}
+
+/// The two halves of a reference.
+#[derive(Clone, Debug)]
+pub struct Halves {
+    /// One.
+    pub a: Displayed,
+    /// The other, of the same size.
+    pub b: Displayed,
+}
+
+impl Halves {
+    /// The mean square that the mean of the halves errs by: a quarter of that of their difference.
+    pub fn noise_squared(&self) -> f64 {
+        0.25 * self.a.mean_square_to(&self.b)
+    }
+
+    /// The share of the blocks in which the halves differ by more than their noise there, at a level of significance
+    /// at which one picture of 100 has any such block.
+    pub fn disagreeing_share(&self) -> f64 {
+        let blocks = self.a.block_count();
+        let mut sums = vec![[0.0; 3]; blocks];
+        for (pixel, (a, b)) in self.a.pixels.iter().zip(&self.b.pixels).enumerate() {
+            let difference = (0..3).map(|c| f64::from(a[c] - b[c])).sum::<f64>();
+            let [count, sum, squares] = &mut sums[self.a.block_of(pixel)];
+            *count += 1.0;
+            *sum += difference;
+            *squares += difference * difference;
+        }
+        let level = 1.0 - 0.99f64.powf(1.0 / blocks as f64);
+        let differs = |[count, sum, squares]: &[f64; 3]| {
+            let mean = sum / count;
+            let variance = (squares - sum * mean) / (count - 1.0);
+            // Where hardly any pixel differs the values are not normal at all; the mean must be visible too.
+            variance > 0.0
+                && mean.abs() > 1.0 / 255.0
+                && two_sided_tail(mean.abs() / (variance / count).sqrt()) < level
+        };
+        let count = sums.iter().filter(|sums| sums[0] > 1.0 && differs(sums)).count();
+        count as f64 / blocks as f64
+    }
+}
+
+/// How likely a normal number is at least `z` from its mean, in standard deviations: a bound that is close where it is
+/// small (Mills' ratio).
+fn two_sided_tail(z: f64) -> f64 {
+    let density = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
+    (2.0 * density / z.max(f64::MIN_POSITIVE)).min(1.0)
+}
+
+/// What pictures of one configuration add up to.
+#[derive(Clone, Debug)]
+pub struct Pictures {
+    count: usize,
+    /// Of all pictures, pixel by pixel.
+    sum: Vec<[f32; 3]>,
+    /// Of (X - A)(X - B), block by block.
+    products: Vec<f64>,
+}
+
+/// What is known of a configuration's error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ErrorEstimate {
+    /// Mean square, over pixels and channels.
+    pub mean_square: Interval,
+    /// The part of it that stays however many pictures are averaged.
+    pub bias_squared: Interval,
+}
+
+impl Pictures {
+    /// None yet.
+    pub fn new(halves: &Halves) -> Pictures {
+        Pictures {
+            count: 0,
+            sum: vec![[0.0; 3]; halves.a.pixels.len()],
+            products: vec![0.0; halves.a.block_count()],
+        }
+    }
+
+    /// Adds a picture.
+    pub fn add(&mut self, halves: &Halves, picture: &Displayed) {
+        self.count += 1;
+        for (pixel, x) in picture.pixels.iter().enumerate() {
+            let (a, b) = (halves.a.pixels[pixel], halves.b.pixels[pixel]);
+            let product = |c: usize| f64::from(x[c] - a[c]) * f64::from(x[c] - b[c]);
+            self.products[halves.a.block_of(pixel)] += (0..3).map(product).sum::<f64>();
+            for c in 0..3 {
+                self.sum[pixel][c] += x[c];
+            }
+        }
+    }
+
+    /// The mean squared error of one picture, over pixels and channels; below 0 where noise takes it there.
+    pub fn mean_square(&self) -> f64 {
+        self.products.iter().sum::<f64>() / (self.count * 3 * self.sum.len()) as f64
+    }
+
+    /// The error of one picture. Of a single picture all of it may be bias.
+    pub fn estimate(&self, halves: &Halves, seed: u64) -> ErrorEstimate {
+        let count = self.count as f64;
+        let values = (3 * self.sum.len()) as f64;
+        let mean_square: Vec<f64> = self
+            .products
+            .iter()
+            .map(|product| product / count / values)
+            .collect();
+        // Of all pairs of two pictures: those of all pictures less those of one with itself.
+        let mut pairs: Vec<f64> = self.products.iter().map(|product| -product).collect();
+        for (pixel, sum) in self.sum.iter().enumerate() {
+            let (a, b) = (halves.a.pixels[pixel], halves.b.pixels[pixel]);
+            let product = |c: usize| {
+                let sum = f64::from(sum[c]);
+                (sum - count * f64::from(a[c])) * (sum - count * f64::from(b[c]))
+            };
+            pairs[halves.a.block_of(pixel)] += (0..3).map(product).sum::<f64>();
+        }
+        let pair_count = count * (count - 1.0);
+        let bias: Vec<f64> = pairs.iter().map(|pair| pair / pair_count / values).collect();
+        let blocks = mean_square.len();
+        let total = |of: &[f64], chosen: &[usize]| chosen.iter().map(|&block| of[block]).sum::<f64>();
+        let mean_square = bootstrap(blocks, seed, |chosen| total(&mean_square, chosen));
+        let bias_squared = if self.count > 1 {
+            bootstrap(blocks, seed, |chosen| total(&bias, chosen))
+        } else {
+            Interval {
+                low: 0.0,
+                ..mean_square
+            }
+        };
+        ErrorEstimate {
+            mean_square,
+            bias_squared,
+        }
+    }
+}
+
+impl ErrorEstimate {
+    /// Root of the mean square, 0 where noise takes the square below.
+    pub fn rmse(&self) -> Interval {
+        self.mean_square.map(|square| square.max(0.0).sqrt())
+    }
+
+    /// The part of the mean square that differs from picture to picture.
+    pub fn variance(&self) -> f64 {
+        (self.mean_square.value - self.bias_squared.value).max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::Random;
+
+    /// A noisy picture of a ramp: the value displayed is known, and what is added has no mean.
+    fn noisy(random: &mut Random, noise: f64, bias: f64) -> Displayed {
+        let side = 64;
+        let pixels = (0..side * side).map(|pixel| {
+            let truth = 0.3 + 0.4 * (pixel % side) as f64 / side as f64;
+            [0; 3].map(|_| (truth + bias + noise * random.within(-1.0, 1.0)) as f32)
+        });
+        Displayed {
+            width: side,
+            pixels: pixels.collect(),
+        }
+    }
+
+    #[test]
+    fn a_planted_bias_of_a_thousandth_is_found_under_noise_of_the_reference_and_of_the_pictures() {
+        let (mut held, mut bias_held, runs) = (0, 0, 100);
+        for run in 0..runs {
+            let mut random = Random::new(11, run);
+            let halves = Halves {
+                a: noisy(&mut random, 0.01, 0.0),
+                b: noisy(&mut random, 0.01, 0.0),
+            };
+            let mut pictures = Pictures::new(&halves);
+            for _ in 0..8 {
+                pictures.add(&halves, &noisy(&mut random, 0.005, 1e-3));
+            }
+            let estimate = pictures.estimate(&halves, run);
+            let truth = 1e-6 + 0.005f64.powi(2) / 3.0;
+            held += usize::from(estimate.mean_square.holds(truth));
+            bias_held += usize::from(estimate.bias_squared.holds(1e-6));
+        }
+        assert!(held >= 88 && bias_held >= 88, "{held} and {bias_held} of {runs}");
+    }
+
+    #[test]
+    fn the_noise_of_the_reference_does_not_count() {
+        let mut random = Random::new(12, 0);
+        let halves = Halves {
+            a: noisy(&mut random, 0.1, 0.0),
+            b: noisy(&mut random, 0.1, 0.0),
+        };
+        let noise = halves.noise_squared();
+        assert!((noise / (0.01 / 3.0 / 2.0) - 1.0).abs() < 0.05, "{noise}");
+        let mut pictures = Pictures::new(&halves);
+        pictures.add(&halves, &noisy(&mut random, 0.0, 0.0));
+        let estimate = pictures.estimate(&halves, 0);
+        assert!(estimate.mean_square.holds(0.0), "{estimate:?}");
+        assert!(estimate.mean_square.value.abs() < 0.05 * noise, "{estimate:?}");
+    }
+
+    #[test]
+    fn halves_that_differ_in_one_corner_are_found_out_and_noisy_ones_are_not() {
+        let mut random = Random::new(13, 0);
+        let mut halves = Halves {
+            a: noisy(&mut random, 0.05, 0.0),
+            b: noisy(&mut random, 0.05, 0.0),
+        };
+        assert_eq!(halves.disagreeing_share(), 0.0);
+        for y in 0..8 {
+            for x in 0..8 {
+                halves.b.pixels[64 * y + x] = halves.b.pixels[64 * y + x].map(|value| value + 0.05);
+            }
+        }
+        assert_eq!(halves.disagreeing_share(), 1.0 / 64.0);
+    }
+}

@@ -1,0 +1,100 @@
+//! `whit cost` from the command line: what is measured, what is written, and what is refused.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn whit(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_whit"))
+        .args(args)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .unwrap()
+}
+
+/// The study of a scene, small and quick.
+fn study(scene: &str, folder: &Path) -> Value {
+    let out = folder.to_str().unwrap();
+    let done = whit(&["cost", scene, "--size", "32x24", "--budget", "4", "--out", out]);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    serde_json::from_slice(&fs::read(folder.join("report.json")).unwrap()).unwrap()
+}
+
+fn points<'a>(study: &'a Value, knob: &str) -> Vec<&'a Value> {
+    let points = study["points"].as_array().unwrap().iter();
+    points.filter(|point| point["knob"] == knob).collect()
+}
+
+#[test]
+fn a_mirror_scene_has_its_knobs_and_more_samples_are_closer() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = study("scenes/mirror_room.toml", folder.path());
+    let all = study["points"].as_array().unwrap();
+    assert!(all[0]["knob"].is_null() && all[0]["time_ratio"]["value"] == 1.0);
+    for knob in ["samples", "pattern", "depth", "cutoff", "hit-path"] {
+        assert!(!points(&study, knob).is_empty(), "no {knob}");
+    }
+    // Nothing in the scene calls for these.
+    for knob in [
+        "wavelengths",
+        "march-step",
+        "light-samples",
+        "rough-rays",
+        "instancing",
+    ] {
+        assert!(points(&study, knob).is_empty(), "{knob}");
+    }
+    let rmse = |point: &Value| point["rmse"]["value"].as_f64().unwrap();
+    let samples = points(&study, "samples");
+    let (first, last) = (samples[0], samples[samples.len() - 1]);
+    assert!(rmse(last) < rmse(first), "{} and {}", rmse(first), rmse(last));
+    assert!(
+        rmse(points(&study, "depth")[0]) > 2.0 * rmse(&all[0]),
+        "a room without mirrors"
+    );
+    for point in all {
+        let [low, value, high] = ["low", "value", "high"].map(|end| point["seconds"][end].as_f64().unwrap());
+        assert!(0.0 < low && low <= value && value <= high);
+    }
+    let files = ["report.html", "points.csv", "ref.exr"];
+    for file in files {
+        assert!(
+            fs::metadata(folder.path().join(file)).unwrap().len() > 0,
+            "{file}"
+        );
+    }
+    let csv = fs::read_to_string(folder.path().join("points.csv")).unwrap();
+    assert_eq!(csv.lines().count(), all.len() + 1);
+    let seconds = study["timing"]["spent"].as_f64().unwrap();
+    assert!(seconds > 0.0 && study["timing"]["blocks"].as_u64().unwrap() >= 1);
+}
+
+#[test]
+fn smoke_is_marched_in_longer_and_shorter_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = study("scenes/smoke.toml", folder.path());
+    assert_eq!(points(&study, "march-step").len(), 3);
+    assert!(points(&study, "depth").is_empty());
+}
+
+#[test]
+fn what_cannot_be_measured_is_told_in_a_sentence() {
+    for (args, word) in [
+        (&["cost", "scenes/nowhere.toml"][..], "nowhere.toml"),
+        (
+            &["cost", "scenes/smoke.toml", "--backend", "brute"],
+            "brute force",
+        ),
+        (&["cost", "scenes/smoke.toml", "--budget", "0"], "seconds"),
+        (&["cost", "scenes/smoke.toml", "--out", "Cargo.toml/x"], "folder"),
+        (&["cost", "scenes/smoke.toml", "--size", "40000x40000"], "memory"),
+        (&["cost", "scenes/smoke.toml", "--camera", "nobody"], "camera"),
+    ] {
+        let done = whit(args);
+        let said = String::from_utf8_lossy(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{args:?}: {said}");
+        assert!(said.contains(word), "{args:?}: {said}");
+    }
+}

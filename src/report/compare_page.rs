@@ -56,6 +56,18 @@ pub fn page(report: &CompareReport, pictures: &Pictures) -> std::io::Result<Stri
     let tone = ToneMap {
         exposure_ev: report.exposure_ev,
     };
+    body += &viewer(pictures, tone)?;
+    body += "<h2>Errors</h2>\n";
+    body += &errors(report);
+    Ok(page::page("whit compare", &body))
+}
+
+/// A viewer of the pictures; `tone` is of the two that are held against each other.
+///
+/// # Errors
+///
+/// Where a picture has more pixels than a PNG.
+pub(super) fn viewer(pictures: &Pictures, tone: ToneMap) -> std::io::Result<String> {
     let plain = ToneMap::default();
     let difference = format!(
         "The picture less the reference as displayed: grey where they are alike, black or white where a channel differs by \
@@ -68,7 +80,7 @@ pub fn page(report: &CompareReport, pictures: &Pictures) -> std::io::Result<Stri
         image,
         tone,
     };
-    body += &page::viewer(&[
+    page::viewer(&[
         view("reference", "The reference", pictures.reference, tone),
         view("picture", "The picture", pictures.picture, tone),
         view("difference", &difference, pictures.difference, plain),
@@ -78,10 +90,7 @@ pub fn page(report: &CompareReport, pictures: &Pictures) -> std::io::Result<Stri
             pictures.flip,
             plain,
         ),
-    ])?;
-    body += "<h2>Errors</h2>\n";
-    body += &errors(report);
-    Ok(page::page("whit compare", &body))
+    ])
 }
 
 fn errors(report: &CompareReport) -> String {

@@ -6,6 +6,9 @@
 pub mod bench;
 pub mod compare;
 pub mod compare_page;
+pub mod cost;
+mod cost_charts;
+pub mod cost_page;
 pub mod difference;
 pub mod extents;
 pub mod forecast;
@@ -26,3 +29,4 @@ pub mod verify;
 pub mod verify_page;
 mod volumes_info;
 mod words;
+pub mod worst_tiles;

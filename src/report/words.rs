@@ -1,5 +1,7 @@
 //! Numbers as words.
 
+use crate::cost::Interval;
+
 /// A part of a whole: two digits are more than measurements of time give.
 pub(super) fn percent(part: f64) -> String {
     let percent = 100.0 * part.abs();
@@ -9,5 +11,59 @@ pub(super) fn percent(part: f64) -> String {
         p if p < 0.095 => format!("{p:.2} %"),
         p if p < 9.5 => format!("{p:.1} %"),
         p => format!("{p:.0} %"),
+    }
+}
+
+/// A number to so many digits that count, in decimals where these are few; a dash for what is no number.
+pub(super) fn significant(value: f64, digits: usize) -> String {
+    if !value.is_finite() {
+        return "–".into();
+    }
+    if value == 0.0 {
+        return "0".into();
+    }
+    let after_first = digits.max(1) - 1;
+    let powers = format!("{value:.after_first$e}");
+    // As rounded: 9.99 may be 10.
+    let exponent: i32 = powers
+        .split_once('e')
+        .and_then(|(_, e)| e.parse().ok())
+        .unwrap_or(0);
+    match exponent {
+        -4..6 => format!("{value:.*}", (after_first as i32 - exponent).max(0) as usize),
+        _ => powers,
+    }
+}
+
+/// A ratio, as what something is multiplied by.
+pub(super) fn times(ratio: f64) -> String {
+    format!("x{}", significant(ratio, if ratio < 1.0 { 2 } else { 3 }))
+}
+
+/// The ends of an interval.
+pub(super) fn range(interval: Interval, digits: usize) -> String {
+    let [low, high] = [interval.low, interval.high].map(|end| significant(end, digits));
+    format!("{low} to {high}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_as_many_digits_as_count() {
+        let words = [0.0, 1.0, -0.7412, 9.996, 1234.5, 1e-4, 1e-5, 1.5e7].map(|x| significant(x, 3));
+        assert_eq!(
+            words,
+            [
+                "0", "1.00", "-0.741", "10.0", "1234", "0.000100", "1.00e-5", "1.50e7"
+            ]
+        );
+        assert_eq!(significant(f64::NAN, 3), "–");
+        assert_eq!(significant(f64::NEG_INFINITY, 3), "–");
+        assert_eq!(
+            [times(0.1234), times(3.94), times(1.0)],
+            ["x0.12", "x3.94", "x1.00"]
+        );
     }
 }

@@ -3,15 +3,21 @@
 //! A page looks well on dark and light screens, narrow ones too, and on paper. It may run its own script and style only,
 //! and show pictures that it holds: its policy forbids everything else, so no page ever asks a network.
 
+mod axis;
+mod chart;
 mod drawing;
 mod plot;
 mod table;
+mod tornado;
 mod viewer;
 
+pub use axis::LogAxis;
+pub use chart::{Chart, Line, Look, Series, Spot};
 pub use drawing::{Drawing, Region};
 pub use plot::{Mark, Plot};
 pub use table::{Cell, Column, Table};
-pub use viewer::{View, viewer};
+pub use tornado::{Bar, End, Row, Tornado};
+pub use viewer::{View, picture, viewer};
 
 /// How pages look.
 const STYLE: &str = include_str!("page.css");

@@ -72,3 +72,33 @@ for (const viewer of document.querySelectorAll(".viewer")) {
   form.addEventListener("submit", (event) => event.preventDefault());
   apply();
 }
+
+// Tells of what one points at in a chart, at once, and shows one series by itself while one points at its name.
+const tip = document.createElement("div");
+tip.className = "tip";
+tip.hidden = true;
+for (const point of document.querySelectorAll(".chart .point")) {
+  const title = point.querySelector("title");
+  const words = title.textContent;
+  title.remove();
+  point.setAttribute("aria-label", words);
+  point.setAttribute("tabindex", "0");
+  const tell = () => {
+    tip.textContent = words;
+    document.body.append(tip);
+    tip.hidden = false;
+    const at = (point.querySelector(".mark, rect") || point).getBoundingClientRect();
+    const left = Math.min(at.right + 8, innerWidth - tip.offsetWidth - 8);
+    const below = at.bottom + 8 + tip.offsetHeight <= innerHeight;
+    tip.style.left = `${Math.max(left, 8)}px`;
+    tip.style.top = `${below ? at.bottom + 8 : Math.max(at.top - 8 - tip.offsetHeight, 8)}px`;
+  };
+  for (const begins of ["pointerenter", "focus"]) point.addEventListener(begins, tell);
+  for (const ends of ["pointerleave", "blur"]) point.addEventListener(ends, () => { tip.hidden = true; });
+}
+for (const entry of document.querySelectorAll(".legend [data-series]")) {
+  const all = [...entry.closest(".chart").querySelectorAll(".series")];
+  const show = (is) => all.forEach((series) => series.classList.toggle("faded", !is(series)));
+  entry.addEventListener("pointerenter", () => show((series) => series.dataset.series === entry.dataset.series));
+  entry.addEventListener("pointerleave", () => show(() => true));
+}

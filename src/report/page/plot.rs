@@ -100,7 +100,7 @@ impl Axis {
 }
 
 /// Round numbers between two.
-fn even_ticks(low: f64, high: f64) -> Vec<(f64, String)> {
+pub(super) fn even_ticks(low: f64, high: f64) -> Vec<(f64, String)> {
     let rough = (high - low) / TICKS;
     let power = 10f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0]

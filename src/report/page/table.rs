@@ -44,6 +44,15 @@ impl Cell {
         Cell::of(format!("<span class=\"short\" title=\"{text}\">{text}</span>"))
     }
 
+    /// A value and, fainter, where it may lie.
+    pub fn with_range(value: &str, range: &str) -> Cell {
+        Cell::of(format!(
+            "{} <span class=\"faint\">{}</span>",
+            escape(value),
+            escape(range)
+        ))
+    }
+
     /// A number with thin gaps between its thousands.
     pub fn count(number: u64) -> Cell {
         Cell::of(grouped(number))

@@ -19,6 +19,21 @@ pub struct View<'a> {
     pub tone: ToneMap,
 }
 
+/// A picture that the page holds, `scale` times as large as it is.
+///
+/// # Errors
+///
+/// Where it has more pixels than a PNG.
+pub fn picture(view: &View, scale: u32) -> std::io::Result<String> {
+    let png = STANDARD.encode(png_bytes(view.image, view.tone)?);
+    Ok(format!(
+        "<img width=\"{}\" height=\"{}\" alt=\"{}\" src=\"data:image/png;base64,{png}\">",
+        scale * view.image.width,
+        scale * view.image.height,
+        escape(view.words)
+    ))
+}
+
 /// A viewer of `views`, the first two of which can be slid over each other and take turns. Without a script, and on paper,
 /// all are shown one below the other.
 ///
@@ -39,14 +54,7 @@ pub fn viewer(views: &[View]) -> std::io::Result<String> {
     let buttons: String = buttons.collect();
     let mut figures = String::new();
     for view in views {
-        let png = STANDARD.encode(png_bytes(view.image, view.tone)?);
-        let picture = format!(
-            "<img width=\"{}\" height=\"{}\" alt=\"{}\" src=\"data:image/png;base64,{png}\">",
-            view.image.width,
-            view.image.height,
-            escape(view.words)
-        );
-        let shown = figure(&picture, &escape(view.words));
+        let shown = figure(&picture(view, 1)?, &escape(view.words));
         figures += &shown.replacen(
             "<figure>",
             &format!("<figure data-view=\"{}\">", escape(view.name)),

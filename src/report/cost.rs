@@ -1,0 +1,193 @@
+//! What accuracy costs in time, for a person and as a table for programs: `whit cost`.
+
+use std::fmt;
+use std::fmt::Write;
+
+use super::words::{range, significant, times};
+use crate::cost::{Curve, Interval, Point, Study};
+
+/// What a knob's column says of the base.
+pub(super) const BASE: &str = "base";
+
+/// The columns of [`points_csv`].
+const COLUMNS: &str = "id,knob,level,t_med,t_lo,t_hi,ratio,ratio_lo,ratio_hi,rmse,rmse_lo,rmse_hi,bias2,var,rel_mse,flip,max,\
+                       changed,non_finite,rays,front";
+
+/// A study in words.
+#[derive(Clone, Copy, Debug)]
+pub struct CostText<'a>(pub &'a Study);
+
+/// Every configuration on a line, then what half the error costs, then what the reference lacks.
+impl fmt::Display for CostText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let study = self.0;
+        let rows: Vec<[String; 5]> = study.points.iter().map(row).collect();
+        let head = ["knob", "level", "time", "RMSE", ""].map(str::to_owned);
+        let widths: [usize; 5] = std::array::from_fn(|column| {
+            let cells = rows.iter().chain([&head]);
+            cells
+                .map(|row| row[column].chars().count())
+                .max()
+                .unwrap_or_default()
+        });
+        for [knob, level, time, rmse, front] in [&head].into_iter().chain(&rows) {
+            let [a, b, c, d, _] = widths;
+            let line = format!("{knob:<a$}  {level:<b$}  {time:>c$}  {rmse:>d$}  {front}");
+            writeln!(f, "{}", line.trim_end())?;
+        }
+        if let Some(base) = study.points.first() {
+            let seconds = significant(base.seconds.value, 3);
+            writeln!(
+                f,
+                "times are ratios to the base's {seconds} s; * no other is known to be both faster and closer"
+            )?;
+        }
+        for curve in &study.curves {
+            writeln!(f, "{}", price_line(study, curve))?;
+        }
+        lacks(study, f)
+    }
+}
+
+fn row(point: &Point) -> [String; 5] {
+    let front = if point.on_front { "*" } else { "" };
+    [
+        knob_name(point).to_owned(),
+        point.level.clone(),
+        times(point.time_ratio.value),
+        significant(point.rmse.value, 3),
+        front.to_owned(),
+    ]
+}
+
+/// The knob that a point turns.
+pub(super) fn knob_name(point: &Point) -> &'static str {
+    point.knob.map_or(BASE, |knob| knob.name())
+}
+
+/// The error of a point over the base's.
+pub(super) fn error_ratio(study: &Study, point: &Point) -> f64 {
+    let base = study.points.first().map_or(f64::NAN, |base| base.rmse.value);
+    point.rmse.value / base
+}
+
+fn price_line(study: &Study, curve: &Curve) -> String {
+    match study.price_of_half(curve) {
+        Some(price) => format!("half the error costs {} by {}", price_words(price), curve.knob),
+        None => format!("half the error: {} by {}", no_price(curve), curve.knob),
+    }
+}
+
+/// A price and its interval.
+pub(super) fn price_words(price: Interval) -> String {
+    format!("x{} ({})", significant(price.value, 2), range(price, 2))
+}
+
+/// Why a curve has no price.
+pub(super) fn no_price(curve: &Curve) -> &'static str {
+    match curve.slope {
+        None => "too few places for a price",
+        Some(_) => "more time is not known to bring it",
+    }
+}
+
+fn lacks(study: &Study, f: &mut fmt::Formatter) -> fmt::Result {
+    if study.reference.has_converged() {
+        return Ok(());
+    }
+    writeln!(f, "REFERENCE NOT CONVERGED: errors may not be trusted")?;
+    for check in study.reference.checks.iter().filter(|check| !check.holds) {
+        writeln!(f, "  {}: {}", check.name, check.words)?;
+    }
+    Ok(())
+}
+
+/// Every configuration as a line of comma-separated values below a line of names; a number's `id` is its place in
+/// [`Study::points`], and what is no number is empty.
+pub fn points_csv(study: &Study) -> String {
+    let mut text = format!("{COLUMNS}\n");
+    for (id, point) in study.points.iter().enumerate() {
+        let numbers = [point.seconds, point.time_ratio, point.rmse]
+            .into_iter()
+            .flat_map(|interval| [interval.value, interval.low, interval.high])
+            .chain([point.bias_squared.value, point.variance])
+            .chain([point.rel_mse, point.flip, point.max, point.changed_share]);
+        let numbers: Vec<String> = numbers.map(number).collect();
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{id},{},{},{},{},{},{}",
+            quoted(knob_name(point)),
+            quoted(&point.level),
+            numbers.join(","),
+            point.non_finite,
+            point.rays,
+            point.on_front
+        );
+    }
+    text
+}
+
+/// With all digits.
+fn number(value: f64) -> String {
+    if value.is_finite() {
+        value.to_string()
+    } else {
+        String::new()
+    }
+}
+
+/// As RFC 4180 has it.
+fn quoted(word: &str) -> String {
+    if word.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", word.replace('"', "\"\""))
+    } else {
+        word.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::cost_page::tests::study;
+
+    #[test]
+    fn lines_tell_ratios_prices_and_what_the_reference_lacks() {
+        let mut study = study();
+        let text = CostText(&study).to_string();
+        for words in [
+            "samples  16     x4.00  0.0100  *",
+            "half the error costs x4.0 (3.2 to 5.0) by samples",
+            "half the error: too few places for a price by depth",
+        ] {
+            assert!(text.contains(words), "{words} in\n{text}");
+        }
+        assert!(!text.contains("NOT CONVERGED"), "{text}");
+        study.reference.checks[0].holds = false;
+        let text = CostText(&study).to_string();
+        assert!(
+            text.ends_with("errors may not be trusted\n  noise: 0.1 of 0.2\n"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn every_line_has_every_column_and_words_keep_their_commas() {
+        let mut study = study();
+        study.points[1].level = "a,\"b\"".to_owned();
+        study.points[1].flip = f64::NAN;
+        let csv = points_csv(&study);
+        let lines: Vec<&str> = csv.lines().collect();
+        assert_eq!(lines.len(), 1 + study.points.len());
+        assert_eq!(lines[0].split(',').count(), 21);
+        assert_eq!(lines[1].split(',').count(), 21, "{}", lines[1]);
+        assert!(
+            lines[1].starts_with("0,base,base,1,0.9,1.1,1,1,1,0.02,"),
+            "{}",
+            lines[1]
+        );
+        assert!(lines[2].starts_with("1,samples,\"a,\"\"b\"\"\","), "{}", lines[2]);
+        assert!(!csv.contains("NaN") && lines[2].contains(",,"), "{}", lines[2]);
+        assert!(lines[1].ends_with(",1000,true"), "{}", lines[1]);
+    }
+}

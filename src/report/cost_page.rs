@@ -1,0 +1,448 @@
+//! What accuracy costs in time as one page: `whit cost SCENE --html`.
+
+use std::path::Path;
+
+use super::compare_page::viewer;
+use super::cost::{error_ratio, knob_name, no_price, price_words};
+use super::cost_charts;
+use super::machine;
+use super::page::{self, Cell, Column, Table, View, escape, figure, picture};
+use super::words::{percent, range, significant, times};
+use super::worst_tiles::{Tile, crop, worst};
+use crate::cost::{Interval, Knob, Point, Study};
+use crate::image::ToneMap;
+
+pub use super::compare_page::Pictures;
+
+/// Tiles that are shown enlarged, and how much.
+const MOST_TILES: usize = 8;
+const ENLARGED: u32 = 4;
+
+/// What a page tells beside what was measured.
+#[derive(Clone, Debug)]
+pub struct Facts<'a> {
+    /// The scene that was measured.
+    pub scene: &'a Path,
+    /// Embree's version, where it found hits.
+    pub embree: Option<String>,
+    /// As the user words it.
+    pub date: Option<&'a str>,
+}
+
+/// The page of a study; `pictures` are of the base.
+///
+/// # Errors
+///
+/// Where a picture has more pixels than a PNG.
+pub fn page(study: &Study, facts: &Facts, pictures: &Pictures) -> std::io::Result<String> {
+    let mut body = "<h1>What accuracy costs in time</h1>\n".to_owned();
+    body += &known(study, facts);
+    body += &numbers(study);
+    body += &checks(study);
+    body += "<h2 id=\"front\">Error over time</h2>\n\
+             <p>Every configuration that was measured; each turns one knob of the base. Crosses are intervals that hold \
+             the true value 95 times of 100. Nothing is known to lie below the line; what stands at the foot has no error \
+             that could be told from none.</p>\n";
+    body += &cost_charts::front(study);
+    if !study.curves.is_empty() {
+        body += "<h2 id=\"curves\">How the error falls as a knob takes more time</h2>\n\
+                 <p>Dashed: the fitted slope, through the middle of the points.</p>\n";
+        body += &cost_charts::curves(study);
+    }
+    body += "<h2 id=\"extremes\">How far each knob reaches</h2>\n\
+             <p>The least and the greatest time and error among a knob’s levels, over the base’s.</p>\n";
+    body += &cost_charts::extremes(study);
+    body += "<h2 id=\"prices\">Prices</h2>\n";
+    body += &prices(study);
+    body += "<h2 id=\"pictures\">Pictures of the base</h2>\n";
+    body += &viewer(pictures, ToneMap::default())?;
+    body += &worst_tiles(pictures)?;
+    body += "<h2 id=\"points\">All configurations</h2>\n";
+    body += &points(study);
+    body += &protocol(study);
+    Ok(page::page("whit cost", &body))
+}
+
+fn known(study: &Study, facts: &Facts) -> String {
+    let reference = &study.reference;
+    let [width, height] = study.size;
+    let mut all = vec![
+        ("scene", escape(&facts.scene.display().to_string())),
+        (
+            "pictures",
+            format!("{width}x{height} pixels by {} threads", study.threads),
+        ),
+        (
+            "reference",
+            format!(
+                "two halves of {} samples a pixel, by {}; their mean errs by {} (RMS as displayed)",
+                reference.spp,
+                escape(&reference.paths.join(" and ")),
+                significant(reference.noise, 2)
+            ),
+        ),
+        ("processor", escape(&machine::processor())),
+        ("whit", env!("CARGO_PKG_VERSION").to_owned()),
+    ];
+    all.extend(facts.embree.as_ref().map(|version| ("Embree", escape(version))));
+    all.extend(facts.date.map(|date| ("date", escape(date))));
+    page::facts(&all)
+}
+
+fn numbers(study: &Study) -> String {
+    let of_base = |of: fn(&Point) -> f64| study.points.first().map_or(f64::NAN, of);
+    let seconds = significant(of_base(|base| base.seconds.value), 3);
+    page::numbers(&[
+        (format!("{seconds} s"), "a picture of the base", ""),
+        (
+            significant(of_base(|base| base.rmse.value), 3),
+            "RMSE of the base",
+            "",
+        ),
+        (study.points.len().to_string(), "configurations", ""),
+        (study.timing.blocks.to_string(), "blocks of measured times", ""),
+    ])
+}
+
+/// What was asked of the reference, and a stamp over the page if the answer is no.
+fn checks(study: &Study) -> String {
+    let reference = &study.reference;
+    let mut html = String::new();
+    if !reference.has_converged() {
+        let failed = reference.checks.iter().filter(|check| !check.holds);
+        let lines =
+            failed.map(|check| format!("<li>{}: {}</li>\n", escape(&check.name), escape(&check.words)));
+        html += &format!(
+            "<div class=\"stamp\" role=\"alert\"><b>REFERENCE NOT CONVERGED</b>\n<ul>\n{}</ul>\n\
+             <p>Errors on this page may not be trusted.</p></div>\n",
+            lines.collect::<String>()
+        );
+    }
+    let mut table = Table::new(&[
+        Column::Words("asked of the reference"),
+        Column::Words(""),
+        Column::Words("measured"),
+    ]);
+    for check in &reference.checks {
+        let verdict = if check.holds { "holds" } else { "fails" };
+        let cells = [
+            Cell::text(&check.name),
+            Cell::badge(verdict, verdict),
+            Cell::wrapped(&check.words),
+        ];
+        table.row((verdict, &check.name), &cells);
+    }
+    html + &table.html("checks")
+}
+
+/// What half the error costs by graded knobs, and what the levels of the others cost.
+fn prices(study: &Study) -> String {
+    let mut halves = Table::new(&[Column::Words("knob"), Column::Words("price")]);
+    for curve in &study.curves {
+        let words = match study.price_of_half(curve) {
+            Some(price) => format!("the next halving of the error costs {} time", price_words(price)),
+            None => format!("the next halving of the error: {}", no_price(curve)),
+        };
+        let name = curve.knob.name();
+        halves.row(("", name), &[Cell::text(name), Cell::wrapped(&words)]);
+    }
+    let mut html = String::new();
+    if !study.curves.is_empty() {
+        html += &halves.html("prices");
+    }
+    let mut levels = Table::new(&[
+        Column::Words("knob"),
+        Column::Words("turned to"),
+        Column::Numbers("time"),
+        Column::Numbers("error"),
+    ]);
+    let graded = |point: &&Point| point.knob.is_some_and(Knob::is_graded);
+    let others: Vec<&Point> = study
+        .points
+        .iter()
+        .filter(|point| point.knob.is_some() && !graded(point))
+        .collect();
+    for point in &others {
+        let cells = [
+            Cell::text(knob_name(point)),
+            Cell::text(&point.level),
+            Cell::with_range(&times(point.time_ratio.value), &range(point.time_ratio, 3)),
+            Cell::text(&times(error_ratio(study, point))),
+        ];
+        levels.row(("", knob_name(point)), &cells);
+    }
+    if !others.is_empty() {
+        html += "<p>Knobs without an order, over the base:</p>\n";
+        html += &levels.html("levels");
+    }
+    html
+}
+
+/// Where the base is farthest from the reference, beside it.
+fn worst_tiles(pictures: &Pictures) -> std::io::Result<String> {
+    let tiles = worst(pictures.reference, pictures.picture, MOST_TILES);
+    if tiles.is_empty() {
+        return Ok(String::new());
+    }
+    let mut figures = String::new();
+    for tile in &tiles {
+        figures += &enlarged(pictures, tile)?;
+    }
+    Ok(format!(
+        "<h3>Where the base is farthest from the reference</h3>\n\
+         <p>{ENLARGED} times as large: the picture at the left, the reference at the right.</p>\n\
+         <div class=\"pictures crops\">{figures}</div>\n"
+    ))
+}
+
+fn enlarged(pictures: &Pictures, tile: &Tile) -> std::io::Result<String> {
+    let mut pair = String::new();
+    for (image, words) in [
+        (pictures.picture, "The picture"),
+        (pictures.reference, "The reference"),
+    ] {
+        let view = View {
+            name: "",
+            words,
+            image: &crop(image, tile.at, tile.size),
+            tone: ToneMap::default(),
+        };
+        pair += &picture(&view, ENLARGED)?;
+    }
+    let words = format!(
+        "column {}, row {}: RMSE {}",
+        tile.at[0],
+        tile.at[1],
+        significant(tile.mse.sqrt(), 2)
+    );
+    Ok(figure(&format!("<div class=\"pair\">{pair}</div>"), &words))
+}
+
+fn points(study: &Study) -> String {
+    let mut table = Table::new(&[
+        Column::Words("knob"),
+        Column::Words("level"),
+        Column::Words("front"),
+        Column::Numbers("seconds"),
+        Column::Numbers("time"),
+        Column::Numbers("RMSE"),
+        Column::Numbers("bias"),
+        Column::Numbers("deviation"),
+        Column::Numbers("relMSE"),
+        Column::Numbers("FLIP"),
+        Column::Numbers("changed"),
+        Column::Numbers("not finite"),
+        Column::Numbers("rays"),
+    ]);
+    for point in &study.points {
+        let number = |value: f64| Cell::text(&significant(value, 3));
+        let interval = |of: Interval| Cell::with_range(&significant(of.value, 3), &range(of, 3));
+        let cells = [
+            Cell::text(knob_name(point)),
+            Cell::text(&point.level),
+            if point.on_front {
+                Cell::badge("front", "holds")
+            } else {
+                Cell::default()
+            },
+            interval(point.seconds),
+            Cell::text(&times(point.time_ratio.value)),
+            interval(point.rmse),
+            number(point.bias_squared.value.max(0.0).sqrt()),
+            number(point.variance.max(0.0).sqrt()),
+            number(point.rel_mse),
+            number(point.flip),
+            Cell::text(&percent(point.changed_share)),
+            Cell::count(point.non_finite),
+            Cell::count(point.rays),
+        ];
+        table.row(("", knob_name(point)), &cells);
+    }
+    format!(
+        "{}<p class=\"faint\">time: over the base’s. RMSE as displayed, black 0 and white 1: bias is the part that stays \
+         however many pictures are averaged, deviation what differs from picture to picture. changed: pixels off by more \
+         than 1/255. Behind a value: where it lies 95 times of 100.</p>\n",
+        table.html("wide dense")
+    )
+}
+
+fn protocol(study: &Study) -> String {
+    let timing = &study.timing;
+    let facts = page::facts(&[
+        (
+            "times",
+            "In each block every configuration takes one turn; a ratio is the median of the ratios to the base within blocks."
+                .to_owned(),
+        ),
+        (
+            "blocks",
+            format!(
+                "{} count, {} do not, as the machine was busy with something else",
+                timing.blocks, timing.dropped
+            ),
+        ),
+        (
+            "calibration",
+            format!(
+                "the same work took up to {} longer or shorter in the blocks that count",
+                percent(timing.calibration_spread)
+            ),
+        ),
+        (
+            "errors",
+            "Held against two independent halves of the reference, so that its own noise does not count.".to_owned(),
+        ),
+        (
+            "spent",
+            format!(
+                "{} s of a budget of {} s",
+                significant(timing.spent, 3),
+                significant(timing.budget, 3)
+            ),
+        ),
+    ]);
+    format!("<section id=\"protocol\">\n<h2>How this was measured</h2>\n{facts}</section>\n")
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::cost::{Check, Curve, Reference, Timing};
+    use crate::image::LinearImage;
+
+    fn point(knob: Option<Knob>, level: &str, ratio: f64, rmse: f64) -> Point {
+        Point {
+            knob,
+            level: level.to_owned(),
+            settings: BTreeMap::from([("samples".to_owned(), "<4>".to_owned())]),
+            build_seconds: 0.1,
+            seconds: Interval {
+                value: ratio,
+                low: 0.9 * ratio,
+                high: 1.1 * ratio,
+            },
+            time_ratio: Interval::exact(ratio),
+            rmse: Interval::exact(rmse),
+            bias_squared: Interval::exact(-1e-9),
+            variance: rmse * rmse,
+            rel_mse: 0.1,
+            flip: 0.05,
+            max: 0.5,
+            changed_share: 0.25,
+            non_finite: 0,
+            rays: 1000,
+            on_front: true,
+        }
+    }
+
+    /// The base, more samples, less depth, and another pattern.
+    pub(in crate::report) fn study() -> Study {
+        let slope = Interval {
+            value: -0.5,
+            low: -0.6,
+            high: -0.43,
+        };
+        Study {
+            size: [64, 48],
+            threads: 2,
+            reference: Reference {
+                spp: 1024,
+                paths: ["robust".to_owned(), "<bsp>".to_owned()],
+                noise: 1e-4,
+                checks: vec![Check {
+                    name: "noise".to_owned(),
+                    holds: true,
+                    words: "0.1 of 0.2".to_owned(),
+                }],
+            },
+            timing: Timing {
+                blocks: 7,
+                dropped: 1,
+                calibration_spread: 0.01,
+                spent: 50.0,
+                budget: 60.0,
+            },
+            points: vec![
+                point(None, "base", 1.0, 0.02),
+                point(Some(Knob::Samples), "16", 4.0, 0.01),
+                point(Some(Knob::Depth), "0", 0.5, 0.3),
+                point(Some(Knob::Pattern), "r2", 1.0, 0.019),
+            ],
+            curves: vec![
+                Curve {
+                    knob: Knob::Samples,
+                    points: vec![0, 1],
+                    slope: Some(slope),
+                },
+                Curve {
+                    knob: Knob::Depth,
+                    points: vec![2, 0],
+                    slope: None,
+                },
+            ],
+        }
+    }
+
+    fn page_of(study: &Study) -> String {
+        let image = LinearImage::black(4, 3);
+        let mut other = image.clone();
+        other.pixels[5] = [1.0; 3];
+        let pictures = Pictures {
+            reference: &image,
+            picture: &other,
+            difference: &image,
+            flip: &image,
+        };
+        let facts = Facts {
+            scene: Path::new("<scene>.gltf"),
+            embree: Some("<4>".to_owned()),
+            date: Some("<date>"),
+        };
+        page(study, &facts, &pictures).unwrap()
+    }
+
+    #[test]
+    fn a_page_tells_prices_and_no_number_that_is_none() {
+        let mut study = study();
+        let html = page_of(&study);
+        for words in [
+            "the next halving of the error costs x4.0 (3.2 to 5.0) time",
+            "samples: error ∝ time^-0.50 (-0.60 to -0.43)",
+            "column 0, row 0: RMSE 0.29",
+            "two halves of 1024 samples a pixel, by robust and &lt;bsp&gt;",
+        ] {
+            assert!(html.contains(words), "{words} in {html}");
+        }
+        for word in ["<scene>", "<bsp>", "<4>", "<date>", "NOT CONVERGED", "NaN"] {
+            assert!(!html.contains(word), "{word}");
+        }
+        for point in &mut study.points {
+            point.rmse = Interval::exact(f64::NAN);
+            point.time_ratio = Interval::exact(f64::INFINITY);
+            point.seconds = Interval::exact(0.0);
+        }
+        let html = page_of(&study);
+        assert!(!html.contains("NaN") && !html.contains("inf\""), "{html}");
+    }
+
+    #[test]
+    fn a_reference_that_has_not_converged_is_told_loudly() {
+        let mut study = study();
+        study.reference.checks[0].holds = false;
+        let html = page_of(&study);
+        assert!(html.contains("<b>REFERENCE NOT CONVERGED</b>"));
+        assert!(html.contains("<li>noise: 0.1 of 0.2</li>"), "{html}");
+    }
+
+    #[test]
+    fn a_study_of_the_base_alone_and_one_of_nothing_are_pages_too() {
+        let mut study = study();
+        study.curves.clear();
+        study.points.truncate(1);
+        assert_eq!(page_of(&study).matches("class=\"point\"").count(), 1);
+        study.points.clear();
+        assert!(!page_of(&study).contains("NaN"));
+    }
+}

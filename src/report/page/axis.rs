@@ -1,0 +1,188 @@
+//! Logarithmic axes of measured values.
+
+use super::plot::even_ticks;
+use crate::cost::Interval;
+
+/// An interval's lower end is shown down to this part of the least value; what reaches lower is cut off there.
+const REACH: f64 = 0.25;
+/// An axis of a single value spans so much on either side, and no axis spans less in all.
+const LEAST: f64 = 2.0;
+/// Room at either end, as a part of what is shown.
+const ROOM: f64 = 0.05;
+/// Room below the least value if others are 0, which stand at the foot, as a part of what is shown.
+const ROOM_FOR_ZERO: f64 = 0.15;
+/// No tick is nearer to a foot that stands for 0, as a part of the axis.
+const APART: f64 = 0.06;
+
+/// A logarithmic axis; what is no larger than 0 stands at its foot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LogAxis<'a> {
+    /// What it shows, and its unit.
+    pub label: &'a str,
+    /// Decimal logarithms of the values at its ends.
+    low: f64,
+    high: f64,
+    /// Whether its foot stands for 0.
+    has_zero: bool,
+}
+
+impl<'a> LogAxis<'a> {
+    /// One that holds all values and what it can of their intervals.
+    pub fn around(label: &'a str, all: &[Interval]) -> LogAxis<'a> {
+        let usable = |x: &f64| *x > 0.0 && x.is_finite();
+        let values = || all.iter().map(|interval| interval.value);
+        let least = values().filter(usable).fold(f64::INFINITY, f64::min);
+        let has_zero = values().any(|value| value <= 0.0);
+        if !least.is_finite() {
+            return LogAxis {
+                label,
+                low: -1.0,
+                high: 0.0,
+                has_zero,
+            };
+        }
+        let lows = all.iter().map(|interval| interval.low.max(REACH * least));
+        let ends = lows.chain(values()).filter(usable);
+        let low = ends.fold(least, f64::min).log10();
+        let ends = all.iter().map(|interval| interval.high);
+        let high = ends.chain(values()).filter(usable).fold(least, f64::max).log10();
+        let lacking = (LEAST.log10() - 0.5 * (high - low)).max(0.0);
+        let (low, high) = (low - lacking, high + lacking);
+        let below = if has_zero { ROOM_FOR_ZERO } else { ROOM };
+        LogAxis {
+            label,
+            low: low - below * (high - low),
+            high: high + ROOM * (high - low),
+            has_zero,
+        }
+    }
+
+    /// From 0 to 1, whatever the value is; what is no number is far above all.
+    pub fn place(&self, value: f64) -> f64 {
+        if value.is_nan() {
+            return 1.0;
+        }
+        // The logarithm of 0 is below all.
+        ((value.max(0.0).log10() - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
+    }
+
+    /// At most about `most` values with what is written there: round numbers, and the foot if it stands for 0.
+    pub fn ticks(&self, most: f64) -> Vec<(f64, String)> {
+        let mut ticks = self.round_numbers(most.max(2.0) as usize);
+        if self.has_zero {
+            ticks.retain(|(value, _)| self.place(*value) > APART);
+            ticks.push((0.0, "0".to_owned()));
+        }
+        ticks
+    }
+
+    /// The most that there may be: even steps where the axis spans less than a decade, else 1, 2 and 5 of each power of
+    /// ten, else powers alone.
+    fn round_numbers(&self, most: usize) -> Vec<(f64, String)> {
+        if self.high - self.low < 1.0 {
+            let ticks = even_ticks(10f64.powf(self.low), 10f64.powf(self.high));
+            if ticks.len() <= most {
+                return ticks;
+            }
+        }
+        let ticks = self.multiples(&[1, 2, 5], 1);
+        if (2..=most).contains(&ticks.len()) {
+            return ticks;
+        }
+        let step = ((self.high - self.low) / most as f64).ceil().max(1.0);
+        self.multiples(&[1], step as i32)
+    }
+
+    /// Those factors of every power of ten whose exponent is a multiple of `step`, within the axis.
+    fn multiples(&self, factors: &[u32], step: i32) -> Vec<(f64, String)> {
+        let powers = (self.low.floor() as i32..=self.high.ceil() as i32).filter(|power| power % step == 0);
+        let all = powers.flat_map(|power| {
+            let of = move |&factor: &u32| (f64::from(factor) * 10f64.powi(power), factor, power);
+            factors.iter().map(of)
+        });
+        all.filter(|(value, _, _)| (self.low..=self.high).contains(&value.log10()))
+            .map(|(value, factor, power)| (value, name(value, factor, power)))
+            .collect()
+    }
+}
+
+/// In decimals where they are few.
+fn name(value: f64, factor: u32, power: i32) -> String {
+    match power {
+        0..=5 => format!("{value:.0}"),
+        -4..0 => format!("{value:.*}", -power as usize),
+        _ => format!("{factor}e{power}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(values: &[f64]) -> LogAxis<'static> {
+        let all: Vec<Interval> = values.iter().map(|&value| Interval::exact(value)).collect();
+        LogAxis::around("", &all)
+    }
+
+    fn names(values: &[f64], most: f64) -> Vec<String> {
+        axis(values).ticks(most).into_iter().map(|tick| tick.1).collect()
+    }
+
+    #[test]
+    fn ticks_are_round_and_no_more_than_there_is_room_for() {
+        assert_eq!(names(&[0.01, 0.1], 9.0), ["0.01", "0.02", "0.05", "0.1"]);
+        assert_eq!(names(&[0.001, 1.0], 5.0), ["0.001", "0.01", "0.1", "1"]);
+        assert_eq!(names(&[1e-9, 1e-3], 4.0), ["1e-8", "1e-6", "0.0001"]);
+        // Two to a factor of four: from 1 to 4, and no power of ten but one.
+        assert_eq!(
+            names(&[2.0], 9.0),
+            ["1.0", "1.5", "2.0", "2.5", "3.0", "3.5", "4.0"]
+        );
+    }
+
+    #[test]
+    fn every_axis_has_ticks_that_are_numbers() {
+        for exponent in -30..30 {
+            for span in [1.0, 1.001, 1.9, 3.0, 9.9, 30.0, 1e3, 1e9] {
+                for most in [2.0, 5.0, 12.0] {
+                    let low = 1.7 * 10f64.powi(exponent);
+                    let ticks = axis(&[low, low * span]).ticks(most);
+                    assert!(ticks.len() <= most as usize + 1, "{low} {span}: {ticks:?}");
+                    assert!(!ticks.is_empty() || most < 3.0, "{low} {span} {most}");
+                    assert!(ticks.iter().all(|tick| tick.0 > 0.0 && tick.0.is_finite()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn zero_has_a_tick_of_its_own_at_the_foot() {
+        let axis = axis(&[0.0, 1.0, 10.0]);
+        assert_eq!(axis.place(0.0), 0.0);
+        assert_eq!(axis.place(-1.0), 0.0);
+        assert!(axis.place(1.0) > 0.1);
+        assert_eq!(axis.ticks(9.0).pop().unwrap().1, "0");
+    }
+
+    #[test]
+    fn an_end_far_below_all_values_is_cut_off() {
+        let wide = Interval {
+            value: 1.0,
+            low: 1e-30,
+            high: 1.0,
+        };
+        let axis = LogAxis::around("", &[wide, Interval::exact(100.0)]);
+        assert!(axis.low > -1.0, "{axis:?}");
+        assert_eq!(axis.place(1e-30), 0.0);
+    }
+
+    #[test]
+    fn what_is_no_number_has_a_place() {
+        for values in [&[][..], &[f64::NAN], &[f64::INFINITY, 0.0], &[0.0]] {
+            let axis = axis(values);
+            for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, 1.0] {
+                assert!((0.0..=1.0).contains(&axis.place(value)), "{axis:?} {value}");
+            }
+        }
+    }
+}

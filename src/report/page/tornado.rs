@@ -1,0 +1,278 @@
+//! Bars from the least to the greatest ratio that a change makes, in powers of two around no change at all.
+
+use std::fmt::Write;
+
+use super::escape;
+
+const WIDTH: f64 = 820.0;
+/// Room for names at the left, and beyond either end of the axis for what is written there.
+const NAMES: f64 = 110.0;
+const BEYOND: f64 = 92.0;
+/// Room above and below.
+const ABOVE: f64 = 8.0;
+const BELOW: f64 = 42.0;
+/// Height of a bar, and room between two rows of bars.
+const BAR: f64 = 13.0;
+const BETWEEN: f64 = 12.0;
+/// Powers of two that are shown at most on either side.
+const FARTHEST: f64 = 40.0;
+/// Ticks of the axis, at most about.
+const TICKS: f64 = 9.0;
+/// Letters of a level that are written; the whole is told where one points at it.
+const MOST_LETTERS: usize = 13;
+
+/// An end of a bar.
+#[derive(Clone, Debug, PartialEq)]
+pub struct End {
+    /// Over what is held to be no change; 0 is at the end of the axis.
+    pub ratio: f64,
+    /// What makes it; empty if nothing does.
+    pub level: String,
+}
+
+/// A bar: its ends are no NaN and none is negative.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bar {
+    /// What is changed, as the style and the legend know it.
+    pub class: &'static str,
+    /// Least and greatest.
+    pub ends: [End; 2],
+}
+
+impl Bar {
+    /// From the least to the greatest ratio, no change included; what is no number is left out.
+    pub fn of<'a>(class: &'static str, ratios: impl Iterator<Item = (f64, &'a str)>) -> Bar {
+        let none = End {
+            ratio: 1.0,
+            level: String::new(),
+        };
+        let mut ends = [none.clone(), none];
+        for (ratio, level) in ratios {
+            let end = || End {
+                ratio: ratio.max(0.0),
+                level: level.to_owned(),
+            };
+            if ratio < ends[0].ratio {
+                ends[0] = end();
+            }
+            if ratio > ends[1].ratio {
+                ends[1] = end();
+            }
+        }
+        Bar { class, ends }
+    }
+
+    /// How many powers of two it spans, as far as they are shown.
+    pub fn span(&self) -> f64 {
+        let [low, high] = self.powers();
+        high - low
+    }
+
+    fn powers(&self) -> [f64; 2] {
+        [0, 1].map(|i| self.ends[i].ratio.log2().clamp(-FARTHEST, FARTHEST))
+    }
+}
+
+/// Bars of one name.
+#[derive(Clone, Debug)]
+pub struct Row<'a> {
+    /// What makes the changes.
+    pub name: &'a str,
+    /// One below the other.
+    pub bars: Vec<Bar>,
+    /// What is told where one points at it.
+    pub words: String,
+}
+
+/// Rows of bars, the one with the longest bar above.
+#[derive(Clone, Debug)]
+pub struct Tornado<'a> {
+    rows: Vec<Row<'a>>,
+    /// Powers of two at the ends of the axis.
+    ends: [f64; 2],
+}
+
+impl<'a> Tornado<'a> {
+    /// Of rows in any order.
+    pub fn new(mut rows: Vec<Row<'a>>) -> Tornado<'a> {
+        let longest = |row: &Row| row.bars.iter().map(Bar::span).fold(0.0, f64::max);
+        rows.sort_by(|a, b| longest(b).total_cmp(&longest(a)));
+        let powers = || {
+            let bars = rows.iter().flat_map(|row| &row.bars);
+            // A ratio of 0 needs no axis that reaches so far down.
+            bars.flat_map(|bar| bar.powers()).filter(|p| p.abs() < FARTHEST)
+        };
+        let ends = [
+            powers().fold(-1.0, f64::min).floor(),
+            powers().fold(1.0, f64::max).ceil(),
+        ];
+        Tornado { rows, ends }
+    }
+
+    fn across(&self, power: f64) -> f64 {
+        let [low, high] = self.ends;
+        let place = ((power - low) / (high - low)).clamp(0.0, 1.0);
+        NAMES + BEYOND + place * (WIDTH - NAMES - 2.0 * BEYOND)
+    }
+
+    /// As HTML; `x_label` tells what the axis shows.
+    pub fn html(&self, x_label: &str) -> String {
+        let classes = self.rows.first().map_or(&[][..], |row| &row.bars);
+        let legend = classes.iter().map(|bar| {
+            format!(
+                "<span><svg viewBox=\"0 0 16 16\" width=\"16\" height=\"16\" aria-hidden=\"true\">\
+                 <rect class=\"{0}\" x=\"1\" y=\"4\" width=\"14\" height=\"8\"/></svg>{0}</span>\n",
+                bar.class
+            )
+        });
+        format!(
+            "<div class=\"chart\"><div class=\"scroll\">{}</div><p class=\"legend\">{}</p></div>\n",
+            self.svg(x_label),
+            legend.collect::<String>()
+        )
+    }
+
+    fn svg(&self, x_label: &str) -> String {
+        let mut rows = String::new();
+        let mut y = ABOVE;
+        for row in &self.rows {
+            y += 0.5 * BETWEEN;
+            rows += &self.row(row, y);
+            y += row.bars.len() as f64 * BAR + 0.5 * BETWEEN;
+        }
+        let height = y + BELOW;
+        format!(
+            "<svg style=\"width:{WIDTH}px\" viewBox=\"0 0 {WIDTH} {height}\" role=\"group\" aria-label=\"{label}\">{}{rows}\
+             <text class=\"label\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{label}</text></svg>",
+            self.grid(y),
+            self.across(0.5 * (self.ends[0] + self.ends[1])),
+            height - 8.0,
+            label = escape(x_label)
+        )
+    }
+
+    fn grid(&self, foot: f64) -> String {
+        let [low, high] = self.ends;
+        let step = ((high - low) / TICKS).ceil().max(1.0) as i32;
+        let mut svg = String::new();
+        for power in (low as i32..=high as i32).filter(|power| power % step == 0) {
+            let x = self.across(f64::from(power));
+            let class = if power == 0 { "zero" } else { "grid" };
+            // Writing to a string cannot fail.
+            let _ = write!(
+                svg,
+                "<path class=\"{class}\" d=\"M{x:.1} {ABOVE}V{foot:.1}\"/>\
+                 <text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+                foot + 15.0,
+                tick(power)
+            );
+        }
+        svg
+    }
+
+    fn row(&self, row: &Row, top: f64) -> String {
+        let middle = top + 0.5 * BAR * row.bars.len() as f64;
+        let mut svg = format!(
+            "<g class=\"point\" role=\"img\"><title>{}</title>\
+             <text class=\"label\" x=\"4\" y=\"{:.1}\">{}</text>",
+            escape(&row.words),
+            middle + 4.0,
+            escape(row.name)
+        );
+        for (number, bar) in row.bars.iter().enumerate() {
+            let y = top + number as f64 * BAR;
+            let [left, right] = bar.powers().map(|power| self.across(power));
+            let _ = write!(
+                svg,
+                "<rect class=\"{}\" x=\"{left:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
+                bar.class,
+                y + 1.0,
+                (right - left).max(1.0),
+                BAR - 2.0
+            );
+            for (end, x, anchor) in [
+                (&bar.ends[0], left - 4.0, "end"),
+                (&bar.ends[1], right + 4.0, "start"),
+            ] {
+                let _ = write!(
+                    svg,
+                    "<text class=\"level\" x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{}</text>",
+                    y + BAR - 3.0,
+                    escape(&shortened(&end.level))
+                );
+            }
+        }
+        svg + "</g>"
+    }
+}
+
+/// A power of two as a ratio.
+fn tick(power: i32) -> String {
+    let ratio = 1u64 << power.unsigned_abs().min(63);
+    if power < 0 {
+        format!("x1/{ratio}")
+    } else {
+        format!("x{ratio}")
+    }
+}
+
+fn shortened(level: &str) -> String {
+    if level.chars().count() <= MOST_LETTERS {
+        return level.to_owned();
+    }
+    let kept: String = level.chars().take(MOST_LETTERS - 1).collect();
+    format!("{}…", kept.trim_end())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bar(ratios: &[f64]) -> Bar {
+        Bar::of("time", ratios.iter().map(|&ratio| (ratio, "<level>")))
+    }
+
+    fn row(name: &'static str, ratios: &[f64]) -> Row<'static> {
+        Row {
+            name,
+            bars: vec![bar(ratios)],
+            words: "a<b".to_owned(),
+        }
+    }
+
+    #[test]
+    fn a_bar_reaches_from_the_least_to_the_greatest_and_holds_no_change() {
+        assert_eq!(bar(&[0.5, 4.0]).span(), 3.0);
+        assert_eq!(bar(&[2.0, 4.0]).span(), 2.0);
+        assert_eq!(bar(&[2.0, 4.0]).ends[0].level, "");
+        assert_eq!(bar(&[]).span(), 0.0);
+        assert_eq!(bar(&[f64::NAN]).span(), 0.0);
+    }
+
+    #[test]
+    fn the_longest_bar_stands_above() {
+        let tornado = Tornado::new(vec![row("short", &[1.1]), row("long", &[0.1])]);
+        let svg = tornado.svg("time");
+        assert!(svg.find("long").unwrap() < svg.find("short").unwrap(), "{svg}");
+        for name in ["x1/8", "x1/2", "x1<", "x2"] {
+            assert!(svg.contains(name), "{name} in {svg}");
+        }
+    }
+
+    #[test]
+    fn ratios_that_are_no_numbers_or_have_no_logarithm_are_drawn_within_the_axis() {
+        let odd = [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-300];
+        for rows in [vec![row("odd", &odd)], vec![row("none", &[])], Vec::new()] {
+            let html = Tornado::new(rows).html("a<b");
+            assert!(!html.contains("NaN") && !html.contains("inf"), "{html}");
+            assert!(!html.contains("a<b") && !html.contains("<level>"), "{html}");
+        }
+        assert_eq!(Tornado::new(vec![row("odd", &odd)]).ends, [-1.0, 1.0]);
+    }
+
+    #[test]
+    fn long_levels_are_cut_short() {
+        assert_eq!(shortened("1/4096"), "1/4096");
+        assert_eq!(shortened("1/2 of the scene's"), "1/2 of the s…");
+    }
+}

@@ -1,0 +1,113 @@
+//! Where a picture is farthest from its reference.
+
+use crate::image::{LinearImage, metrics};
+
+/// Pixels of a tile each way, if the picture has as many.
+pub const SIDE: u32 = 32;
+
+/// A part of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tile {
+    /// Column and row of its upper left pixel.
+    pub at: [u32; 2],
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Mean squared difference of channels as displayed (black is 0, white 1).
+    pub mse: f64,
+}
+
+/// The `most` tiles that differ most, worst first, without those that do not differ at all. Both pictures have one size.
+///
+/// Tiles at the right and the lower edge are moved inward where the picture is no whole number of tiles, and lie partly on
+/// those beside them.
+pub fn worst(reference: &LinearImage, picture: &LinearImage, most: usize) -> Vec<Tile> {
+    let size = [reference.width, reference.height].map(|side| side.min(SIDE));
+    let rows = starts(reference.height);
+    let places = rows.flat_map(|y| starts(reference.width).map(move |x| [x, y]));
+    let mut tiles: Vec<Tile> = places
+        .map(|at| Tile {
+            at,
+            size,
+            mse: squared_difference(reference, picture, at, size),
+        })
+        .filter(|tile| tile.mse > 0.0)
+        .collect();
+    // Stable: of equals the upper ones.
+    tiles.sort_by(|a, b| b.mse.total_cmp(&a.mse));
+    tiles.truncate(most);
+    tiles
+}
+
+/// Where tiles begin along a side.
+fn starts(side: u32) -> impl Iterator<Item = u32> {
+    let last = side.saturating_sub(SIDE);
+    (0..side.div_ceil(SIDE)).map(move |number| (number * SIDE).min(last))
+}
+
+fn squared_difference(reference: &LinearImage, picture: &LinearImage, at: [u32; 2], size: [u32; 2]) -> f64 {
+    let [a, b] = [reference, picture].map(|image| crop(image, at, size));
+    let shown = |channel: f32| metrics::as_displayed(channel.into());
+    let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
+    let sum: f64 = channels.map(|(&a, &b)| (shown(a) - shown(b)).powi(2)).sum();
+    sum / (3 * a.pixels.len()).max(1) as f64
+}
+
+/// A part of a picture, as a picture; what lies beside the picture is left out.
+pub fn crop(image: &LinearImage, [x, y]: [u32; 2], [width, height]: [u32; 2]) -> LinearImage {
+    let columns = x.min(image.width)..x.saturating_add(width).min(image.width);
+    let rows = y.min(image.height)..y.saturating_add(height).min(image.height);
+    let pixels = rows.clone().flat_map(|y| {
+        let columns = columns.clone();
+        columns.map(move |x| image.pixel(x, y))
+    });
+    LinearImage {
+        width: columns.len() as u32,
+        height: rows.len() as u32,
+        pixels: pixels.collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tile_that_differs_most_comes_first() {
+        let reference = LinearImage::black(70, 40);
+        let mut picture = reference.clone();
+        picture.pixels[0] = [0.1; 3];
+        picture.pixels[39 * 70 + 69] = [1.0; 3];
+        let tiles = worst(&reference, &picture, 8);
+        let places: Vec<_> = tiles.iter().map(|tile| tile.at).collect();
+        // The last column begins at 70 - 32, the last row at 40 - 32.
+        assert_eq!(places, [[38, 8], [0, 0]]);
+        // One pixel of 32², white where there is black.
+        assert!((tiles[0].mse - 1.0 / 1024.0).abs() < 1e-15, "{}", tiles[0].mse);
+        assert_eq!(worst(&reference, &picture, 1).len(), 1);
+    }
+
+    #[test]
+    fn a_picture_smaller_than_a_tile_is_one_and_alike_ones_have_none() {
+        let reference = LinearImage::black(5, 3);
+        assert!(worst(&reference, &reference, 8).is_empty());
+        let mut picture = reference.clone();
+        picture.pixels[7] = [f32::INFINITY, f32::NAN, -1.0];
+        let tiles = worst(&reference, &picture, 8);
+        assert_eq!((tiles[0].at, tiles[0].size), ([0, 0], [5, 3]));
+        // A channel of three is white; what is no number or negative is black.
+        assert!((tiles[0].mse - 1.0 / 45.0).abs() < 1e-15);
+        let none = LinearImage::black(0, 0);
+        assert!(worst(&none, &none, 8).is_empty());
+    }
+
+    #[test]
+    fn a_crop_holds_the_pixels_of_its_place_and_no_others() {
+        let mut image = LinearImage::black(4, 3);
+        image.pixels[2 * 4 + 3] = [1.0, 2.0, 3.0];
+        let part = crop(&image, [2, 1], [2, 2]);
+        assert_eq!((part.width, part.height), (2, 2));
+        assert_eq!(part.pixels[3], [1.0, 2.0, 3.0]);
+        let beside = crop(&image, [3, 9], [u32::MAX, 2]);
+        assert_eq!((beside.width, beside.height, beside.pixels.len()), (1, 0, 0));
+    }
+}

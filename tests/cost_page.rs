@@ -16,10 +16,11 @@ use whit::report::cost_page::{Facts, Pictures, page};
 const SIZE: [u32; 2] = [120, 80];
 
 fn around(value: f64, part: f64) -> Interval {
+    let half = part * value.abs();
     Interval {
         value,
-        low: value * (1.0 - part),
-        high: value * (1.0 + part),
+        low: value - half,
+        high: value + half,
     }
 }
 
@@ -45,9 +46,9 @@ fn point(knob: Option<Knob>, level: &str, time: f64, error: f64) -> Point {
         level: level.to_owned(),
         settings,
         build_seconds: 0.02,
-        seconds: around(0.8 * time, 0.03),
+        seconds: around(0.8 * time, 0.08),
         time_ratio: around(time, 0.02),
-        rmse: around(rmse, 0.06),
+        rmse: around(rmse, 0.18),
         bias_squared: around(0.1 * rmse * rmse, 2.0),
         variance: 0.9 * rmse * rmse,
         rel_mse: 2.0 * rmse,
@@ -256,9 +257,9 @@ const PROBE: &str = r##"
   found.quiet = shown(".tip").length;
   found.titles = [...document.querySelectorAll(".chart .point")].every((point) => point.getAttribute("aria-label"));
   const entry = chart.querySelector(".legend span");
-  entry.dispatchEvent(new Event("pointerenter"));
+  entry?.dispatchEvent(new Event("pointerenter"));
   found.faded = chart.querySelectorAll(".series.faded").length;
-  entry.dispatchEvent(new Event("pointerleave"));
+  entry?.dispatchEvent(new Event("pointerleave"));
   found.unfaded = chart.querySelectorAll(".series.faded").length;
   const form = document.querySelector(".viewer form");
   form.elements.cut.value = 25;

@@ -14,7 +14,7 @@ const SMALL: [f64; 2] = [345.0, 260.0];
 
 /// Every configuration, and the line below which none is known.
 pub(super) fn front(study: &Study) -> String {
-    let [x, y] = axes(study);
+    let [x, y] = axes(study.points.iter(), RMSE);
     let knobs = Knob::ALL.into_iter().enumerate();
     let mut series: Vec<Series> = knobs
         .map(|(number, knob)| Series {
@@ -67,11 +67,12 @@ fn points_of(study: &Study, knob: Option<Knob>) -> impl Iterator<Item = &Point> 
     study.points.iter().filter(move |point| point.knob == knob)
 }
 
-fn axes(study: &Study) -> [LogAxis<'static>; 2] {
-    let all = |of: fn(&Point) -> Interval| study.points.iter().map(of).collect::<Vec<_>>();
+/// What holds all of the points, whose errors' axis has that name.
+fn axes<'a>(points: impl Iterator<Item = &'a Point> + Clone, rmse: &'static str) -> [LogAxis<'static>; 2] {
+    let all = |of: fn(&Point) -> Interval| points.clone().map(of).collect::<Vec<_>>();
     [
         LogAxis::around(SECONDS, &all(|point| point.seconds)),
-        LogAxis::around(RMSE, &all(|point| point.rmse)),
+        LogAxis::around(rmse, &all(|point| point.rmse)),
     ]
 }
 
@@ -103,14 +104,17 @@ fn spot(point: &Point, label: &str) -> Spot {
 
 /// A chart for each knob that was turned to several places, all with the same axes.
 pub(super) fn curves(study: &Study) -> String {
+    let places = study.curves.iter().flat_map(|curve| &curve.points);
+    let all = places.filter_map(|&i| study.points.get(i));
+    let axes = axes(all, "RMSE as displayed");
     let charts = study.curves.iter().map(|curve| {
         let caption = format!("{}: {}", curve.knob, slope_words(curve));
-        figure(&small_chart(study, curve).html(), &escape(&caption))
+        figure(&small_chart(study, curve, axes).html(), &escape(&caption))
     });
     format!("<div class=\"pictures\">{}</div>\n", charts.collect::<String>())
 }
 
-fn small_chart<'a>(study: &'a Study, curve: &Curve) -> Chart<'a> {
+fn small_chart<'a>(study: &'a Study, curve: &Curve, [x, y]: [LogAxis<'a>; 2]) -> Chart<'a> {
     let points: Vec<&Point> = curve.points.iter().filter_map(|&i| study.points.get(i)).collect();
     let number = Knob::ALL.iter().position(|&knob| knob == curve.knob);
     let look = Look::Number(number.unwrap_or_default());
@@ -133,8 +137,6 @@ fn small_chart<'a>(study: &'a Study, curve: &Curve) -> Chart<'a> {
             .to_owned(),
         None => BASE.to_owned(),
     };
-    let [mut x, mut y] = axes(study);
-    (x.label, y.label) = (SECONDS, "RMSE as displayed");
     Chart {
         size: SMALL,
         x,

@@ -9,7 +9,7 @@ use super::machine;
 use super::page::{self, Cell, Column, Table, View, escape, figure, picture};
 use super::words::{percent, range, significant, times};
 use super::worst_tiles::{Tile, crop, worst};
-use crate::cost::{Interval, Knob, Point, Study};
+use crate::cost::{Interval, Point, Study};
 use crate::image::ToneMap;
 
 pub use super::compare_page::Pictures;
@@ -49,11 +49,13 @@ pub fn page(study: &Study, facts: &Facts, pictures: &Pictures) -> std::io::Resul
                  <p>Dashed: the fitted slope, through the middle of the points.</p>\n";
         body += &cost_charts::curves(study);
     }
-    body += "<h2 id=\"extremes\">How far each knob reaches</h2>\n\
-             <p>The least and the greatest time and error among a knob’s levels, over the base’s.</p>\n";
-    body += &cost_charts::extremes(study);
-    body += "<h2 id=\"prices\">Prices</h2>\n";
-    body += &prices(study);
+    if study.points.iter().any(|point| point.knob.is_some()) {
+        body += "<h2 id=\"extremes\">How far each knob reaches</h2>\n\
+                 <p>The least and the greatest time and error among a knob’s levels, over the base’s.</p>\n";
+        body += &cost_charts::extremes(study);
+        body += "<h2 id=\"prices\">Prices</h2>\n";
+        body += &prices(study);
+    }
     body += "<h2 id=\"pictures\">Pictures of the base</h2>\n";
     body += &viewer(pictures, ToneMap::default())?;
     body += &worst_tiles(pictures)?;
@@ -150,32 +152,35 @@ fn prices(study: &Study) -> String {
     if !study.curves.is_empty() {
         html += &halves.html("prices");
     }
-    let mut levels = Table::new(&[
+    html + &levels(study)
+}
+
+/// What the levels of knobs cost that have no order.
+fn levels(study: &Study) -> String {
+    let has_no_order = |point: &&Point| point.knob.is_some_and(|knob| !knob.is_graded());
+    let others: Vec<&Point> = study.points.iter().filter(has_no_order).collect();
+    if others.is_empty() {
+        return String::new();
+    }
+    let mut table = Table::new(&[
         Column::Words("knob"),
         Column::Words("turned to"),
         Column::Numbers("time"),
         Column::Numbers("error"),
     ]);
-    let graded = |point: &&Point| point.knob.is_some_and(Knob::is_graded);
-    let others: Vec<&Point> = study
-        .points
-        .iter()
-        .filter(|point| point.knob.is_some() && !graded(point))
-        .collect();
-    for point in &others {
+    for point in others {
         let cells = [
             Cell::text(knob_name(point)),
             Cell::text(&point.level),
             Cell::with_range(&times(point.time_ratio.value), &range(point.time_ratio, 3)),
             Cell::text(&times(error_ratio(study, point))),
         ];
-        levels.row(("", knob_name(point)), &cells);
+        table.row(("", knob_name(point)), &cells);
     }
-    if !others.is_empty() {
-        html += "<p>Knobs without an order, over the base:</p>\n";
-        html += &levels.html("levels");
-    }
-    html
+    format!(
+        "<p>Knobs without an order, over the base:</p>\n{}",
+        table.html("levels")
+    )
 }
 
 /// Where the base is farthest from the reference, beside it.
@@ -219,7 +224,7 @@ fn enlarged(pictures: &Pictures, tile: &Tile) -> std::io::Result<String> {
 }
 
 fn points(study: &Study) -> String {
-    let mut table = Table::new(&[
+    let mut columns = vec![
         Column::Words("knob"),
         Column::Words("level"),
         Column::Words("front"),
@@ -231,32 +236,15 @@ fn points(study: &Study) -> String {
         Column::Numbers("relMSE"),
         Column::Numbers("FLIP"),
         Column::Numbers("changed"),
-        Column::Numbers("not finite"),
         Column::Numbers("rays"),
-    ]);
+    ];
+    // The last, so that it may be left out.
+    if study.points.iter().any(|point| point.non_finite > 0) {
+        columns.push(Column::Numbers("not finite"));
+    }
+    let mut table = Table::new(&columns);
     for point in &study.points {
-        let number = |value: f64| Cell::text(&significant(value, 3));
-        let interval = |of: Interval| Cell::with_range(&significant(of.value, 3), &range(of, 3));
-        let cells = [
-            Cell::text(knob_name(point)),
-            Cell::text(&point.level),
-            if point.on_front {
-                Cell::badge("front", "holds")
-            } else {
-                Cell::default()
-            },
-            interval(point.seconds),
-            Cell::text(&times(point.time_ratio.value)),
-            interval(point.rmse),
-            number(point.bias_squared.value.max(0.0).sqrt()),
-            number(point.variance.max(0.0).sqrt()),
-            number(point.rel_mse),
-            number(point.flip),
-            Cell::text(&percent(point.changed_share)),
-            Cell::count(point.non_finite),
-            Cell::count(point.rays),
-        ];
-        table.row(("", knob_name(point)), &cells);
+        table.row(("", knob_name(point)), &cells(point));
     }
     format!(
         "{}<p class=\"faint\">time: over the base’s. RMSE as displayed, black 0 and white 1: bias is the part that stays \
@@ -264,6 +252,31 @@ fn points(study: &Study) -> String {
          than 1/255. Behind a value: where it lies 95 times of 100.</p>\n",
         table.html("wide dense")
     )
+}
+
+fn cells(point: &Point) -> [Cell; 13] {
+    let number = |value: f64| Cell::text(&significant(value, 3));
+    let interval = |of: Interval| Cell::with_range(&significant(of.value, 3), &range(of, 3));
+    let front = if point.on_front {
+        Cell::badge("front", "holds")
+    } else {
+        Cell::default()
+    };
+    [
+        Cell::text(knob_name(point)),
+        Cell::text(&point.level),
+        front,
+        interval(point.seconds),
+        Cell::text(&times(point.time_ratio.value)),
+        interval(point.rmse),
+        number(point.bias_squared.value.max(0.0).sqrt()),
+        number(point.variance.max(0.0).sqrt()),
+        number(point.rel_mse),
+        number(point.flip),
+        Cell::text(&percent(point.changed_share)),
+        Cell::count(point.rays),
+        Cell::count(point.non_finite),
+    ]
 }
 
 fn protocol(study: &Study) -> String {
@@ -309,7 +322,7 @@ pub(super) mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::cost::{Check, Curve, Reference, Timing};
+    use crate::cost::{Check, Curve, Knob, Reference, Timing};
     use crate::image::LinearImage;
 
     fn point(knob: Option<Knob>, level: &str, ratio: f64, rmse: f64) -> Point {

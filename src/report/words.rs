@@ -37,7 +37,8 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
 
 /// A ratio, as what something is multiplied by.
 pub(super) fn times(ratio: f64) -> String {
-    format!("x{}", significant(ratio, if ratio < 1.0 { 2 } else { 3 }))
+    // What rounds to 1 is written like it.
+    format!("x{}", significant(ratio, if ratio < 0.995 { 2 } else { 3 }))
 }
 
 /// The ends of an interval.

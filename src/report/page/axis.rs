@@ -41,7 +41,8 @@ impl<'a> LogAxis<'a> {
                 has_zero,
             };
         }
-        let lows = all.iter().map(|interval| interval.low.max(REACH * least));
+        let lows = all.iter().filter(|interval| interval.value > 0.0);
+        let lows = lows.map(|interval| interval.low.max(REACH * least));
         let ends = lows.chain(values()).filter(usable);
         let low = ends.fold(least, f64::min).log10();
         let ends = all.iter().map(|interval| interval.high);
@@ -82,7 +83,7 @@ impl<'a> LogAxis<'a> {
         if self.high - self.low < 1.0 {
             let ticks = even_ticks(10f64.powf(self.low), 10f64.powf(self.high));
             if ticks.len() <= most {
-                return ticks;
+                return ticks.into_iter().map(in_few_letters).collect();
             }
         }
         let ticks = self.multiples(&[1, 2, 5], 1);
@@ -90,7 +91,8 @@ impl<'a> LogAxis<'a> {
             return ticks;
         }
         let step = ((self.high - self.low) / most as f64).ceil().max(1.0);
-        self.multiples(&[1], step as i32)
+        let powers = self.multiples(&[1], step as i32);
+        if powers.is_empty() { ticks } else { powers }
     }
 
     /// Those factors of every power of ten whose exponent is a multiple of `step`, within the axis.
@@ -103,6 +105,15 @@ impl<'a> LogAxis<'a> {
         all.filter(|(value, _, _)| (self.low..=self.high).contains(&value.log10()))
             .map(|(value, factor, power)| (value, name(value, factor, power)))
             .collect()
+    }
+}
+
+/// A tick of even steps, by its power of ten where there would be many noughts.
+fn in_few_letters((value, name): (f64, String)) -> (f64, String) {
+    if (1e-4..1e6).contains(&value) {
+        (value, name)
+    } else {
+        (value, format!("{value:.1e}"))
     }
 }
 
@@ -133,11 +144,8 @@ mod tests {
         assert_eq!(names(&[0.01, 0.1], 9.0), ["0.01", "0.02", "0.05", "0.1"]);
         assert_eq!(names(&[0.001, 1.0], 5.0), ["0.001", "0.01", "0.1", "1"]);
         assert_eq!(names(&[1e-9, 1e-3], 4.0), ["1e-8", "1e-6", "0.0001"]);
-        // Two to a factor of four: from 1 to 4, and no power of ten but one.
-        assert_eq!(
-            names(&[2.0], 9.0),
-            ["1.0", "1.5", "2.0", "2.5", "3.0", "3.5", "4.0"]
-        );
+        // A single value has a factor of two on either side.
+        assert_eq!(names(&[2.0], 9.0), ["1", "2", "3", "4"]);
     }
 
     #[test]

@@ -16,6 +16,7 @@ use crate::accel::{self, Accel, AccelError, AccelOptions, Backend, Precision};
 use crate::image::metrics::{Metrics, Tally, Viewing};
 use crate::image::{LinearImage, ToneMap};
 use crate::render::{Monitor, Pattern, Plan, RenderSettings, Rendering, render};
+use crate::scene::picture::MAX_DEPTH;
 use crate::scene::{Camera, Effect, Scene};
 
 /// Samples a pixel of the base and of the longest sweep, the ones that are tried first first.
@@ -216,7 +217,7 @@ fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
         settings: RenderSettings {
             pattern: Pattern::Sobol,
             adaptive: None,
-            depth: settings.depth + settings.depth.min(5),
+            depth: (3 * settings.depth).min(MAX_DEPTH / 2),
             weight_cutoff: (settings.weight_cutoff / 8.0).min(1.0 / 4096.0),
             wavelengths: settings.wavelengths.max(32),
             effects,
@@ -367,7 +368,7 @@ impl Stage<'_, '_> {
         &self.built[&(self.scene_index(&configuration.change), configuration.path)]
     }
 
-    /// A picture, and the seconds that it took.
+    /// A picture, and the seconds that its samples took.
     fn picture(
         &self,
         configuration: &Configuration,
@@ -596,6 +597,7 @@ impl Stage<'_, '_> {
                     level: contestant.level.clone(),
                     settings: contestant.configuration.words(),
                     build_seconds: self.built(&contestant.configuration).seconds,
+                    ready_seconds: pictures[place].ready_seconds,
                     seconds: measured.blocks.seconds(place),
                     time_ratio: measured.blocks.ratio(place, 0),
                     rmse: error.rmse(),
@@ -764,6 +766,7 @@ mod tests {
             level: String::new(),
             settings: std::collections::BTreeMap::new(),
             build_seconds: 0.0,
+            ready_seconds: 0.0,
             seconds: time,
             time_ratio: time,
             rmse: Interval {

@@ -78,9 +78,11 @@ pub struct Point {
     pub level: String,
     /// The whole configuration, as the settings' names and values.
     pub settings: BTreeMap<String, String>,
-    /// Seconds to make the scene ready to be asked, once.
+    /// Seconds to build what finds the hits, once a scene.
     pub build_seconds: f64,
-    /// Seconds of a picture.
+    /// Seconds before the first sample, once a picture of any size: levels of images, tables of lights.
+    pub ready_seconds: f64,
+    /// Seconds of the samples of a picture.
     pub seconds: Interval,
     /// Those over the base's.
     pub time_ratio: Interval,

@@ -130,7 +130,7 @@ pub struct RenderSettings {
     /// Effects that are wanted other than the scene calls for.
     pub effects: EffectOverrides,
     /// Whether [`Rendering::ledger`] is to tell where the time went. Off, no clock is read but at both ends of the
-    /// render, and rays are counted all the same. It changes no bit of the picture.
+    /// render and before the first sample, and rays are counted all the same. It changes no bit of the picture.
     pub ledger: bool,
     /// Whether [`Rendering::costs`] are wanted, for which the ledger must be on. They change no bit of the picture, but
     /// make it slower.
@@ -172,6 +172,9 @@ pub struct Rendering {
     pub costs: Option<PixelCosts>,
     /// Rays and seconds.
     pub ledger: Ledger,
+    /// Seconds before the first sample: levels of images, tables of lights, light within bodies. As long for a small
+    /// picture as for a large one, for the most part.
+    pub ready_seconds: f64,
     /// Bytes; empty with the ledger off.
     pub memory: Memory,
     /// What was simulated.
@@ -252,10 +255,12 @@ pub fn render(
     let mut frame = Frame::new(scene, camera, accel, settings);
     let made_ready = settings.ledger.then(|| start.elapsed().as_secs_f64());
     let scattered = frame.scatter(monitor)?;
+    let ready_seconds = start.elapsed().as_secs_f64();
     let mut rendering = match settings.target() {
         Some(target) => render_adaptively(&mut frame, target, monitor)?,
         None => render_uniformly(&frame, monitor)?,
     };
+    rendering.ready_seconds = ready_seconds;
     rendering.subsurface = frame.bodies.as_ref().map(|bodies| bodies.stats);
     let ledger = &mut rendering.ledger;
     *ledger += scattered;
@@ -299,6 +304,7 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
         samples: SampleCounts::uniform(settings),
         costs: None,
         ledger,
+        ready_seconds: 0.0,
         memory: Memory::default(),
         plan: frame.plan.clone(),
         subsurface: None,
@@ -351,6 +357,7 @@ fn render_adaptively(frame: &mut Frame, target: Adaptive, monitor: &Monitor) -> 
         aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),
         costs: None,
         ledger,
+        ready_seconds: 0.0,
         memory: Memory::default(),
         plan: frame.plan.clone(),
         subsurface: None,

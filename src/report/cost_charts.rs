@@ -53,6 +53,13 @@ fn steps(study: &Study) -> Vec<[f64; 2]> {
         .map(|point| [point.seconds.value, point.rmse.value])
         .collect();
     front.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut least = f64::INFINITY;
+    // On the front are those too that are not known to be beaten: only what is closer than all before makes a step.
+    front.retain(|place| {
+        let is_closer = place[1] < least;
+        least = least.min(place[1]);
+        is_closer
+    });
     let mut corners: Vec<[f64; 2]> = Vec::new();
     for place in front {
         if let Some(&[_, error]) = corners.last() {

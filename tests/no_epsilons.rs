@@ -125,7 +125,12 @@ fn is_for_tests(path: &Path) -> bool {
 
 /// What is compiled without tests, line by line, without comments.
 fn code(text: &str) -> impl Iterator<Item = &str> {
-    let end = text.find("#[cfg(test)]\nmod tests").unwrap_or(text.len());
+    let heads = ["#[cfg(test)]\nmod tests", "#[cfg(test)]\npub(super) mod tests"];
+    let end = heads
+        .iter()
+        .filter_map(|head| text.find(head))
+        .min()
+        .unwrap_or(text.len());
     text[..end].lines().map(|line| line.split("//").next().unwrap())
 }
 

@@ -1,6 +1,7 @@
 //! What may be typed: the flags and their ranges. Nothing below this room knows a flag.
 
 mod compare;
+mod compare_stats;
 mod cost;
 mod verify;
 
@@ -12,6 +13,7 @@ use std::sync::LazyLock;
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
 pub(super) use compare::CompareArgs;
+pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
 pub(super) use verify::VerifyArgs;
 
@@ -81,6 +83,8 @@ pub(super) enum Command {
     Compare(CompareArgs),
     /// Measure what accuracy costs in time: error over seconds for every knob of a scene
     Cost(CostArgs),
+    /// Hold measurements against earlier ones; exit code 1 if any has regressed
+    CompareStats(CompareStatsArgs),
 }
 
 const RENDER_EXAMPLES: &str = "\

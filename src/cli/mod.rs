@@ -7,6 +7,7 @@ mod args;
 mod asked_again;
 mod bench;
 mod compare;
+mod compare_stats;
 mod cost;
 mod extents;
 mod failure;
@@ -43,6 +44,7 @@ pub fn run() -> i32 {
             Command::Verify(args) => verify::run(&args),
             Command::Compare(args) => compare::run(&args),
             Command::Cost(args) => cost::run(&args),
+            Command::CompareStats(args) => compare_stats::run(&args),
         }
     });
     match result {

@@ -22,6 +22,7 @@ pub mod own;
 pub mod own_page;
 pub mod page;
 pub mod prices;
+pub mod regress;
 pub mod stats;
 pub mod structure;
 pub mod table;

@@ -1,0 +1,54 @@
+//! `whit compare-stats`: measurements held against earlier ones.
+
+use std::fs;
+use std::path::Path;
+
+use crate::image::check_writable;
+use crate::report::regress::{Changes, Measure, Verdict, measures};
+
+use super::args::CompareStatsArgs;
+use super::failure::Failure;
+use super::interrupt;
+use super::output;
+
+/// Longer files are none of ours.
+const MOST_BYTES: u64 = 1 << 28;
+
+/// Compares two files of measurements.
+pub(super) fn run(args: &CompareStatsArgs) -> Result<(), Failure> {
+    if let Some(path) = &args.json {
+        check_writable(path)?;
+    }
+    let (base, new) = (read(&args.base)?, read(&args.new)?);
+    let changes = Changes::new(&base, &new, args.max_regress);
+    if changes.changes.is_empty() {
+        return Err(Failure::Input(format!(
+            "{} and {} measure nothing in common: give two files of the same kind and scenes",
+            args.base.display(),
+            args.new.display()
+        )));
+    }
+    output::print(&changes.to_string())?;
+    if let Some(path) = &args.json {
+        interrupt::finish_first(|| output::write_json(path, &changes))?;
+    }
+    match changes.count(Verdict::Regressed) {
+        0 => Ok(()),
+        count => Err(Failure::Work(format!(
+            "{count} of {} measurements have regressed",
+            changes.changes.len()
+        ))),
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<Measure>, Failure> {
+    let unreadable = |error| Failure::Input(format!("cannot read {}: {error}", path.display()));
+    if fs::metadata(path).map_err(unreadable)?.len() > MOST_BYTES {
+        return Err(Failure::Input(format!(
+            "{} is too large for a file of measurements: give one of `whit bench --json` or `whit cost`",
+            path.display()
+        )));
+    }
+    let text = fs::read_to_string(path).map_err(unreadable)?;
+    measures(&text).map_err(|error| Failure::Input(format!("{} {error}", path.display())))
+}

@@ -1,0 +1,385 @@
+//! Measurements held against earlier ones: `whit compare-stats`.
+//!
+//! What is read are the JSON files of `whit bench` and `whit cost`, and flat objects of counts, such as of instructions.
+//! A measurement has regressed if it is worse by more than may be however its interval and the earlier one's are taken;
+//! where only the values say so and the intervals do not, nobody can tell.
+
+use std::collections::{HashMap, HashSet};
+use std::fmt;
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use super::words::percent;
+use crate::cost::{Interval, Study};
+
+/// Which of two values is the better one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Better {
+    /// Seconds, bytes, errors, counts.
+    Less,
+    /// Rays a second.
+    More,
+}
+
+/// Something that was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measure {
+    /// What, and of what.
+    pub name: String,
+    /// How much; nothing is below 0.
+    pub value: Interval,
+    /// Which direction is good.
+    pub better: Better,
+}
+
+/// What became of a measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Not worse by more than may be.
+    Holds,
+    /// Better by more than it may be worse, for certain.
+    Improved,
+    /// Worse by more than may be, but the intervals leave it open.
+    Unclear,
+    /// Worse by more than may be, for certain.
+    Regressed,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Verdict::Holds => "holds",
+            Verdict::Improved => "improved",
+            Verdict::Unclear => "unclear",
+            Verdict::Regressed => "regressed",
+        })
+    }
+}
+
+/// A measurement beside the earlier one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Change {
+    /// What was measured.
+    pub name: String,
+    /// Which direction is good.
+    pub better: Better,
+    /// Earlier.
+    pub base: Interval,
+    /// Now.
+    pub new: Interval,
+    /// By which part it is worse; less than 0 if it is better.
+    pub worse_by: f64,
+    /// Whether that may be.
+    pub verdict: Verdict,
+}
+
+/// Two sets of measurements.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Changes {
+    /// Part by which a measurement may be worse.
+    pub may_be_worse_by: f64,
+    /// Everything that was measured both times, in the order of the earlier.
+    pub changes: Vec<Change>,
+    /// What was measured only earlier.
+    pub missing: Vec<String>,
+    /// What was measured only now.
+    pub added: Vec<String>,
+}
+
+/// The measurements in a JSON file.
+///
+/// # Errors
+///
+/// What else the text is, as the end of a sentence that begins with the file's name.
+pub fn measures(text: &str) -> Result<Vec<Measure>, String> {
+    let value: Value = serde_json::from_str(text).map_err(|error| format!("is no JSON: {error}"))?;
+    let measures = match &value {
+        Value::Array(rows) => bench(rows),
+        Value::Object(object) if object.contains_key("points") => {
+            let study: Study = serde_json::from_value(value.clone())
+                .map_err(|error| format!("is no report of `whit cost`: {error}"))?;
+            Some(cost(&study))
+        }
+        Value::Object(object) => counts(object),
+        _ => None,
+    };
+    measures.filter(|measures| !measures.is_empty()).ok_or_else(|| {
+        "holds no measurements: give a file of `whit bench --json`, the report.json of `whit cost`, or an object of names \
+         and counts"
+            .to_owned()
+    })
+}
+
+/// Rows of `whit bench`; what builds took and take is told once for all rays.
+fn bench(rows: &[Value]) -> Option<Vec<Measure>> {
+    let mut measures: Vec<Measure> = Vec::new();
+    for row in rows {
+        let word = |key: &str| row.get(key).and_then(Value::as_str);
+        let number = |key: &str| row.get(key).and_then(Value::as_f64);
+        let spread = |key: &str| {
+            Some(Interval {
+                value: number(key)?,
+                low: number(&format!("{key}_min"))?,
+                high: number(&format!("{key}_max"))?,
+            })
+        };
+        let mut of = format!("{} {} {}", word("scene")?, word("backend")?, word("precision")?);
+        if let Some(instancing) = word("instancing") {
+            of += &format!(" {instancing}");
+        }
+        let mut add = |name: String, value: Interval, better| {
+            if measures.iter().all(|measure| measure.name != name) {
+                measures.push(Measure { name, value, better });
+            }
+        };
+        add(
+            format!("{of} {} {}: Mrays/s", word("rays")?, word("mode")?),
+            spread("mrays_per_s")?,
+            Better::More,
+        );
+        add(
+            format!("{of}: build seconds"),
+            spread("build_seconds")?,
+            Better::Less,
+        );
+        add(
+            format!("{of}: bytes"),
+            Interval::exact(number("bytes")?),
+            Better::Less,
+        );
+    }
+    Some(measures)
+}
+
+/// Times and errors of a study. Times are those over the base's, but for the base: how fast the machine was cancels out.
+fn cost(study: &Study) -> Vec<Measure> {
+    let points = study.points.iter().flat_map(|point| {
+        let name = point
+            .knob
+            .map_or_else(|| point.level.clone(), |knob| format!("{knob} {}", point.level));
+        let (what, time) = match point.knob {
+            None => ("seconds", point.seconds),
+            Some(_) => ("time over the base's", point.time_ratio),
+        };
+        let measure = |what: &str, value| Measure {
+            name: format!("{name}: {what}"),
+            value,
+            better: Better::Less,
+        };
+        [measure(what, time), measure("RMSE", point.rmse)]
+    });
+    points.collect()
+}
+
+fn counts(object: &Map<String, Value>) -> Option<Vec<Measure>> {
+    let count = |(name, value): (&String, &Value)| {
+        let value = value.as_f64().filter(|&value| value >= 0.0)?;
+        Some(Measure {
+            name: name.clone(),
+            value: Interval::exact(value),
+            better: Better::Less,
+        })
+    };
+    object.iter().map(count).collect()
+}
+
+impl Changes {
+    /// What became of `base`, where `may_be_worse_by` is the part by which a measurement may be worse.
+    pub fn new(base: &[Measure], new: &[Measure], may_be_worse_by: f64) -> Changes {
+        let by_name: HashMap<&str, &Measure> = new.iter().map(|measure| (&*measure.name, measure)).collect();
+        let mut changes = Changes {
+            may_be_worse_by,
+            changes: Vec::new(),
+            missing: Vec::new(),
+            added: Vec::new(),
+        };
+        let known: HashSet<&str> = base.iter().map(|measure| &*measure.name).collect();
+        for measure in base {
+            match by_name.get(&*measure.name) {
+                Some(new) => changes.changes.push(Change::new(measure, new, may_be_worse_by)),
+                None => changes.missing.push(measure.name.clone()),
+            }
+        }
+        let added = new.iter().filter(|measure| !known.contains(&*measure.name));
+        changes.added = added.map(|measure| measure.name.clone()).collect();
+        changes
+    }
+
+    /// How many have that verdict.
+    pub fn count(&self, verdict: Verdict) -> usize {
+        self.changes
+            .iter()
+            .filter(|change| change.verdict == verdict)
+            .count()
+    }
+}
+
+impl Change {
+    fn new(base: &Measure, new: &Measure, may_be: f64) -> Change {
+        // Of what is better if there is more of it, the time that each takes is.
+        let times = |interval: Interval| match base.better {
+            Better::Less => interval,
+            Better::More => Interval {
+                value: 1.0 / interval.value,
+                low: 1.0 / interval.high,
+                high: 1.0 / interval.low,
+            },
+        };
+        let (before, now) = (times(base.value), times(new.value));
+        let limit = 1.0 + may_be;
+        let verdict = if now.low > limit * before.high {
+            Verdict::Regressed
+        } else if now.value > limit * before.value {
+            Verdict::Unclear
+        } else if limit * now.high < before.low {
+            Verdict::Improved
+        } else {
+            Verdict::Holds
+        };
+        Change {
+            name: base.name.clone(),
+            better: base.better,
+            base: base.value,
+            new: new.value,
+            // Nothing is as bad as nothing.
+            worse_by: if now.value == before.value {
+                0.0
+            } else {
+                now.value / before.value - 1.0
+            },
+            verdict,
+        }
+    }
+}
+
+impl fmt::Display for Changes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let told = |change: &&Change| change.verdict != Verdict::Holds;
+        for change in self.changes.iter().filter(told) {
+            writeln!(
+                f,
+                "{:<9} {}: {} -> {} ({})",
+                change.verdict.to_string(),
+                change.name,
+                with_ends(&change.base),
+                with_ends(&change.new),
+                if change.worse_by > 0.0 {
+                    format!("{} worse", percent(change.worse_by))
+                } else {
+                    format!("{} better", percent(-change.worse_by))
+                }
+            )?;
+        }
+        writeln!(
+            f,
+            "{} measurements: {} regressed by more than {}, {} unclear, {} improved, {} hold",
+            self.changes.len(),
+            self.count(Verdict::Regressed),
+            percent(self.may_be_worse_by),
+            self.count(Verdict::Unclear),
+            self.count(Verdict::Improved),
+            self.count(Verdict::Holds)
+        )?;
+        for (names, when) in [(&self.missing, "before"), (&self.added, "now")] {
+            if let [first, rest @ ..] = &names[..] {
+                let more = match rest.len() {
+                    0 => String::new(),
+                    count => format!(" and {count} more"),
+                };
+                writeln!(f, "measured only {when}: {first}{more}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A value with the ends of its interval, if it has any.
+fn with_ends(interval: &Interval) -> String {
+    let Interval { value, low, high } = interval;
+    if low == high {
+        format!("{value:.4}")
+    } else {
+        format!("{value:.4} ({low:.4} to {high:.4})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measure(value: f64, width: f64, better: Better) -> Measure {
+        Measure {
+            name: "a".to_owned(),
+            value: Interval {
+                value,
+                low: value - width,
+                high: value + width,
+            },
+            better,
+        }
+    }
+
+    fn verdict(base: &Measure, new: &Measure) -> Verdict {
+        Change::new(base, new, 0.05).verdict
+    }
+
+    #[test]
+    fn only_what_is_worse_for_certain_has_regressed() {
+        let less = |value, width| measure(value, width, Better::Less);
+        assert_eq!(verdict(&less(1.0, 0.0), &less(1.05, 0.0)), Verdict::Holds);
+        assert_eq!(verdict(&less(1.0, 0.0), &less(1.051, 0.0)), Verdict::Regressed);
+        assert_eq!(verdict(&less(1.0, 0.1), &less(1.1, 0.0)), Verdict::Unclear);
+        assert_eq!(verdict(&less(1.0, 0.01), &less(1.2, 0.01)), Verdict::Regressed);
+        assert_eq!(verdict(&less(1.0, 0.01), &less(0.8, 0.01)), Verdict::Improved);
+        assert_eq!(verdict(&less(0.0, 0.0), &less(0.0, 0.0)), Verdict::Holds);
+        assert_eq!(verdict(&less(0.0, 0.0), &less(1.0, 0.0)), Verdict::Regressed);
+    }
+
+    #[test]
+    fn fewer_rays_a_second_are_worse() {
+        let more = |value, width| measure(value, width, Better::More);
+        assert_eq!(verdict(&more(10.0, 0.1), &more(8.0, 0.1)), Verdict::Regressed);
+        assert_eq!(verdict(&more(10.0, 0.1), &more(12.0, 0.1)), Verdict::Improved);
+        assert_eq!(verdict(&more(10.0, 3.0), &more(8.0, 0.1)), Verdict::Unclear);
+    }
+
+    #[test]
+    fn what_is_no_measurement_is_told() {
+        for (text, word) in [
+            ("{", "no JSON"),
+            ("3", "no measurements"),
+            ("{}", "no measurements"),
+            ("[]", "no measurements"),
+            ("[{\"scene\": 3}]", "no measurements"),
+            ("{\"a\": -1}", "no measurements"),
+            ("{\"points\": 3}", "whit cost"),
+        ] {
+            let error = measures(text).unwrap_err();
+            assert!(error.contains(word), "{text}: {error}");
+        }
+        let counts = measures("{\"dark\": 100, \"bright\": 200}").unwrap();
+        assert_eq!(counts.len(), 2);
+    }
+
+    #[test]
+    fn what_was_measured_once_is_named() {
+        let named = |name: &str| Measure {
+            name: name.to_owned(),
+            ..measure(1.0, 0.0, Better::Less)
+        };
+        let changes = Changes::new(&[named("a"), named("b")], &[named("b"), named("c")], 0.05);
+        assert_eq!(changes.changes.len(), 1);
+        assert_eq!(
+            (&changes.missing[..], &changes.added[..]),
+            (&["a".to_owned()][..], &["c".to_owned()][..])
+        );
+        let text = changes.to_string();
+        assert!(
+            text.contains("only before: a") && text.contains("only now: c"),
+            "{text}"
+        );
+    }
+}

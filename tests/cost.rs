@@ -58,7 +58,7 @@ fn a_mirror_scene_has_its_knobs_and_more_samples_are_closer() {
         let [low, value, high] = ["low", "value", "high"].map(|end| point["seconds"][end].as_f64().unwrap());
         assert!(0.0 < low && low <= value && value <= high);
     }
-    let files = ["report.html", "points.csv", "ref.exr"];
+    let files = ["report.html", "points.csv", "ref.exr", "settings.toml"];
     for file in files {
         assert!(
             fs::metadata(folder.path().join(file)).unwrap().len() > 0,
@@ -69,6 +69,65 @@ fn a_mirror_scene_has_its_knobs_and_more_samples_are_closer() {
     assert_eq!(csv.lines().count(), all.len() + 1);
     let seconds = study["timing"]["spent"].as_f64().unwrap();
     assert!(seconds > 0.0 && study["timing"]["blocks"].as_u64().unwrap() >= 1);
+}
+
+#[test]
+fn a_render_takes_the_settings_that_a_study_wrote() {
+    let folder = tempfile::tempdir().unwrap();
+    study("scenes/first_light.gltf", folder.path());
+    let settings = folder.path().join("settings.toml");
+    let [by_file, by_flags, stats] = ["a.exr", "b.exr", "stats.json"].map(|name| folder.path().join(name));
+    let rendered = |image: &Path, more: &[&str]| {
+        let image = image.to_str().unwrap();
+        let done = whit(
+            &[
+                &[
+                    "render",
+                    "scenes/first_light.gltf",
+                    "-o",
+                    image,
+                    "--size",
+                    "48x36",
+                ],
+                more,
+            ]
+            .concat(),
+        );
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    };
+    let text = "[settings]\nspp = 3\npattern = \"jittered\"\ndepth = 2\nbackend = \"bsp\"\n";
+    fs::write(folder.path().join("own.toml"), text).unwrap();
+    let own = folder.path().join("own.toml");
+    rendered(&by_file, &["--settings", own.to_str().unwrap()]);
+    rendered(
+        &by_flags,
+        &[
+            "--spp",
+            "3",
+            "--pattern",
+            "jittered",
+            "--depth",
+            "2",
+            "--backend",
+            "bsp",
+        ],
+    );
+    assert_eq!(fs::read(&by_file).unwrap(), fs::read(&by_flags).unwrap());
+    let [settings, stats] = [&settings, &stats].map(|path| path.to_str().unwrap());
+    rendered(&by_file, &["--settings", settings, "--stats", stats]);
+    let stats: Value = serde_json::from_slice(&fs::read(stats).unwrap()).unwrap();
+    let told = fs::read_to_string(settings).unwrap();
+    assert!(told.contains(&format!("spp = {}\n", stats["spp"])), "{told}");
+    for (more, word) in [
+        (&["--settings", settings, "--spp", "4"][..], "--spp"),
+        (&["--settings", "Cargo.toml"], "no file of settings"),
+        (&["--settings", "nowhere.toml"], "nowhere.toml"),
+    ] {
+        let done = whit(&[&["render", "scenes/first_light.gltf", "-o", "x.png"], more].concat());
+        let said = String::from_utf8_lossy(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{said}");
+        assert!(said.contains(word), "{said}");
+    }
 }
 
 #[test]

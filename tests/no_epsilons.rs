@@ -41,7 +41,7 @@ const ALLOWED: &[(&str, &str, &str)] = &[
         "2^-102, whose reciprocal f32 still holds",
     ),
     (
-        "cli/args.rs",
+        "render/adaptive.rs",
         "1e-6",
         "the least target that the command line takes",
     ),

@@ -19,7 +19,7 @@ pub(super) use verify::VerifyArgs;
 
 use crate::accel::{Backend, Instancing, Precision};
 use crate::image::ImageFormat;
-use crate::render::{FilterKind, Pattern, PixelFilter};
+use crate::render::{FilterKind, MIN_ADAPTIVE_ERROR, Pattern, PixelFilter};
 use crate::scene::picture::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
 use crate::scene::{EffectOverrides, MOST_ROUGH_RAYS};
 
@@ -95,6 +95,7 @@ Examples:
   whit render scene.glb -o scene.png --spp 64 --pattern sobol --filter mitchell
   whit render scene.glb -o scene.exr --adaptive 0.005 --spp 1024 --aov samples
   whit render scene.toml -o scene.png --effects=-dispersion,-transparent-shadow
+  whit render scene.toml -o scene.png --settings scene.cost/settings.toml
 
 With several scenes, one that fails does not keep the others from being rendered; the exit code is then 1.";
 
@@ -131,6 +132,10 @@ pub(super) struct RenderArgs {
 
     #[command(flatten)]
     pub(super) tracing: TracingArgs,
+
+    /// Take the settings from a file that `whit cost --out` wrote, in place of flags
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "rough_rays"])]
+    pub(super) settings: Option<PathBuf>,
 
     /// Camera to look through, by name or number; see `whit info`
     #[arg(long, value_name = "NAME|N")]
@@ -463,15 +468,13 @@ fn filter_radius(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("give a radius from {min} to {max} pixels"))
 }
 
-/// The most samples, 2^16, have an error of σ / n^¾, which is 2^-20 where σ is 2^-8, an 8-bit code. Less is out of
-/// reach for all pixels but those that are even already; the others would only take the most samples.
-const MIN_ERROR: f64 = 1e-6;
-
 fn adaptive_error(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
-        .filter(|error| (MIN_ERROR..=1.0).contains(error))
-        .ok_or_else(|| format!("give an error from {MIN_ERROR} to 1, as in 0.004 for one 8-bit code"))
+        .filter(|error| (MIN_ADAPTIVE_ERROR..=1.0).contains(error))
+        .ok_or_else(|| {
+            format!("give an error from {MIN_ADAPTIVE_ERROR} to 1, as in 0.004 for one 8-bit code")
+        })
 }
 
 /// The Embree that whit was built for; the one that answers is in the statistics.

@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::accel::{AccelError, Backend};
-use crate::cost::{self, Configuration, CostError, Experiment, Findings, HitPath, SceneChange, Watcher};
+use crate::cost::{
+    self, Configuration, CostError, Experiment, Findings, HitPath, Measured, SceneChange, Settings,
+    SettingsFile, Watcher,
+};
 use crate::image::metrics::{self, Viewing};
 use crate::image::{ImageFormat, ToneMap, check_writable, write};
 use crate::report::cost::{CostText, points_csv};
@@ -136,6 +139,7 @@ struct Folder {
     json: PathBuf,
     csv: PathBuf,
     reference: PathBuf,
+    settings: PathBuf,
 }
 
 impl Folder {
@@ -149,8 +153,15 @@ impl Folder {
             json: folder.join("report.json"),
             csv: folder.join("points.csv"),
             reference: folder.join("ref.exr"),
+            settings: folder.join("settings.toml"),
         };
-        for path in [&files.page, &files.json, &files.csv, &files.reference] {
+        for path in [
+            &files.page,
+            &files.json,
+            &files.csv,
+            &files.reference,
+            &files.settings,
+        ] {
             check_writable(path)?;
         }
         Ok(files)
@@ -161,9 +172,24 @@ impl Folder {
             study,
             reference,
             pictures,
+            configurations,
         } = findings;
         interrupt::finish_first(|| output::write_json(&self.json, study))?;
         interrupt::finish_first(|| output::write_text(&self.csv, &points_csv(study)))?;
+        let knee = study.knee();
+        let point = &study.points[knee];
+        let settings = SettingsFile {
+            settings: Settings::of(&configurations[knee]),
+            measured: Some(Measured {
+                scene: args.scene.display().to_string(),
+                size: study.size,
+                rmse: point.rmse,
+                seconds: point.seconds,
+                threads: study.threads,
+                converged: study.reference.has_converged(),
+            }),
+        };
+        interrupt::finish_first(|| output::write_text(&self.settings, &settings.text()))?;
         interrupt::finish_first(|| write(reference, &self.reference, ImageFormat::Exr, tone))?;
         let base = &pictures[0];
         let viewing = Viewing {

@@ -2,15 +2,17 @@
 //! scene is opened; nothing after it knows a flag.
 
 use std::collections::HashMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::thread;
 
 use crate::accel::{Backend, Instancing, Precision};
+use crate::cost::{SceneChange, Settings, SettingsFile};
 use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
-use crate::scene::{Camera, EffectOverrides, Scene};
+use crate::scene::{Camera, Effect, EffectOverrides, Scene};
 use crate::scene_file::Output;
 
 use super::args::{Aov, FrameArgs, RenderArgs, TracingArgs};
@@ -34,8 +36,10 @@ pub(super) struct RenderJob {
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
     pub(super) ambient: Option<[f32; 3]>,
-    /// Rays into lobes, for all materials.
-    pub(super) rough_rays: Option<u32>,
+    /// What is changed of every scene: rays into lobes, points of lights, steps through volumes.
+    pub(super) change: SceneChange,
+    /// The weight under which no ray is followed.
+    cutoff: Option<f32>,
     pub(super) seed: u32,
     pub(super) stats: Option<StatsTo>,
     pub(super) verbosity: Verbosity,
@@ -89,7 +93,13 @@ pub(super) struct Tracing {
 impl RenderJob {
     /// Checks all that can be checked without opening a scene.
     pub(super) fn new(args: &RenderArgs) -> Result<RenderJob, Failure> {
-        let backend = args.backend.unwrap_or_default();
+        let chosen = args
+            .settings
+            .as_deref()
+            .map(chosen)
+            .transpose()?
+            .unwrap_or_default();
+        let backend = args.backend.or(chosen.backend).unwrap_or_default();
         if backend == Backend::Embree && !cfg!(feature = "embree") {
             return Err(crate::accel::AccelError::NoEmbree.into());
         }
@@ -127,25 +137,39 @@ impl RenderJob {
         {
             check_writable(path)?;
         }
+        let mut effects = args.effects.unwrap_or_default();
+        if chosen.texture_filter == Some(false) {
+            effects.removed = effects.removed.with(Effect::TextureFilter);
+        }
         let job = RenderJob {
             targets,
             wish: Output {
-                spp: args.sampling.spp,
-                pattern: args.sampling.pattern,
+                spp: args.sampling.spp.or(chosen.spp),
+                pattern: args.sampling.pattern.or(chosen.pattern),
                 filter: args.sampling.filter,
                 filter_radius: args.sampling.filter_radius,
                 exposure: args.exposure,
+                depth: args.frame.depth.or(chosen.depth),
+                wavelengths: args.frame.wavelengths.or(chosen.wavelengths),
                 ..wish(&args.frame)
             },
-            adaptive: args.sampling.adaptive,
-            effects: args.effects.unwrap_or_default(),
+            adaptive: args.sampling.adaptive.or(chosen.adaptive),
+            effects,
             aovs,
             heat: args.heat.clone(),
             backend,
-            tracing: Tracing::new(&args.tracing),
+            tracing: Tracing {
+                precision: chosen.precision.unwrap_or(args.tracing.precision),
+                instancing: chosen.instancing.unwrap_or(args.tracing.instancing),
+                ..Tracing::new(&args.tracing)
+            },
             camera: args.camera.clone(),
             ambient: args.ambient.map(|a| a.0),
-            rough_rays: args.rough_rays,
+            change: SceneChange {
+                rough_rays: args.rough_rays.or(chosen.rough_rays),
+                ..chosen.change()
+            },
+            cutoff: chosen.cutoff,
             seed: args.seed,
             stats,
             verbosity: if args.quiet {
@@ -196,6 +220,10 @@ impl RenderJob {
             seed: self.seed,
             ledger: self.stats.is_some() || cost_aovs,
             ..settings(&picture)?
+        };
+        let settings = RenderSettings {
+            weight_cutoff: self.cutoff.unwrap_or(settings.weight_cutoff),
+            ..settings
         };
         if settings.adaptive.is_some() {
             check_adaptive(&settings)?;
@@ -270,6 +298,13 @@ fn check_adaptive(settings: &RenderSettings) -> Result<(), Failure> {
         );
     }
     Ok(())
+}
+
+/// The settings in a file that was chosen.
+fn chosen(path: &Path) -> Result<Settings, Failure> {
+    let refuse = |fault: String| Failure::Input(format!("{} {fault}", path.display()));
+    let text = fs::read_to_string(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
+    Ok(SettingsFile::parse(&text).map_err(refuse)?.settings)
 }
 
 /// Which scene becomes which file.

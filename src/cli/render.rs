@@ -146,9 +146,7 @@ fn load(job: &RenderJob, target: &Target) -> Result<SceneFile, Failure> {
         scene.ambient = ambient;
         scene.background = Background::Uniform(ambient);
     }
-    if let Some(rays) = job.rough_rays {
-        scene.set_rough_rays(rays);
-    }
+    job.change.apply(scene);
     interrupt::check()?;
     Ok(loaded)
 }

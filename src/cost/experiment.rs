@@ -100,6 +100,8 @@ pub struct Findings {
     pub reference: LinearImage,
     /// The first picture of each point.
     pub pictures: Vec<LinearImage>,
+    /// The configuration of each point.
+    pub configurations: Vec<Configuration>,
 }
 
 /// A structure that finds hits, and what it took to build.
@@ -164,7 +166,9 @@ fn scene_of<'s>(scene: &'s Scene, change: &SceneChange) -> Cow<'s, Scene> {
     if *change == SceneChange::default() {
         Cow::Borrowed(scene)
     } else {
-        Cow::Owned(change.made(scene))
+        let mut changed = scene.clone();
+        change.apply(&mut changed);
+        Cow::Owned(changed)
     }
 }
 
@@ -231,7 +235,7 @@ fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
             _ => HitPath::BSP,
         },
         change: SceneChange {
-            step_doublings: base.change.step_doublings.min(0) - 1,
+            step_factor: 0.5 * base.change.step_factor.min(1.0),
             ..base.change
         }
         .of(plan),
@@ -255,7 +259,7 @@ fn stricter(strict: &Configuration, plan: &Plan) -> Vec<(Knob, Configuration)> {
         all.push((Knob::Wavelengths, set(|c| c.settings.wavelengths *= 2)));
     }
     if has(Effect::Volume) {
-        all.push((Knob::MarchStep, set(|c| c.change.step_doublings -= 1)));
+        all.push((Knob::MarchStep, set(|c| c.change.step_factor *= 0.5)));
     }
     all
 }
@@ -264,10 +268,10 @@ impl SceneChange {
     /// Without what the plan has no use for.
     fn of(self, plan: &Plan) -> SceneChange {
         SceneChange {
-            step_doublings: if plan.effects().has(Effect::Volume) {
-                self.step_doublings
+            step_factor: if plan.effects().has(Effect::Volume) {
+                self.step_factor
             } else {
-                0
+                1.0
             },
             ..self
         }
@@ -641,6 +645,11 @@ impl Stage<'_, '_> {
             study,
             reference: mean,
             pictures: pictures.into_iter().map(|rendering| rendering.image).collect(),
+            configurations: layout
+                .contestants
+                .iter()
+                .map(|contestant| contestant.configuration)
+                .collect(),
         }
     }
 

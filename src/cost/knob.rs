@@ -125,20 +125,29 @@ impl HitPath {
 }
 
 /// What a configuration changes of the scene itself.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneChange {
     /// Points of each extended light, in place of the lights' own.
     pub light_samples: Option<u32>,
     /// Rays into lobes, in place of the materials' own.
     pub rough_rays: Option<u32>,
-    /// Steps through volumes are so many powers of two times as long as the volumes' own.
-    pub step_doublings: i32,
+    /// Steps through volumes are so many times as long as the volumes' own.
+    pub step_factor: f64,
+}
+
+impl Default for SceneChange {
+    fn default() -> SceneChange {
+        SceneChange {
+            light_samples: None,
+            rough_rays: None,
+            step_factor: 1.0,
+        }
+    }
 }
 
 impl SceneChange {
-    /// The scene with the change made.
-    pub fn made(&self, scene: &Scene) -> Scene {
-        let mut scene = scene.clone();
+    /// Changes the scene.
+    pub fn apply(&self, scene: &mut Scene) {
         if let Some(count) = self.light_samples {
             for light in &mut scene.lights {
                 if let LightKind::Area { samples, .. } = &mut light.kind {
@@ -149,10 +158,9 @@ impl SceneChange {
         if let Some(rays) = self.rough_rays {
             scene.set_rough_rays(rays);
         }
-        if self.step_doublings != 0 {
-            scene.scale_march_steps(2f64.powi(self.step_doublings));
+        if self.step_factor != 1.0 {
+            scene.scale_march_steps(self.step_factor);
         }
-        scene
     }
 }
 
@@ -194,8 +202,8 @@ impl Configuration {
             "rough_rays",
             self.change.rough_rays.map(|count| count.to_string()),
         );
-        let doublings = self.change.step_doublings;
-        add("march_step", (doublings != 0).then(|| step_name(doublings)));
+        let factor = self.change.step_factor;
+        add("march_step", (factor != 1.0).then(|| step_name(factor)));
         let unfiltered = settings.effects.removed.has(Effect::TextureFilter);
         add("texture_filter", unfiltered.then(|| "off".to_owned()));
         let instancing = self.path.instancing;
@@ -224,11 +232,11 @@ fn cutoff_name(cutoff: f32) -> String {
     }
 }
 
-fn step_name(doublings: i32) -> String {
-    if doublings < 0 {
-        format!("1/{} of the scene's", 1u32 << -doublings)
+fn step_name(factor: f64) -> String {
+    if factor < 1.0 {
+        format!("1/{} of the scene's", 1.0 / factor)
     } else {
-        format!("{} times the scene's", 1u32 << doublings)
+        format!("{factor} times the scene's")
     }
 }
 
@@ -394,12 +402,12 @@ impl Turns<'_> {
     }
 
     fn march_steps(&self) -> Vec<Level> {
-        [2, 1, 0, -1]
+        [4.0, 2.0, 1.0, 0.5]
             .into_iter()
-            .map(|step_doublings| {
+            .map(|step_factor| {
                 let mut configuration = *self.base;
-                configuration.change.step_doublings = step_doublings;
-                (step_name(step_doublings), configuration)
+                configuration.change.step_factor = step_factor;
+                (step_name(step_factor), configuration)
             })
             .collect()
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Interval, Knob};
+use super::{Interval, Knob, Place, knee};
 
 /// Everything that was measured of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -120,6 +120,17 @@ pub struct Curve {
 }
 
 impl Study {
+    /// The point from which on less error is dear and before which less time is; the base where nothing tells.
+    pub fn knee(&self) -> usize {
+        let place = |point: &Point| Place {
+            time: point.time_ratio,
+            error: point.rmse,
+        };
+        let places: Vec<Place> = self.points.iter().map(place).collect();
+        let on_front: Vec<bool> = self.points.iter().map(|point| point.on_front).collect();
+        knee(&places, &on_front).unwrap_or(0)
+    }
+
     /// How many times the time is that half the error takes along the curve, by its slope: `None` where the error does
     /// not fall.
     pub fn price_of_half(&self, curve: &Curve) -> Option<Interval> {

@@ -44,6 +44,11 @@ use crate::scene::Effect;
 /// Samples that a pixel gets at least: a full packet.
 pub(super) const ROUND: u32 = LANES as u32;
 
+/// The least error that may be asked for, as a display value: the most samples, 2^16, have one of σ / n^¾, which is 2^-20
+/// where σ is 2^-8, an 8-bit code. Less is out of reach for all pixels but those that are even already; the others would
+/// only take the most samples.
+pub const MIN_ADAPTIVE_ERROR: f64 = 1e-6;
+
 /// When a pixel has samples enough.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adaptive {

@@ -47,7 +47,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-pub use adaptive::Adaptive;
+pub use adaptive::{Adaptive, MIN_ADAPTIVE_ERROR};
 pub use costs::PixelCosts;
 pub use departure::{Departure, Departures};
 pub use film::pixel_sum;

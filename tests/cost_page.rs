@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use browser::{chromium, is_clean, looked_at};
 use serde_json::{Value, json};
 use whit::cost::{Check, Curve, Interval, Knob, Point, Reference, Study, Timing};
-use whit::image::LinearImage;
+use whit::image::{LinearImage, ToneMap};
 use whit::report::cost_page::{Facts, Pictures, page};
 
 const SIZE: [u32; 2] = [120, 80];
@@ -218,6 +218,7 @@ fn written(folder: &Path, study: &Study) -> PathBuf {
     let facts = Facts {
         scene: Path::new("scenes/<made-up> & odd.gltf"),
         embree: Some("4.3.3".to_owned()),
+        tone: ToneMap::default(),
         date: Some("2026-01-02"),
     };
     let [reference, picture, difference] = [0.0, 0.3, 0.1].map(rings);

@@ -173,6 +173,7 @@ impl Folder {
             reference,
             pictures,
             configurations,
+            embree,
         } = findings;
         interrupt::finish_first(|| output::write_json(&self.json, study))?;
         interrupt::finish_first(|| output::write_text(&self.csv, &points_csv(study)))?;
@@ -202,7 +203,10 @@ impl Folder {
             .flip_map;
         let facts = cost_page::Facts {
             scene: &args.scene,
-            embree: None,
+            embree: embree
+                .as_ref()
+                .map(|embree| format!("{} ({})", embree.version, embree.isa)),
+            tone,
             date: args.date.as_deref(),
         };
         let pictures = cost_page::Pictures {

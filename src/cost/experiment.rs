@@ -12,7 +12,7 @@ use super::{
     Check, Configuration, Curve, Displayed, Halves, HitPath, Knob, Pictures, Place, Point, Reference,
     SceneChange, Study, front, knobs, slope,
 };
-use crate::accel::{self, Accel, AccelError, AccelOptions, Backend, Precision};
+use crate::accel::{self, Accel, AccelError, AccelOptions, Backend, EmbreeIdentity, Precision};
 use crate::image::metrics::{Metrics, Tally, Viewing};
 use crate::image::{LinearImage, ToneMap};
 use crate::render::{Monitor, Pattern, Plan, RenderSettings, Rendering, render};
@@ -102,6 +102,8 @@ pub struct Findings {
     pub pictures: Vec<LinearImage>,
     /// The configuration of each point.
     pub configurations: Vec<Configuration>,
+    /// Which Embree found the hits of the base, if one did.
+    pub embree: Option<EmbreeIdentity>,
 }
 
 /// A structure that finds hits, and what it took to build.
@@ -644,6 +646,11 @@ impl Stage<'_, '_> {
         Findings {
             study,
             reference: mean,
+            embree: self
+                .built(&layout.contestants[0].configuration)
+                .accel
+                .report()
+                .embree,
             pictures: pictures.into_iter().map(|rendering| rendering.image).collect(),
             configurations: layout
                 .contestants

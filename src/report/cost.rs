@@ -10,7 +10,7 @@ use crate::cost::{Curve, Interval, Point, Study};
 pub(super) const BASE: &str = "base";
 
 /// The columns of [`points_csv`].
-const COLUMNS: &str = "id,knob,level,t_med,t_lo,t_hi,ratio,ratio_lo,ratio_hi,rmse,rmse_lo,rmse_hi,bias2,var,rel_mse,flip,max,\
+const COLUMNS: &str = "id,knob,level,build,ready,t_med,t_lo,t_hi,ratio,ratio_lo,ratio_hi,rmse,rmse_lo,rmse_hi,bias2,var,rel_mse,flip,max,\
                        changed,non_finite,rays,front";
 
 /// A study in words.
@@ -107,9 +107,10 @@ fn lacks(study: &Study, f: &mut fmt::Formatter) -> fmt::Result {
 pub fn points_csv(study: &Study) -> String {
     let mut text = format!("{COLUMNS}\n");
     for (id, point) in study.points.iter().enumerate() {
-        let numbers = [point.seconds, point.time_ratio, point.rmse]
+        let intervals = [point.seconds, point.time_ratio, point.rmse].into_iter();
+        let numbers = [point.build_seconds, point.ready_seconds]
             .into_iter()
-            .flat_map(|interval| [interval.value, interval.low, interval.high])
+            .chain(intervals.flat_map(|interval| [interval.value, interval.low, interval.high]))
             .chain([point.bias_squared.value, point.variance])
             .chain([point.rel_mse, point.flip, point.max, point.changed_share]);
         let numbers: Vec<String> = numbers.map(number).collect();
@@ -179,10 +180,10 @@ mod tests {
         let csv = points_csv(&study);
         let lines: Vec<&str> = csv.lines().collect();
         assert_eq!(lines.len(), 1 + study.points.len());
-        assert_eq!(lines[0].split(',').count(), 21);
-        assert_eq!(lines[1].split(',').count(), 21, "{}", lines[1]);
+        assert_eq!(lines[0].split(',').count(), 23);
+        assert_eq!(lines[1].split(',').count(), 23, "{}", lines[1]);
         assert!(
-            lines[1].starts_with("0,base,base,1,0.9,1.1,1,1,1,0.02,"),
+            lines[1].starts_with("0,base,base,0.1,0,1,0.9,1.1,1,1,1,0.02,"),
             "{}",
             lines[1]
         );

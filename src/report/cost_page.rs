@@ -1,4 +1,4 @@
-//! What accuracy costs in time as one page: `whit cost SCENE --html`.
+//! What accuracy costs in time as one page: `whit cost SCENE --out`.
 
 use std::path::Path;
 
@@ -25,6 +25,8 @@ pub struct Facts<'a> {
     pub scene: &'a Path,
     /// Embree's version, where it found hits.
     pub embree: Option<String>,
+    /// How pictures are displayed.
+    pub tone: ToneMap,
     /// As the user words it.
     pub date: Option<&'a str>,
 }
@@ -57,8 +59,8 @@ pub fn page(study: &Study, facts: &Facts, pictures: &Pictures) -> std::io::Resul
         body += &prices(study);
     }
     body += "<h2 id=\"pictures\">Pictures of the base</h2>\n";
-    body += &viewer(pictures, ToneMap::default())?;
-    body += &worst_tiles(pictures)?;
+    body += &viewer(pictures, facts.tone)?;
+    body += &worst_tiles(pictures, facts.tone)?;
     body += "<h2 id=\"points\">All configurations</h2>\n";
     body += &points(study);
     body += &protocol(study);
@@ -86,6 +88,14 @@ fn known(study: &Study, facts: &Facts) -> String {
         ("processor", escape(&machine::processor())),
         ("whit", env!("CARGO_PKG_VERSION").to_owned()),
     ];
+    all.extend(study.points.first().map(|base| {
+        let words = format!(
+            "in {} s a scene and {} s a picture, which are in no time below",
+            significant(base.build_seconds, 2),
+            significant(base.ready_seconds, 2)
+        );
+        ("made ready", words)
+    }));
     all.extend(facts.embree.as_ref().map(|version| ("Embree", escape(version))));
     all.extend(facts.date.map(|date| ("date", escape(date))));
     page::facts(&all)
@@ -184,14 +194,14 @@ fn levels(study: &Study) -> String {
 }
 
 /// Where the base is farthest from the reference, beside it.
-fn worst_tiles(pictures: &Pictures) -> std::io::Result<String> {
-    let tiles = worst(pictures.reference, pictures.picture, MOST_TILES);
+fn worst_tiles(pictures: &Pictures, tone: ToneMap) -> std::io::Result<String> {
+    let tiles = worst(pictures.reference, pictures.picture, tone, MOST_TILES);
     if tiles.is_empty() {
         return Ok(String::new());
     }
     let mut figures = String::new();
     for tile in &tiles {
-        figures += &enlarged(pictures, tile)?;
+        figures += &enlarged(pictures, tile, tone)?;
     }
     Ok(format!(
         "<h3>Where the base is farthest from the reference</h3>\n\
@@ -200,7 +210,7 @@ fn worst_tiles(pictures: &Pictures) -> std::io::Result<String> {
     ))
 }
 
-fn enlarged(pictures: &Pictures, tile: &Tile) -> std::io::Result<String> {
+fn enlarged(pictures: &Pictures, tile: &Tile, tone: ToneMap) -> std::io::Result<String> {
     let mut pair = String::new();
     for (image, words) in [
         (pictures.picture, "The picture"),
@@ -210,7 +220,7 @@ fn enlarged(pictures: &Pictures, tile: &Tile) -> std::io::Result<String> {
             name: "",
             words,
             image: &crop(image, tile.at, tile.size),
-            tone: ToneMap::default(),
+            tone,
         };
         pair += &picture(&view, ENLARGED)?;
     }
@@ -412,6 +422,7 @@ pub(super) mod tests {
         let facts = Facts {
             scene: Path::new("<scene>.gltf"),
             embree: Some("<4>".to_owned()),
+            tone: ToneMap::default(),
             date: Some("<date>"),
         };
         page(study, &facts, &pictures).unwrap()

@@ -1,6 +1,6 @@
 //! Where a picture is farthest from its reference.
 
-use crate::image::{LinearImage, metrics};
+use crate::image::{LinearImage, ToneMap, metrics};
 
 /// Pixels of a tile each way, if the picture has as many.
 pub const SIDE: u32 = 32;
@@ -20,7 +20,7 @@ pub struct Tile {
 ///
 /// Tiles at the right and the lower edge are moved inward where the picture is no whole number of tiles, and lie partly on
 /// those beside them.
-pub fn worst(reference: &LinearImage, picture: &LinearImage, most: usize) -> Vec<Tile> {
+pub fn worst(reference: &LinearImage, picture: &LinearImage, tone: ToneMap, most: usize) -> Vec<Tile> {
     let size = [reference.width, reference.height].map(|side| side.min(SIDE));
     let rows = starts(reference.height);
     let places = rows.flat_map(|y| starts(reference.width).map(move |x| [x, y]));
@@ -28,7 +28,7 @@ pub fn worst(reference: &LinearImage, picture: &LinearImage, most: usize) -> Vec
         .map(|at| Tile {
             at,
             size,
-            mse: squared_difference(reference, picture, at, size),
+            mse: squared_difference([reference, picture], tone, at, size),
         })
         .filter(|tile| tile.mse > 0.0)
         .collect();
@@ -44,9 +44,10 @@ fn starts(side: u32) -> impl Iterator<Item = u32> {
     (0..side.div_ceil(SIDE)).map(move |number| (number * SIDE).min(last))
 }
 
-fn squared_difference(reference: &LinearImage, picture: &LinearImage, at: [u32; 2], size: [u32; 2]) -> f64 {
-    let [a, b] = [reference, picture].map(|image| crop(image, at, size));
-    let shown = |channel: f32| metrics::as_displayed(channel.into());
+fn squared_difference(pictures: [&LinearImage; 2], tone: ToneMap, at: [u32; 2], size: [u32; 2]) -> f64 {
+    let [a, b] = pictures.map(|image| crop(image, at, size));
+    let gain = f64::from(tone.exposure_ev).exp2();
+    let shown = |channel: f32| metrics::as_displayed(gain * f64::from(channel));
     let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
     let sum: f64 = channels.map(|(&a, &b)| (shown(a) - shown(b)).powi(2)).sum();
     sum / (3 * a.pixels.len()).max(1) as f64
@@ -77,27 +78,27 @@ mod tests {
         let mut picture = reference.clone();
         picture.pixels[0] = [0.1; 3];
         picture.pixels[39 * 70 + 69] = [1.0; 3];
-        let tiles = worst(&reference, &picture, 8);
+        let tiles = worst(&reference, &picture, ToneMap::default(), 8);
         let places: Vec<_> = tiles.iter().map(|tile| tile.at).collect();
         // The last column begins at 70 - 32, the last row at 40 - 32.
         assert_eq!(places, [[38, 8], [0, 0]]);
         // One pixel of 32², white where there is black.
         assert!((tiles[0].mse - 1.0 / 1024.0).abs() < 1e-15, "{}", tiles[0].mse);
-        assert_eq!(worst(&reference, &picture, 1).len(), 1);
+        assert_eq!(worst(&reference, &picture, ToneMap::default(), 1).len(), 1);
     }
 
     #[test]
     fn a_picture_smaller_than_a_tile_is_one_and_alike_ones_have_none() {
         let reference = LinearImage::black(5, 3);
-        assert!(worst(&reference, &reference, 8).is_empty());
+        assert!(worst(&reference, &reference, ToneMap::default(), 8).is_empty());
         let mut picture = reference.clone();
         picture.pixels[7] = [f32::INFINITY, f32::NAN, -1.0];
-        let tiles = worst(&reference, &picture, 8);
+        let tiles = worst(&reference, &picture, ToneMap::default(), 8);
         assert_eq!((tiles[0].at, tiles[0].size), ([0, 0], [5, 3]));
         // A channel of three is white; what is no number or negative is black.
         assert!((tiles[0].mse - 1.0 / 45.0).abs() < 1e-15);
         let none = LinearImage::black(0, 0);
-        assert!(worst(&none, &none, 8).is_empty());
+        assert!(worst(&none, &none, ToneMap::default(), 8).is_empty());
     }
 
     #[test]

@@ -131,6 +131,54 @@ fn a_render_takes_the_settings_that_a_study_wrote() {
 }
 
 #[test]
+fn settings_are_chosen_for_a_target_and_what_is_out_of_reach_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let run = |target: &[&str]| {
+        let common = [
+            "cost",
+            "scenes/first_light.gltf",
+            "--size",
+            "24x18",
+            "--budget",
+            "4",
+            "--out",
+            out,
+        ];
+        let done = whit(&[&common[..], target].concat());
+        let report = fs::read(folder.path().join("report.json")).unwrap();
+        let report: Value = serde_json::from_slice(&report).unwrap();
+        let said = [done.stdout, done.stderr].concat();
+        (
+            done.status.code().unwrap(),
+            report["choice"].clone(),
+            String::from_utf8(said).unwrap(),
+        )
+    };
+    // As much as the base errs by, at least: something reaches it.
+    let (code, choice, said) = run(&["--max-error", "0.5"]);
+    assert_eq!((code, &choice["reached"]), (0, &Value::Bool(true)), "{said}");
+    assert!(choice["rmse"]["high"].as_f64().unwrap() <= 0.5, "{said}");
+    let (code, choice, said) = run(&["--max-error", "0.000001"]);
+    assert_eq!((code, &choice["reached"]), (1, &Value::Bool(false)), "{said}");
+    assert!(
+        said.contains("no settings were found") && said.contains("nearest to"),
+        "{said}"
+    );
+    let (code, choice, said) = run(&["--max-time", "1000"]);
+    assert_eq!((code, &choice["reached"]), (0, &Value::Bool(true)), "{said}");
+    assert!(
+        choice["whole_seconds"]["high"].as_f64().unwrap() <= 1000.0,
+        "{said}"
+    );
+    let settings = fs::read_to_string(folder.path().join("settings.toml")).unwrap();
+    assert!(
+        settings.contains("[settings]") && settings.contains("spp = "),
+        "{settings}"
+    );
+}
+
+#[test]
 fn smoke_is_marched_in_longer_and_shorter_steps() {
     let folder = tempfile::tempdir().unwrap();
     let study = study("scenes/smoke.toml", folder.path());

@@ -185,6 +185,7 @@ fn study() -> Study {
             budget: 300.0,
         },
         curves: curves.collect(),
+        choice: None,
         points,
     }
 }

@@ -7,7 +7,7 @@ use std::time::Instant;
 use crate::accel::{AccelError, Backend};
 use crate::cost::{
     self, Configuration, CostError, Experiment, Findings, HitPath, Measured, SceneChange, Settings,
-    SettingsFile, Watcher,
+    SettingsFile, Target, Watcher,
 };
 use crate::image::metrics::{self, Viewing};
 use crate::image::{ImageFormat, ToneMap, check_writable, write};
@@ -50,9 +50,16 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     progress.clear();
     let (findings, tone) = findings?;
     output::print(&CostText(&findings.study).to_string())?;
-    match &folder {
-        Some(folder) => folder.write(args, &findings, tone),
-        None => Ok(()),
+    if let Some(folder) = &folder {
+        folder.write(args, &findings, tone)?;
+    }
+    match &findings.study.choice {
+        Some(choice) if !choice.reached => Err(Failure::Work(
+            "no settings were found that reach the target: the nearest are told above; give a larger `--budget` or \
+             another target"
+                .into(),
+        )),
+        _ => Ok(()),
     }
 }
 
@@ -96,6 +103,10 @@ fn measure(
         },
         tone,
         size,
+        target: match (args.max_error, args.max_time) {
+            (Some(most), _) => Some(Target::Error(most)),
+            (None, most) => most.map(Target::Seconds),
+        },
         budget: args.budget,
         start,
         threads: tracing.threads,
@@ -173,19 +184,26 @@ impl Folder {
             reference,
             pictures,
             configurations,
+            chosen,
             embree,
         } = findings;
         interrupt::finish_first(|| output::write_json(&self.json, study))?;
         interrupt::finish_first(|| output::write_text(&self.csv, &points_csv(study)))?;
         let knee = study.knee();
-        let point = &study.points[knee];
+        let (configuration, rmse, seconds) = match (chosen, &study.choice) {
+            (Some(chosen), Some(choice)) => (chosen, choice.rmse, choice.seconds),
+            _ => {
+                let point = &study.points[knee];
+                (&configurations[knee], point.rmse, point.seconds)
+            }
+        };
         let settings = SettingsFile {
-            settings: Settings::of(&configurations[knee]),
+            settings: Settings::of(configuration),
             measured: Some(Measured {
                 scene: args.scene.display().to_string(),
                 size: study.size,
-                rmse: point.rmse,
-                seconds: point.seconds,
+                rmse,
+                seconds,
                 threads: study.threads,
                 converged: study.reference.has_converged(),
             }),

@@ -2,22 +2,22 @@
 //! reference, and blocks of pictures.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, Protocol};
+use super::reference::{Halved, checks, stricter, strictest};
+use super::stage::Stage;
 use super::{
-    Check, Configuration, Curve, Displayed, Halves, HitPath, Knob, Pictures, Place, Point, Reference,
-    SceneChange, Study, front, knobs, slope,
+    Configuration, Curve, Displayed, HitPath, Knob, Pictures, Place, Point, Reference, SceneChange, Study,
+    Target, front, knobs, slope,
 };
-use crate::accel::{self, Accel, AccelError, AccelOptions, Backend, EmbreeIdentity, Precision};
+use crate::accel::{AccelError, EmbreeIdentity};
 use crate::image::metrics::{Metrics, Tally, Viewing};
 use crate::image::{LinearImage, ToneMap};
-use crate::render::{Monitor, Pattern, Plan, RenderSettings, Rendering, render};
-use crate::scene::picture::MAX_DEPTH;
-use crate::scene::{Camera, Effect, Scene};
+use crate::render::{Plan, Rendering};
+use crate::scene::{Camera, Scene};
 
 /// Samples a pixel of the base and of the longest sweep, the ones that are tried first first.
 const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
@@ -31,24 +31,16 @@ const LEAST_PIXELS: f64 = 1024.0;
 /// Pixels that a pilot renders, at most and at least.
 const PILOT_PIXELS: [f64; 2] = [3072.0, 192.0];
 /// Blocks that a budget is laid out for, that are taken at least, and at most.
-const PLANNED_BLOCKS: f64 = 8.0;
+pub(super) const PLANNED_BLOCKS: f64 = 8.0;
 const LEAST_BLOCKS: usize = 6;
 const MOST_BLOCKS: usize = 40;
 /// Part of the budget that is laid out, the pilot's included; the rest is for what was not foreseen.
 const LAID_OUT: f64 = 0.85;
 const PILOT_PART: f64 = 0.04;
 /// Part of the budget after which no block begins: what comes after is small.
-const MEASURED_PART: f64 = 0.94;
-/// Samples of the pictures that tell whether a knob at its strictest still matters.
-const STRICTER_SPP: u32 = 16;
-/// What the reference may err by, as a part of the smallest squared error that is reported.
-const REFERENCE_PART: f64 = 0.01;
-/// What it aims at, as the smallest error is not known well before.
-const AIMED_PART: f64 = 0.7 * REFERENCE_PART;
-/// Blocks of pixels in which the halves of a reference may disagree.
-const DISAGREEING_PART: f64 = 0.0025;
-/// Seeds of the halves of the reference and of the pictures that check it; blocks count from 1.
-const REFERENCE_SEEDS: [u32; 2] = [1_000_003, 1_000_033];
+pub(super) const MEASURED_PART: f64 = 0.94;
+/// The same where settings are to be chosen.
+const CHOOSING_PART: f64 = 0.7;
 
 /// What is to be measured.
 pub struct Experiment<'a> {
@@ -62,6 +54,8 @@ pub struct Experiment<'a> {
     pub tone: ToneMap,
     /// Width and height of the pictures that are measured; else as large as the budget affords.
     pub size: Option<[u32; 2]>,
+    /// What settings are to be chosen for.
+    pub target: Option<Target>,
     /// Seconds for everything since `start`.
     pub budget: f64,
     /// When it began.
@@ -102,21 +96,10 @@ pub struct Findings {
     pub pictures: Vec<LinearImage>,
     /// The configuration of each point.
     pub configurations: Vec<Configuration>,
+    /// What was chosen for the target.
+    pub chosen: Option<Configuration>,
     /// Which Embree found the hits of the base, if one did.
     pub embree: Option<EmbreeIdentity>,
-}
-
-/// A structure that finds hits, and what it took to build.
-struct Built<'s> {
-    accel: Box<dyn Accel + 's>,
-    seconds: f64,
-}
-
-/// A configuration that is measured.
-struct Contestant {
-    knob: Option<Knob>,
-    level: String,
-    configuration: Configuration,
 }
 
 /// Measures everything, in the current rayon pool.
@@ -144,13 +127,8 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
         .into_iter()
         .map(|change| (change, scene_of(experiment.scene, &change)))
         .collect();
-    let mut stage = Stage {
-        experiment,
-        watcher,
-        scenes: &scenes,
-        built: HashMap::new(),
-    };
-    for configuration in all().chain([on(strict, HitPath::BSP)]) {
+    let mut stage = Stage::new(experiment, watcher, &scenes);
+    for configuration in all().chain([strict.through(HitPath::BSP)]) {
         stage.build(&configuration)?;
     }
     let layout = stage.lay_out(&plan, &strict)?;
@@ -161,7 +139,15 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
         left.push((*knob, stage.left_by(&layout, &strict, configuration)?));
     }
     let measured = stage.measure(&layout, &reference)?;
-    Ok(stage.findings(&layout, &strict, &reference, &left, measured))
+    let mut findings = stage.findings(&layout, &strict, &reference, &left, measured);
+    if let Some(target) = experiment.target {
+        let known = (&findings.study.points[..], &findings.configurations[..]);
+        let (choice, configuration) = stage.choose(target, (&layout, &reference), known)?;
+        findings.study.choice = Some(choice);
+        findings.chosen = Some(configuration);
+        findings.study.timing.spent = stage.spent();
+    }
+    Ok(findings)
 }
 
 fn scene_of<'s>(scene: &'s Scene, change: &SceneChange) -> Cow<'s, Scene> {
@@ -184,13 +170,6 @@ fn distinct(changes: impl Iterator<Item = SceneChange>) -> Vec<SceneChange> {
     all
 }
 
-fn on(configuration: Configuration, path: HitPath) -> Configuration {
-    Configuration {
-        path,
-        ..configuration
-    }
-}
-
 /// The base at `base_spp` samples and everything that is held against it.
 fn contestants(experiment: &Experiment, plan: &Plan, [base_spp, most]: [u32; 2]) -> Vec<Contestant> {
     let mut base = experiment.base;
@@ -210,121 +189,19 @@ fn contestants(experiment: &Experiment, plan: &Plan, [base_spp, most]: [u32; 2])
     std::iter::once(base).chain(turned).collect()
 }
 
-/// All knobs at their strictest that are not a matter of noise alone.
-fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
-    let settings = base.settings;
-    let mut effects = settings.effects;
-    if plan.effects().has(Effect::TextureFilter) {
-        // Many samples show textures as they are.
-        effects.removed = effects.removed.with(Effect::TextureFilter);
-    }
-    let watertight = Precision::Watertight;
-    Configuration {
-        settings: RenderSettings {
-            pattern: Pattern::Sobol,
-            adaptive: None,
-            depth: (3 * settings.depth).min(MAX_DEPTH / 2),
-            weight_cutoff: (settings.weight_cutoff / 8.0).min(1.0 / 4096.0),
-            wavelengths: settings.wavelengths.max(32),
-            effects,
-            ..settings
-        },
-        path: match base.path.backend {
-            Backend::Embree => HitPath {
-                precision: watertight,
-                ..base.path
-            },
-            _ => HitPath::BSP,
-        },
-        change: SceneChange {
-            step_factor: 0.5 * base.change.step_factor.min(1.0),
-            ..base.change
-        }
-        .of(plan),
-    }
-}
-
-/// Each knob that leaves a bias, stricter still.
-fn stricter(strict: &Configuration, plan: &Plan) -> Vec<(Knob, Configuration)> {
-    let has = |effect| plan.effects().has(effect);
-    let set = |change: fn(&mut Configuration)| {
-        let mut configuration = *strict;
-        change(&mut configuration);
-        configuration
-    };
-    let mut all = Vec::new();
-    if has(Effect::Reflection) || has(Effect::Refraction) {
-        all.push((Knob::Depth, set(|c| c.settings.depth *= 2)));
-        all.push((Knob::Cutoff, set(|c| c.settings.weight_cutoff /= 8.0)));
-    }
-    if has(Effect::Dispersion) {
-        all.push((Knob::Wavelengths, set(|c| c.settings.wavelengths *= 2)));
-    }
-    if has(Effect::Volume) {
-        all.push((Knob::MarchStep, set(|c| c.change.step_factor *= 0.5)));
-    }
-    all
-}
-
-impl SceneChange {
-    /// Without what the plan has no use for.
-    fn of(self, plan: &Plan) -> SceneChange {
-        SceneChange {
-            step_factor: if plan.effects().has(Effect::Volume) {
-                self.step_factor
-            } else {
-                1.0
-            },
-            ..self
-        }
-    }
-}
-
-/// Where pictures are taken.
-struct Stage<'a, 's> {
-    experiment: &'a Experiment<'a>,
-    watcher: &'a Watcher<'a>,
-    scenes: &'s [(SceneChange, Cow<'a, Scene>)],
-    /// By scene and path.
-    built: HashMap<(usize, HitPath), Built<'s>>,
+/// A configuration that is measured.
+pub(super) struct Contestant {
+    pub(super) knob: Option<Knob>,
+    pub(super) level: String,
+    pub(super) configuration: Configuration,
 }
 
 /// How large pictures are, and of how many samples.
-struct Layout {
-    size: [u32; 2],
-    contestants: Vec<Contestant>,
+pub(super) struct Layout {
+    pub(super) size: [u32; 2],
+    pub(super) contestants: Vec<Contestant>,
     /// Samples of each half of the reference.
-    reference_spp: u32,
-}
-
-/// The reference.
-struct Halved {
-    /// Pictures of each half, all of one number of samples.
-    count: u32,
-    /// Their means.
-    means: [LinearImage; 2],
-    /// As displayed.
-    halves: Halves,
-    /// Seconds of a picture of each half.
-    seconds: f64,
-}
-
-impl Halved {
-    /// The mean of both halves.
-    fn mean(&self) -> LinearImage {
-        let mut mean = self.means[0].clone();
-        blend(&mut mean, &self.means[1], 0.5);
-        mean
-    }
-}
-
-/// Moves `image` to `other` by so much of the way.
-fn blend(image: &mut LinearImage, other: &LinearImage, part: f32) {
-    for (pixel, other) in image.pixels.iter_mut().zip(&other.pixels) {
-        for (channel, other) in pixel.iter_mut().zip(other) {
-            *channel += part * (other - *channel);
-        }
-    }
+    pub(super) reference_spp: u32,
 }
 
 /// What the blocks gave.
@@ -336,81 +213,6 @@ struct Measured {
 }
 
 impl Stage<'_, '_> {
-    fn spent(&self) -> f64 {
-        self.experiment.start.elapsed().as_secs_f64()
-    }
-
-    fn say(&self, what: &str) {
-        (self.watcher.progress)(what, (self.spent() / self.experiment.budget).min(1.0));
-    }
-
-    fn scene_index(&self, change: &SceneChange) -> usize {
-        let place = self.scenes.iter().position(|(known, _)| known == change);
-        place.expect("scenes were made for all configurations")
-    }
-
-    fn build(&mut self, configuration: &Configuration) -> Result<(), CostError> {
-        let scene = self.scene_index(&configuration.change);
-        let path = configuration.path;
-        if self.built.contains_key(&(scene, path)) {
-            return Ok(());
-        }
-        self.say("build");
-        let options = AccelOptions {
-            precision: path.precision,
-            instancing: path.instancing,
-            threads: self.experiment.threads,
-            isa: self.experiment.isa.clone(),
-            ..AccelOptions::default()
-        };
-        let start = Instant::now();
-        let accel = accel::build(&self.scenes[scene].1, path.backend, &options)?;
-        let seconds = start.elapsed().as_secs_f64();
-        self.built.insert((scene, path), Built { accel, seconds });
-        Ok(())
-    }
-
-    fn built(&self, configuration: &Configuration) -> &Built<'_> {
-        &self.built[&(self.scene_index(&configuration.change), configuration.path)]
-    }
-
-    /// A picture, and the seconds that its samples took.
-    fn picture(
-        &self,
-        configuration: &Configuration,
-        [width, height]: [u32; 2],
-        seed: u32,
-    ) -> Result<(Rendering, f64), CostError> {
-        let settings = RenderSettings {
-            width,
-            height,
-            seed,
-            ledger: false,
-            sample_aovs: false,
-            cost_aovs: false,
-            ..configuration.settings
-        };
-        let monitor = Monitor {
-            progress: &|_| {},
-            cancel: self.watcher.cancel,
-        };
-        let scene = &self.scenes[self.scene_index(&configuration.change)].1;
-        let accel = &*self.built(configuration).accel;
-        let start = Instant::now();
-        let rendering = render(scene, self.experiment.camera, accel, &settings, &monitor);
-        let seconds = start.elapsed().as_secs_f64();
-        rendering
-            .map(|rendering| (rendering, seconds))
-            .ok_or(CostError::Cancelled)
-    }
-
-    /// The size of the whole picture's shape with about so many pixels, not more than the picture has.
-    fn size_of(&self, pixels: f64) -> [u32; 2] {
-        let RenderSettings { width, height, .. } = self.experiment.base.settings;
-        let scale = (pixels / (f64::from(width) * f64::from(height))).sqrt().min(1.0);
-        [width, height].map(|side| ((f64::from(side) * scale).round() as u32).max(1))
-    }
-
     /// Chooses how large pictures are and how many samples they have, by what small ones take.
     fn lay_out(&self, plan: &Plan, strict: &Configuration) -> Result<Layout, CostError> {
         self.say("pilot");
@@ -442,7 +244,7 @@ impl Stage<'_, '_> {
             }
             let mut halves = 0.0;
             for path in [strict.path, HitPath::BSP] {
-                let mut configuration = on(*strict, path);
+                let mut configuration = strict.through(path);
                 configuration.settings.spp = 4;
                 halves += self.picture(&configuration, pilot_size, 0)?.1 / 4.0;
             }
@@ -466,83 +268,16 @@ impl Stage<'_, '_> {
         unreachable!("the last rung is taken")
     }
 
-    /// Both halves, each through a path of its own.
-    fn reference(&self, layout: &Layout, strict: &Configuration) -> Result<Halved, CostError> {
-        let start = Instant::now();
-        let [a, b] = self.pair(layout, strict, 0)?;
-        let tone = self.experiment.tone;
-        Ok(Halved {
-            count: 1,
-            halves: Halves {
-                a: Displayed::new(&a, tone),
-                b: Displayed::new(&b, tone),
-            },
-            means: [a, b],
-            seconds: start.elapsed().as_secs_f64(),
-        })
-    }
-
-    /// A picture for each half, the ones that `before` others came before.
-    fn pair(
-        &self,
-        layout: &Layout,
-        strict: &Configuration,
-        before: u32,
-    ) -> Result<[LinearImage; 2], CostError> {
-        let half = |path, seed: u32| {
-            self.say("reference");
-            let mut configuration = on(*strict, path);
-            configuration.settings.spp = layout.reference_spp;
-            let rendering = self.picture(&configuration, layout.size, seed + 2 * before)?.0;
-            Ok::<_, CostError>(rendering.image)
-        };
-        Ok([
-            half(strict.path, REFERENCE_SEEDS[0])?,
-            half(HitPath::BSP, REFERENCE_SEEDS[1])?,
-        ])
-    }
-
-    /// Adds pictures to the reference until its noise is small beside every error, or no time is left for more.
-    fn refine(
-        &self,
-        layout: &Layout,
-        strict: &Configuration,
-        reference: &mut Halved,
-    ) -> Result<(), CostError> {
-        let start = Instant::now();
-        let mut least = f64::INFINITY;
-        for contestant in &layout.contestants {
-            self.say("reference");
-            let picture = self.picture(&contestant.configuration, layout.size, 0)?.0.image;
-            let mut pictures = Pictures::new(&reference.halves);
-            pictures.add(&reference.halves, &Displayed::new(&picture, self.experiment.tone));
-            let square = pictures.mean_square();
-            least = if square > 0.0 { least.min(square) } else { least };
-        }
-        let blocks = PLANNED_BLOCKS * start.elapsed().as_secs_f64();
-        while reference.halves.noise_squared() > AIMED_PART * least
-            && self.spent() + reference.seconds + blocks < MEASURED_PART * self.experiment.budget
-        {
-            let more = self.pair(layout, strict, reference.count)?;
-            reference.count += 1;
-            for (mean, more) in reference.means.iter_mut().zip(&more) {
-                blend(mean, more, 1.0 / reference.count as f32);
-            }
-            let [a, b] = &reference.means;
-            reference.halves = Halves {
-                a: Displayed::new(a, self.experiment.tone),
-                b: Displayed::new(b, self.experiment.tone),
-            };
-        }
-        Ok(())
-    }
-
     /// Blocks until the time is up.
     fn measure(&self, layout: &Layout, reference: &Halved) -> Result<Measured, CostError> {
         let count = layout.contestants.len();
         let mut errors = vec![Pictures::new(&reference.halves); count];
         let mut first: Vec<Option<Rendering>> = (0..count).map(|_| None).collect();
-        let until = MEASURED_PART * self.experiment.budget;
+        let until = match self.experiment.target {
+            Some(_) => CHOOSING_PART,
+            None => MEASURED_PART,
+        };
+        let until = until * self.experiment.budget;
         let protocol = Protocol {
             least: LEAST_BLOCKS,
             most: MOST_BLOCKS,
@@ -641,11 +376,13 @@ impl Stage<'_, '_> {
             },
             timing: measured.blocks.timing(self.spent(), self.experiment.budget),
             curves: curves(&points),
+            choice: None,
             points,
         };
         Findings {
             study,
             reference: mean,
+            chosen: None,
             embree: self
                 .built(&layout.contestants[0].configuration)
                 .accel
@@ -659,78 +396,10 @@ impl Stage<'_, '_> {
                 .collect(),
         }
     }
-
-    /// By how much `strict` differs from what is stricter in the mean, noise not counted: the mean product of the
-    /// differences of two pairs, each pair of one seed.
-    fn left_by(
-        &self,
-        layout: &Layout,
-        strict: &Configuration,
-        stricter: &Configuration,
-    ) -> Result<f64, CostError> {
-        self.say("check");
-        let mut differences = Vec::new();
-        for seed in REFERENCE_SEEDS {
-            let mut pair = Vec::new();
-            for configuration in [strict, stricter] {
-                let mut configuration = *configuration;
-                configuration.settings.spp = STRICTER_SPP;
-                let picture = self.picture(&configuration, layout.size, seed)?.0.image;
-                pair.push(Displayed::new(&picture, self.experiment.tone));
-            }
-            differences.push(pair[0].minus(&pair[1]));
-        }
-        let products = differences[0].iter().zip(&differences[1]).map(|(a, b)| a * b);
-        Ok((products.sum::<f64>() / differences[0].len() as f64)
-            .max(0.0)
-            .sqrt())
-    }
 }
 
-/// What is asked of a reference before errors against it are believed.
-fn checks(strict: &Configuration, reference: &Halved, points: &[Point], left: &[(Knob, f64)]) -> Vec<Check> {
-    let known = points
-        .iter()
-        .map(|point| point.rmse.value)
-        .filter(|&rmse| rmse > 0.0);
-    let least = known.fold(f64::INFINITY, f64::min);
-    let bound = REFERENCE_PART.sqrt() * least;
-    let noise = reference.halves.noise_squared().sqrt();
-    let mut checks = vec![Check {
-        name: "noise".to_owned(),
-        holds: noise <= bound,
-        words: format!("errs by {noise:.2e}; {bound:.2e} is a tenth of the smallest error"),
-    }];
-    let disagreeing = reference.halves.disagreeing_share();
-    checks.push(Check {
-            name: "two paths".to_owned(),
-            holds: disagreeing <= DISAGREEING_PART,
-            words: format!(
-                "halves through {} and {} differ by more than noise in {:.2} % of the blocks of pixels; {:.2} % may",
-                strict.path.name(),
-                HitPath::BSP.name(),
-                100.0 * disagreeing,
-                100.0 * DISAGREEING_PART
-            ),
-        });
-    let means = reference.means.iter();
-    let non_finite: usize = means.map(LinearImage::non_finite_count).sum();
-    checks.push(Check {
-        name: "numbers".to_owned(),
-        holds: non_finite == 0,
-        words: format!("{non_finite} pixels are no numbers"),
-    });
-    for (knob, left) in left {
-        checks.push(Check {
-            name: knob.name().to_owned(),
-            holds: *left <= bound,
-            words: format!("stricter, it moves the picture by {left:.2e}; {bound:.2e} may be"),
-        });
-    }
-    checks
-}
-
-fn area([width, height]: [u32; 2]) -> f64 {
+/// Pixels of a picture.
+pub(super) fn area([width, height]: [u32; 2]) -> f64 {
     f64::from(width) * f64::from(height)
 }
 

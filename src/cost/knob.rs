@@ -176,6 +176,12 @@ pub struct Configuration {
 }
 
 impl Configuration {
+    /// The same with hits found by `path`.
+    #[must_use]
+    pub fn through(self, path: HitPath) -> Configuration {
+        Configuration { path, ..self }
+    }
+
     /// The names and values of everything that knobs turn.
     pub fn words(&self) -> BTreeMap<String, String> {
         let settings = &self.settings;

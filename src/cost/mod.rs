@@ -3,18 +3,24 @@
 //! A [`Configuration`] is a way of rendering a scene; those that are measured differ from the *base* in one [`Knob`] each.
 //! Errors are held against two independent halves of a reference, so that the reference's own noise does not count
 //! ([`Halves`]); times are ratios to the base within blocks in which every configuration takes one turn ([`blocks`]).
+//! For a target, what single turns foretell of several at once is an order in which to measure ([`forecasts`]).
 //! Whatever is told comes with an interval that holds the true value 95 times of 100.
 
 pub mod blocks;
+mod choose;
 mod error;
 mod experiment;
 mod front;
 mod knob;
+mod reference;
 mod settings;
 mod slope;
+mod stage;
 pub mod statistics;
 mod study;
+mod targets;
 
+pub use choose::{Forecast, Goal, Target, candidates, forecasts};
 pub use error::{Displayed, ErrorEstimate, Halves, Pictures};
 pub use experiment::{CostError, Experiment, Findings, Watcher, run};
 pub use front::{Place, front, knee};
@@ -22,4 +28,4 @@ pub use knob::{Configuration, HitPath, Knob, SceneChange, knobs};
 pub use settings::{Measured, Settings, SettingsFile};
 pub use slope::slope;
 pub use statistics::Interval;
-pub use study::{Check, Curve, Point, Reference, Study, Timing};
+pub use study::{Check, Choice, Curve, Point, Reference, Study, Timing};

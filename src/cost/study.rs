@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::choose::Target;
 use super::{Interval, Knob, Place, knee};
 
 /// Everything that was measured of a scene.
@@ -21,6 +22,35 @@ pub struct Study {
     pub points: Vec<Point>,
     /// Knobs that were turned to several places, with how the error falls as they take more time.
     pub curves: Vec<Curve>,
+    /// What was chosen, if a target was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub choice: Option<Choice>,
+}
+
+/// Settings that were chosen for a target, and measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Choice {
+    /// For what.
+    pub target: Target,
+    /// Whether they reach it: the whole interval of the error or of the time does, in pictures that had no part in the
+    /// choice.
+    pub reached: bool,
+    /// The whole configuration, as the settings' names and values; the nearest one if none reaches it.
+    pub settings: BTreeMap<String, String>,
+    /// Root of the mean squared error that was foretold.
+    pub foretold_rmse: f64,
+    /// Seconds of the whole picture that were foretold.
+    pub foretold_seconds: f64,
+    /// Root of the mean squared error as displayed.
+    pub rmse: Interval,
+    /// Seconds of the samples of a picture of the measured size.
+    pub seconds: Interval,
+    /// Seconds of the whole picture, by its number of pixels, with what is made ready for it.
+    pub whole_seconds: Interval,
+    /// Settings that were measured on the way.
+    pub tried: usize,
+    /// The least error that is foretold of any settings, and the knob that would lower it if it could be turned further.
+    pub floor: Option<(f64, Knob)>,
 }
 
 /// The picture that errors are held against, in two independent halves.
@@ -117,6 +147,13 @@ pub struct Curve {
     pub points: Vec<usize>,
     /// Of the logarithm of the error over that of the time, if there are points enough for a line.
     pub slope: Option<Interval>,
+}
+
+impl Point {
+    /// The mean squared error.
+    pub fn mean_square(&self) -> f64 {
+        self.rmse.value.powi(2)
+    }
 }
 
 impl Study {

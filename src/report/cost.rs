@@ -4,7 +4,7 @@ use std::fmt;
 use std::fmt::Write;
 
 use super::words::{range, significant, times};
-use crate::cost::{Curve, Interval, Point, Study};
+use crate::cost::{Choice, Curve, Interval, Point, Study, Target};
 
 /// What a knob's column says of the base.
 pub(super) const BASE: &str = "base";
@@ -44,6 +44,11 @@ impl fmt::Display for CostText<'_> {
         }
         for curve in &study.curves {
             writeln!(f, "{}", price_line(study, curve))?;
+        }
+        if let Some(choice) = &study.choice {
+            for line in choice_lines(choice) {
+                writeln!(f, "{line}")?;
+            }
         }
         lacks(study, f)
     }
@@ -89,6 +94,48 @@ pub(super) fn no_price(curve: &Curve) -> &'static str {
         None => "too few places for a price",
         Some(_) => "more time is not known to bring it",
     }
+}
+
+/// What was chosen, line by line.
+pub(super) fn choice_lines(choice: &Choice) -> Vec<String> {
+    let wish = match choice.target {
+        Target::Error(most) => format!("an error of at most {}", significant(most, 3)),
+        Target::Seconds(most) => format!("at most {} s a picture", significant(most, 3)),
+    };
+    let settings: Vec<String> = choice
+        .settings
+        .iter()
+        .map(|(name, value)| format!("{name} {value}"))
+        .collect();
+    let measured = |of: Interval| format!("{} ({})", significant(of.value, 3), range(of, 3));
+    let mut lines = vec![
+        format!(
+            "{} {wish}: {}",
+            if choice.reached { "for" } else { "nearest to" },
+            settings.join(", ")
+        ),
+        format!(
+            "  {}: RMSE {}, {} s the whole picture; foretold {} and {} s",
+            if choice.reached {
+                "measured on pictures that had no part in the choice"
+            } else {
+                "measured"
+            },
+            measured(choice.rmse),
+            measured(choice.whole_seconds),
+            significant(choice.foretold_rmse, 3),
+            significant(choice.foretold_seconds, 3)
+        ),
+    ];
+    if !choice.reached
+        && let Some((floor, knob)) = choice.floor
+    {
+        lines.push(format!(
+            "  the least error that is foretold of any settings is {}; {knob} would lower it most if it went further",
+            significant(floor, 3)
+        ));
+    }
+    lines
 }
 
 fn lacks(study: &Study, f: &mut fmt::Formatter) -> fmt::Result {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::compare_page::viewer;
-use super::cost::{error_ratio, knob_name, no_price, price_words};
+use super::cost::{choice_lines, error_ratio, knob_name, no_price, price_words};
 use super::cost_charts;
 use super::machine;
 use super::page::{self, Cell, Column, Table, View, escape, figure, picture};
@@ -41,6 +41,12 @@ pub fn page(study: &Study, facts: &Facts, pictures: &Pictures) -> std::io::Resul
     body += &known(study, facts);
     body += &numbers(study);
     body += &checks(study);
+    if let Some(choice) = &study.choice {
+        body += "<h2 id=\"choice\">What was chosen</h2>\n";
+        for line in choice_lines(choice) {
+            body += &format!("<p>{}</p>\n", escape(line.trim()));
+        }
+    }
     body += "<h2 id=\"front\">Error over time</h2>\n\
              <p>Every configuration that was measured; each turns one knob of the base. Crosses are intervals that hold \
              the true value 95 times of 100. Nothing is known to lie below the line; what stands at the foot has no error \
@@ -394,6 +400,7 @@ pub(super) mod tests {
                 point(Some(Knob::Depth), "0", 0.5, 0.3),
                 point(Some(Knob::Pattern), "r2", 1.0, 0.019),
             ],
+            choice: None,
             curves: vec![
                 Curve {
                     knob: Knob::Samples,

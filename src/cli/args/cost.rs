@@ -6,6 +6,7 @@ use clap::Args as ArgGroup;
 
 use super::{ImageSize, TracingArgs};
 use crate::accel::Backend;
+use crate::render::MIN_ADAPTIVE_ERROR;
 
 /// Enough for a few thousand pixels of a slow scene.
 const DEFAULT_BUDGET: f64 = 120.0;
@@ -18,11 +19,14 @@ independent halves of a reference, one through Embree and one through the BSP; t
 every setting takes one turn. Pictures are as large as the budget affords, unless --size says it.
 
 Written into --out: report.html (one file, nothing to load), report.json, points.csv, ref.exr, and settings.toml, the
-settings from which on less error is dear and before which less time is, for `whit render --settings`.
+settings from which on less error is dear and before which less time is, or those that --max-error or --max-time chose,
+for `whit render --settings`. Where no settings are found that reach a target, the exit code is 1 and the nearest are told.
 
 Examples:
   whit cost scene.toml
   whit cost scene.glb --budget 300 --out scene.cost
+  whit cost scene.toml --max-error 0.01 --out scene.cost
+  whit cost scene.toml --max-time 2.5 --out scene.cost
   whit cost scene.toml --size 320x240 --out scene.cost --date 2026-11-23";
 
 /// Flags of `whit cost`.
@@ -40,6 +44,14 @@ pub(in crate::cli) struct CostArgs {
     /// Width and height of the pictures that are measured [default: as large as the budget affords]
     #[arg(long, value_name = "WxH")]
     pub(in crate::cli) size: Option<ImageSize>,
+
+    /// Choose the fastest settings whose RMSE as displayed (black is 0, white 1) is at most this, and measure them
+    #[arg(long, value_name = "RMSE", value_parser = error, conflicts_with = "max_time")]
+    pub(in crate::cli) max_error: Option<f64>,
+
+    /// Choose the closest settings at which the whole picture takes at most so many seconds, and measure them
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub(in crate::cli) max_time: Option<f64>,
 
     /// Camera to look through, by name or number; see `whit info`
     #[arg(long, value_name = "NAME|N")]
@@ -59,6 +71,22 @@ pub(in crate::cli) struct CostArgs {
     /// What the report's page says of its date
     #[arg(long, value_name = "WORDS", requires = "out")]
     pub(in crate::cli) date: Option<String>,
+}
+
+fn error(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|error| (MIN_ADAPTIVE_ERROR..=1.0).contains(error))
+        .ok_or_else(|| format!("give an error from {MIN_ADAPTIVE_ERROR} to 1, as in 0.01 of white"))
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    text.strip_suffix('s')
+        .unwrap_or(text)
+        .parse()
+        .ok()
+        .filter(|seconds| (0.001..=super::MAX_BUDGET).contains(seconds))
+        .ok_or_else(|| format!("give seconds from 0.001 to {}", super::MAX_BUDGET))
 }
 
 fn budget(text: &str) -> Result<f64, String> {

@@ -1,0 +1,362 @@
+//! Settings for a target: what the knobs, turned one by one, foretell of all that they can be turned to together.
+//!
+//! Squared errors are taken to add up: what a knob adds to the base's or takes from it, it adds wherever the others are.
+//! Times are taken to multiply. Both are wrong here and there, which is why whatever is foretold is only an order in which
+//! to measure.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Configuration, Knob, Point};
+
+/// Samples are foretold up to so many times as many as were measured at most.
+const FARTHEST: u32 = 1 << 10;
+/// Of what falls by less for twice the samples nothing is foretold: it has reached its floor.
+const LEAST_FALL: f64 = 0.9;
+/// Falls faster are luck.
+const MOST_FALL: f64 = 0.25;
+/// Combinations that are looked at: some ten megabytes.
+const MOST_COMBINATIONS: usize = 1 << 17;
+
+/// What settings are chosen for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Target {
+    /// The least time at which the root of the mean squared error as displayed is at most this.
+    Error(f64),
+    /// The least error at which the whole picture takes at most so many seconds, what is made ready for it included.
+    Seconds(f64),
+}
+
+/// A target in the measure of a study.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Goal {
+    /// As [`Target::Error`].
+    Error(f64),
+    /// At most so many times the base's seconds.
+    TimeRatio(f64),
+}
+
+/// Settings and what is foretold of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Forecast {
+    /// With several knobs turned.
+    pub configuration: Configuration,
+    /// Mean squared error as displayed; not less than 0.
+    pub mean_square: f64,
+    /// Time over the base's.
+    pub time_ratio: f64,
+}
+
+/// A place of a knob: what it adds to the squared error, and by what it multiplies the time.
+#[derive(Clone, Copy, Debug)]
+struct Turn {
+    configuration: Configuration,
+    added: f64,
+    times: f64,
+}
+
+/// Everything that knobs can be turned to together, as far as single turns foretell: `points` are those of a study, the
+/// base first, and `configurations` theirs. Only configurations that `is_offered` are.
+pub fn forecasts(
+    points: &[Point],
+    configurations: &[Configuration],
+    is_offered: impl Fn(&Configuration) -> bool,
+) -> Vec<Forecast> {
+    let Some((base, start)) = points.first().zip(configurations.first()) else {
+        return Vec::new();
+    };
+    let floor = base.mean_square();
+    let turn = |place: usize| Turn {
+        configuration: configurations[place],
+        added: points[place].mean_square() - floor,
+        times: points[place].time_ratio.value,
+    };
+    let of_knob = |knob: Knob| (0..points.len()).filter(move |&place| points[place].knob == Some(knob));
+    let stay = Turn {
+        configuration: *start,
+        added: 0.0,
+        times: 1.0,
+    };
+    let mut all = samplings(points, configurations);
+    for knob in Knob::ALL {
+        if matches!(knob, Knob::Samples | Knob::Adaptive) {
+            continue;
+        }
+        let mut turns: Vec<Turn> = of_knob(knob).map(turn).collect();
+        turns.push(stay);
+        drop_beaten(&mut turns);
+        if all.len() * turns.len() > MOST_COMBINATIONS {
+            break;
+        }
+        all = all
+            .iter()
+            .flat_map(|forecast| {
+                turns.iter().map(|turn| Forecast {
+                    configuration: with_knob(&forecast.configuration, knob, &turn.configuration),
+                    mean_square: forecast.mean_square + turn.added,
+                    time_ratio: forecast.time_ratio * turn.times,
+                })
+            })
+            .collect();
+    }
+    all.retain(|forecast| is_offered(&forecast.configuration));
+    for forecast in &mut all {
+        forecast.mean_square = forecast.mean_square.max(0.0);
+    }
+    all
+}
+
+/// The base with every number of samples, those that were measured and more, and with every adaptive error.
+fn samplings(points: &[Point], configurations: &[Configuration]) -> Vec<Forecast> {
+    let place = |place: usize| Forecast {
+        configuration: configurations[place],
+        mean_square: points[place].mean_square(),
+        time_ratio: points[place].time_ratio.value,
+    };
+    let is_sampling = |&place: &usize| matches!(points[place].knob, None | Some(Knob::Samples));
+    let mut all: Vec<Forecast> = (0..points.len()).filter(is_sampling).map(place).collect();
+    all.sort_by_key(|forecast| forecast.configuration.settings.spp);
+    if let [.., half, last] = &all[..] {
+        let more = last.configuration.settings.spp / half.configuration.settings.spp.max(1);
+        let fall = (last.mean_square / half.mean_square).powf(1.0 / f64::from(more.max(2)).log2());
+        let last = last.clone();
+        let mut times = 2;
+        while fall < LEAST_FALL && times <= FARTHEST {
+            let mut further = last.clone();
+            further.configuration.settings.spp = last.configuration.settings.spp.saturating_mul(times);
+            further.mean_square *= fall.max(MOST_FALL).powf(f64::from(times).log2());
+            further.time_ratio *= f64::from(times);
+            all.push(further);
+            times *= 2;
+        }
+    }
+    let adaptive = (0..points.len()).filter(|&place| points[place].knob == Some(Knob::Adaptive));
+    all.extend(adaptive.map(place));
+    all
+}
+
+/// Leaves out what another turn of the knob is better than in both.
+fn drop_beaten(turns: &mut Vec<Turn>) {
+    let beats = |one: &Turn, other: &Turn| {
+        one.added <= other.added
+            && one.times <= other.times
+            && (one.added, one.times) != (other.added, other.times)
+    };
+    let all = turns.clone();
+    turns.retain(|turn| !all.iter().any(|other| beats(other, turn)));
+}
+
+/// `configuration` with one knob as `turned` has it.
+fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configuration) -> Configuration {
+    let mut result = *configuration;
+    let (settings, from) = (&mut result.settings, &turned.settings);
+    match knob {
+        Knob::Samples => settings.spp = from.spp,
+        Knob::Pattern => settings.pattern = from.pattern,
+        Knob::Adaptive => (settings.spp, settings.adaptive) = (from.spp, from.adaptive),
+        Knob::Depth => settings.depth = from.depth,
+        Knob::Cutoff => settings.weight_cutoff = from.weight_cutoff,
+        Knob::Wavelengths => settings.wavelengths = from.wavelengths,
+        Knob::LightSamples => result.change.light_samples = turned.change.light_samples,
+        Knob::RoughRays => result.change.rough_rays = turned.change.rough_rays,
+        Knob::MarchStep => result.change.step_factor = turned.change.step_factor,
+        Knob::TextureFilter => settings.effects = from.effects,
+        Knob::HitPath => {
+            (result.path.backend, result.path.precision) = (turned.path.backend, turned.path.precision)
+        }
+        Knob::Instancing => result.path.instancing = turned.path.instancing,
+    }
+    result
+}
+
+/// Those that may reach the goal with `margin` of it to spare (0 for none, 1 for all), the best first.
+pub fn candidates(forecasts: &[Forecast], goal: Goal, margin: f64) -> Vec<&Forecast> {
+    let mut fitting: Vec<&Forecast> = match goal {
+        Goal::Error(most) => {
+            let most = (most * (1.0 - margin)).powi(2);
+            forecasts
+                .iter()
+                .filter(|forecast| forecast.mean_square <= most)
+                .collect()
+        }
+        Goal::TimeRatio(most) => {
+            let most = most * (1.0 - margin);
+            forecasts
+                .iter()
+                .filter(|forecast| forecast.time_ratio <= most)
+                .collect()
+        }
+    };
+    let key = |forecast: &Forecast| match goal {
+        Goal::Error(_) => (forecast.time_ratio, forecast.mean_square),
+        Goal::TimeRatio(_) => (forecast.mean_square, forecast.time_ratio),
+    };
+    fitting.sort_by(|a, b| {
+        let ((a, a_then), (b, b_then)) = (key(a), key(b));
+        a.total_cmp(&b).then(a_then.total_cmp(&b_then))
+    });
+    fitting
+}
+
+/// The least squared error that is foretold, and the knob that would lower it most if it could be turned further: the one
+/// whose last turn lowered it most.
+pub(super) fn floor(points: &[Point], forecasts: &[Forecast]) -> Option<(f64, Knob)> {
+    let least = forecasts
+        .iter()
+        .map(|forecast| forecast.mean_square)
+        .min_by(f64::total_cmp)?;
+    let last_gain = |knob: Knob| {
+        let errors = points
+            .iter()
+            .filter(|point| point.knob.is_none_or(|of| of == knob));
+        let mut errors: Vec<f64> = errors.map(Point::mean_square).collect();
+        errors.sort_by(f64::total_cmp);
+        match errors[..] {
+            [strictest, before, ..] => before - strictest,
+            _ => 0.0,
+        }
+    };
+    let graded = Knob::ALL.into_iter().filter(|knob| knob.is_graded());
+    let knob = graded.max_by(|&a, &b| last_gain(a).total_cmp(&last_gain(b)))?;
+    Some((least, knob))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::cost::{HitPath, Interval, SceneChange};
+    use crate::render::{Pattern, RenderSettings};
+
+    const DEPTHS: [(u32, f64, f64); 3] = [(1, 4e-4, 0.5), (4, 0.0, 1.0), (8, -1e-5, 1.3)];
+    const SAMPLES: [u32; 5] = [1, 2, 4, 8, 16];
+
+    /// A world in which squared errors add up and times multiply.
+    fn truth(configuration: &Configuration) -> (f64, f64) {
+        let spp = f64::from(configuration.settings.spp);
+        let depth = DEPTHS
+            .iter()
+            .find(|depth| depth.0 == configuration.settings.depth)
+            .unwrap();
+        let sobol = configuration.settings.pattern == Pattern::Sobol;
+        let (less, longer) = if sobol { (-1e-5, 1.1) } else { (0.0, 1.0) };
+        (1e-2 / spp + depth.1 + less + 2e-5, spp / 4.0 * depth.2 * longer)
+    }
+
+    fn point(knob: Option<Knob>, configuration: &Configuration) -> Point {
+        let (square, ratio) = truth(configuration);
+        Point {
+            knob,
+            level: String::new(),
+            settings: BTreeMap::new(),
+            build_seconds: 0.0,
+            ready_seconds: 0.0,
+            seconds: Interval::exact(ratio),
+            time_ratio: Interval::exact(ratio),
+            rmse: Interval::exact(square.sqrt()),
+            bias_squared: Interval::exact(0.0),
+            variance: square,
+            rel_mse: 0.0,
+            flip: 0.0,
+            max: 0.0,
+            changed_share: 0.0,
+            non_finite: 0,
+            rays: 0,
+            on_front: false,
+        }
+    }
+
+    fn world() -> (Vec<Point>, Vec<Configuration>) {
+        let base = Configuration {
+            settings: RenderSettings {
+                spp: 4,
+                depth: 4,
+                ..RenderSettings::default()
+            },
+            path: HitPath::BSP,
+            change: SceneChange::default(),
+        };
+        let set = |change: &dyn Fn(&mut Configuration)| {
+            let mut configuration = base;
+            change(&mut configuration);
+            configuration
+        };
+        let mut all = vec![(None, base)];
+        for spp in SAMPLES.into_iter().filter(|&spp| spp != 4) {
+            all.push((Some(Knob::Samples), set(&|c| c.settings.spp = spp)));
+        }
+        for (depth, _, _) in DEPTHS.into_iter().filter(|depth| depth.0 != 4) {
+            all.push((Some(Knob::Depth), set(&|c| c.settings.depth = depth)));
+        }
+        all.push((Some(Knob::Pattern), set(&|c| c.settings.pattern = Pattern::Sobol)));
+        let points = all
+            .iter()
+            .map(|(knob, configuration)| point(*knob, configuration));
+        (
+            points.collect(),
+            all.iter().map(|(_, configuration)| *configuration).collect(),
+        )
+    }
+
+    #[test]
+    fn where_errors_add_up_the_best_of_all_combinations_comes_first() {
+        let (points, configurations) = world();
+        let forecasts = forecasts(&points, &configurations, |_| true);
+        for most in [0.11, 0.06, 0.03, 0.02, 0.012, 0.005] {
+            let chosen = candidates(&forecasts, Goal::Error(most), 0.0);
+            // Every number of samples up to 1024 times the most that were measured.
+            let mut best = f64::INFINITY;
+            for power in 0..15 {
+                for (depth, _, _) in DEPTHS {
+                    for pattern in [Pattern::R2, Pattern::Sobol] {
+                        let mut configuration = configurations[0];
+                        configuration.settings.spp = 1 << power;
+                        configuration.settings.depth = depth;
+                        configuration.settings.pattern = pattern;
+                        let (square, ratio) = truth(&configuration);
+                        // A part in a hundred for what is foretold of more samples than were measured.
+                        if square <= 0.99 * most * most {
+                            best = best.min(ratio);
+                        }
+                    }
+                }
+            }
+            match chosen.first() {
+                Some(first) => assert!(first.time_ratio <= 1.001 * best, "{most}: {first:?}, {best}"),
+                None => assert!(best.is_infinite() || most < 0.01, "{most}: {best}"),
+            }
+        }
+    }
+
+    #[test]
+    fn within_a_time_the_least_error_comes_first_and_nothing_takes_longer() {
+        let (points, configurations) = world();
+        let forecasts = forecasts(&points, &configurations, |_| true);
+        let chosen = candidates(&forecasts, Goal::TimeRatio(1.2), 0.0);
+        assert!(chosen.iter().all(|forecast| forecast.time_ratio <= 1.2));
+        let first = chosen[0];
+        assert!(
+            chosen
+                .iter()
+                .all(|forecast| forecast.mean_square >= first.mean_square)
+        );
+        assert_eq!(
+            (
+                first.configuration.settings.spp,
+                first.configuration.settings.pattern
+            ),
+            (4, Pattern::Sobol)
+        );
+    }
+
+    #[test]
+    fn what_is_not_offered_is_not_foretold_and_the_floor_names_its_knob() {
+        let (points, configurations) = world();
+        let shallow = forecasts(&points, &configurations, |c| c.settings.depth == 1);
+        assert!(!shallow.is_empty() && shallow.iter().all(|f| f.configuration.settings.depth == 1));
+        let (least, knob) = floor(&points, &shallow).unwrap();
+        assert!(least > 3e-4 && knob == Knob::Samples, "{least} {knob}");
+        assert!(forecasts(&[], &[], |_| true).is_empty());
+    }
+}

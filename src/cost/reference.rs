@@ -1,0 +1,272 @@
+//! The picture that errors are held against: two halves through two paths, with all knobs at their strictest.
+
+use std::time::Instant;
+
+use super::experiment::{Layout, MEASURED_PART, PLANNED_BLOCKS};
+use super::stage::Stage;
+use super::{
+    Check, Configuration, CostError, Displayed, Halves, HitPath, Knob, Pictures, Point, SceneChange,
+};
+use crate::accel::{Backend, Precision};
+use crate::image::LinearImage;
+use crate::render::{Pattern, Plan, RenderSettings};
+use crate::scene::Effect;
+use crate::scene::picture::MAX_DEPTH;
+
+/// Samples of the pictures that tell whether a knob at its strictest still matters.
+const STRICTER_SPP: u32 = 16;
+/// What the reference may err by, as a part of the smallest squared error that is reported.
+const REFERENCE_PART: f64 = 0.01;
+/// What it aims at, as the smallest error is not known well before.
+const AIMED_PART: f64 = 0.7 * REFERENCE_PART;
+/// Blocks of pixels in which the halves of a reference may disagree.
+const DISAGREEING_PART: f64 = 0.0025;
+/// Seeds of the halves of the reference and of the pictures that check it; blocks count from 1.
+const REFERENCE_SEEDS: [u32; 2] = [1_000_003, 1_000_033];
+
+/// All knobs at their strictest that are not a matter of noise alone.
+pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
+    let settings = base.settings;
+    let mut effects = settings.effects;
+    if plan.effects().has(Effect::TextureFilter) {
+        // Many samples show textures as they are.
+        effects.removed = effects.removed.with(Effect::TextureFilter);
+    }
+    let watertight = Precision::Watertight;
+    Configuration {
+        settings: RenderSettings {
+            pattern: Pattern::Sobol,
+            adaptive: None,
+            depth: (3 * settings.depth).min(MAX_DEPTH / 2),
+            weight_cutoff: (settings.weight_cutoff / 8.0).min(1.0 / 4096.0),
+            wavelengths: settings.wavelengths.max(32),
+            effects,
+            ..settings
+        },
+        path: match base.path.backend {
+            Backend::Embree => HitPath {
+                precision: watertight,
+                ..base.path
+            },
+            _ => HitPath::BSP,
+        },
+        change: SceneChange {
+            step_factor: 0.5 * base.change.step_factor.min(1.0),
+            ..base.change
+        }
+        .of(plan),
+    }
+}
+
+/// Each knob that leaves a bias, stricter still.
+pub(super) fn stricter(strict: &Configuration, plan: &Plan) -> Vec<(Knob, Configuration)> {
+    let has = |effect| plan.effects().has(effect);
+    let set = |change: fn(&mut Configuration)| {
+        let mut configuration = *strict;
+        change(&mut configuration);
+        configuration
+    };
+    let mut all = Vec::new();
+    if has(Effect::Reflection) || has(Effect::Refraction) {
+        all.push((Knob::Depth, set(|c| c.settings.depth *= 2)));
+        all.push((Knob::Cutoff, set(|c| c.settings.weight_cutoff /= 8.0)));
+    }
+    if has(Effect::Dispersion) {
+        all.push((Knob::Wavelengths, set(|c| c.settings.wavelengths *= 2)));
+    }
+    if has(Effect::Volume) {
+        all.push((Knob::MarchStep, set(|c| c.change.step_factor *= 0.5)));
+    }
+    all
+}
+
+impl SceneChange {
+    /// Without what the plan has no use for.
+    fn of(self, plan: &Plan) -> SceneChange {
+        SceneChange {
+            step_factor: if plan.effects().has(Effect::Volume) {
+                self.step_factor
+            } else {
+                1.0
+            },
+            ..self
+        }
+    }
+}
+
+/// The reference.
+pub(super) struct Halved {
+    /// Pictures of each half, all of one number of samples.
+    pub(super) count: u32,
+    /// Their means.
+    means: [LinearImage; 2],
+    /// As displayed.
+    pub(super) halves: Halves,
+    /// Seconds of a picture of each half.
+    seconds: f64,
+}
+
+impl Halved {
+    /// The mean of both halves.
+    pub(super) fn mean(&self) -> LinearImage {
+        let mut mean = self.means[0].clone();
+        blend(&mut mean, &self.means[1], 0.5);
+        mean
+    }
+}
+
+/// Moves `image` to `other` by so much of the way.
+fn blend(image: &mut LinearImage, other: &LinearImage, part: f32) {
+    for (pixel, other) in image.pixels.iter_mut().zip(&other.pixels) {
+        for (channel, other) in pixel.iter_mut().zip(other) {
+            *channel += part * (other - *channel);
+        }
+    }
+}
+
+impl Stage<'_, '_> {
+    /// Both halves, each through a path of its own.
+    pub(super) fn reference(&self, layout: &Layout, strict: &Configuration) -> Result<Halved, CostError> {
+        let start = Instant::now();
+        let [a, b] = self.pair(layout, strict, 0)?;
+        let tone = self.experiment.tone;
+        Ok(Halved {
+            count: 1,
+            halves: Halves {
+                a: Displayed::new(&a, tone),
+                b: Displayed::new(&b, tone),
+            },
+            means: [a, b],
+            seconds: start.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// A picture for each half, the ones that `before` others came before.
+    fn pair(
+        &self,
+        layout: &Layout,
+        strict: &Configuration,
+        before: u32,
+    ) -> Result<[LinearImage; 2], CostError> {
+        let half = |path, seed: u32| {
+            self.say("reference");
+            let mut configuration = strict.through(path);
+            configuration.settings.spp = layout.reference_spp;
+            let rendering = self.picture(&configuration, layout.size, seed + 2 * before)?.0;
+            Ok::<_, CostError>(rendering.image)
+        };
+        Ok([
+            half(strict.path, REFERENCE_SEEDS[0])?,
+            half(HitPath::BSP, REFERENCE_SEEDS[1])?,
+        ])
+    }
+
+    /// Adds pictures to the reference until its noise is small beside every error, or no time is left for more.
+    pub(super) fn refine(
+        &self,
+        layout: &Layout,
+        strict: &Configuration,
+        reference: &mut Halved,
+    ) -> Result<(), CostError> {
+        let start = Instant::now();
+        let mut least = f64::INFINITY;
+        for contestant in &layout.contestants {
+            self.say("reference");
+            let picture = self.picture(&contestant.configuration, layout.size, 0)?.0.image;
+            let mut pictures = Pictures::new(&reference.halves);
+            pictures.add(&reference.halves, &Displayed::new(&picture, self.experiment.tone));
+            let square = pictures.mean_square();
+            least = if square > 0.0 { least.min(square) } else { least };
+        }
+        let blocks = PLANNED_BLOCKS * start.elapsed().as_secs_f64();
+        while reference.halves.noise_squared() > AIMED_PART * least
+            && self.spent() + reference.seconds + blocks < MEASURED_PART * self.experiment.budget
+        {
+            let more = self.pair(layout, strict, reference.count)?;
+            reference.count += 1;
+            for (mean, more) in reference.means.iter_mut().zip(&more) {
+                blend(mean, more, 1.0 / reference.count as f32);
+            }
+            let [a, b] = &reference.means;
+            reference.halves = Halves {
+                a: Displayed::new(a, self.experiment.tone),
+                b: Displayed::new(b, self.experiment.tone),
+            };
+        }
+        Ok(())
+    }
+
+    /// By how much `strict` differs from what is stricter in the mean, noise not counted: the mean product of the
+    /// differences of two pairs, each pair of one seed.
+    pub(super) fn left_by(
+        &self,
+        layout: &Layout,
+        strict: &Configuration,
+        stricter: &Configuration,
+    ) -> Result<f64, CostError> {
+        self.say("check");
+        let mut differences = Vec::new();
+        for seed in REFERENCE_SEEDS {
+            let mut pair = Vec::new();
+            for configuration in [strict, stricter] {
+                let mut configuration = *configuration;
+                configuration.settings.spp = STRICTER_SPP;
+                let picture = self.picture(&configuration, layout.size, seed)?.0.image;
+                pair.push(Displayed::new(&picture, self.experiment.tone));
+            }
+            differences.push(pair[0].minus(&pair[1]));
+        }
+        let products = differences[0].iter().zip(&differences[1]).map(|(a, b)| a * b);
+        Ok((products.sum::<f64>() / differences[0].len() as f64)
+            .max(0.0)
+            .sqrt())
+    }
+}
+
+/// What is asked of a reference before errors against it are believed.
+pub(super) fn checks(
+    strict: &Configuration,
+    reference: &Halved,
+    points: &[Point],
+    left: &[(Knob, f64)],
+) -> Vec<Check> {
+    let known = points
+        .iter()
+        .map(|point| point.rmse.value)
+        .filter(|&rmse| rmse > 0.0);
+    let least = known.fold(f64::INFINITY, f64::min);
+    let bound = REFERENCE_PART.sqrt() * least;
+    let noise = reference.halves.noise_squared().sqrt();
+    let mut checks = vec![Check {
+        name: "noise".to_owned(),
+        holds: noise <= bound,
+        words: format!("errs by {noise:.2e}; {bound:.2e} is a tenth of the smallest error"),
+    }];
+    let disagreeing = reference.halves.disagreeing_share();
+    checks.push(Check {
+            name: "two paths".to_owned(),
+            holds: disagreeing <= DISAGREEING_PART,
+            words: format!(
+                "halves through {} and {} differ by more than noise in {:.2} % of the blocks of pixels; {:.2} % may",
+                strict.path.name(),
+                HitPath::BSP.name(),
+                100.0 * disagreeing,
+                100.0 * DISAGREEING_PART
+            ),
+        });
+    let means = reference.means.iter();
+    let non_finite: usize = means.map(LinearImage::non_finite_count).sum();
+    checks.push(Check {
+        name: "numbers".to_owned(),
+        holds: non_finite == 0,
+        words: format!("{non_finite} pixels are no numbers"),
+    });
+    for (knob, left) in left {
+        checks.push(Check {
+            name: knob.name().to_owned(),
+            holds: *left <= bound,
+            words: format!("stricter, it moves the picture by {left:.2e}; {bound:.2e} may be"),
+        });
+    }
+    checks
+}

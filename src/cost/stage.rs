@@ -1,0 +1,127 @@
+//! Where pictures of an experiment are taken: its scenes, changed or not, and what finds the hits in them.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::time::Instant;
+
+use super::{Configuration, CostError, Experiment, HitPath, SceneChange, Watcher};
+use crate::accel::{self, Accel, AccelOptions};
+use crate::render::{Monitor, RenderSettings, Rendering, render};
+use crate::scene::Scene;
+
+/// A structure that finds hits, and what it took to build.
+pub(super) struct Built<'s> {
+    pub(super) accel: Box<dyn Accel + 's>,
+    pub(super) seconds: f64,
+}
+
+/// Where pictures are taken.
+pub(super) struct Stage<'a, 's> {
+    pub(super) experiment: &'a Experiment<'a>,
+    pub(super) watcher: &'a Watcher<'a>,
+    scenes: &'s [(SceneChange, Cow<'a, Scene>)],
+    /// By scene and path.
+    built: HashMap<(usize, HitPath), Built<'s>>,
+}
+
+impl<'a, 's> Stage<'a, 's> {
+    /// One for scenes that are changed in these ways, on which nothing is built yet.
+    pub(super) fn new(
+        experiment: &'a Experiment<'a>,
+        watcher: &'a Watcher<'a>,
+        scenes: &'s [(SceneChange, Cow<'a, Scene>)],
+    ) -> Stage<'a, 's> {
+        Stage {
+            experiment,
+            watcher,
+            scenes,
+            built: HashMap::new(),
+        }
+    }
+}
+
+impl Stage<'_, '_> {
+    /// Whether there is a scene that is changed so.
+    pub(super) fn has_scene(&self, change: &SceneChange) -> bool {
+        self.scenes.iter().any(|(known, _)| known == change)
+    }
+
+    /// Seconds since the experiment began.
+    pub(super) fn spent(&self) -> f64 {
+        self.experiment.start.elapsed().as_secs_f64()
+    }
+
+    /// Tells what is being done.
+    pub(super) fn say(&self, what: &str) {
+        (self.watcher.progress)(what, (self.spent() / self.experiment.budget).min(1.0));
+    }
+
+    fn scene_index(&self, change: &SceneChange) -> usize {
+        let place = self.scenes.iter().position(|(known, _)| known == change);
+        place.expect("scenes were made for all configurations")
+    }
+
+    /// Builds what finds the hits of a configuration, if it is not there.
+    pub(super) fn build(&mut self, configuration: &Configuration) -> Result<(), CostError> {
+        let scene = self.scene_index(&configuration.change);
+        let path = configuration.path;
+        if self.built.contains_key(&(scene, path)) {
+            return Ok(());
+        }
+        self.say("build");
+        let options = AccelOptions {
+            precision: path.precision,
+            instancing: path.instancing,
+            threads: self.experiment.threads,
+            isa: self.experiment.isa.clone(),
+            ..AccelOptions::default()
+        };
+        let start = Instant::now();
+        let accel = accel::build(&self.scenes[scene].1, path.backend, &options)?;
+        let seconds = start.elapsed().as_secs_f64();
+        self.built.insert((scene, path), Built { accel, seconds });
+        Ok(())
+    }
+
+    /// What was built for a configuration.
+    pub(super) fn built(&self, configuration: &Configuration) -> &Built<'_> {
+        &self.built[&(self.scene_index(&configuration.change), configuration.path)]
+    }
+
+    /// A picture, and the seconds that its samples took.
+    pub(super) fn picture(
+        &self,
+        configuration: &Configuration,
+        [width, height]: [u32; 2],
+        seed: u32,
+    ) -> Result<(Rendering, f64), CostError> {
+        let settings = RenderSettings {
+            width,
+            height,
+            seed,
+            ledger: false,
+            sample_aovs: false,
+            cost_aovs: false,
+            ..configuration.settings
+        };
+        let monitor = Monitor {
+            progress: &|_| {},
+            cancel: self.watcher.cancel,
+        };
+        let scene = &self.scenes[self.scene_index(&configuration.change)].1;
+        let accel = &*self.built(configuration).accel;
+        let start = Instant::now();
+        let rendering = render(scene, self.experiment.camera, accel, &settings, &monitor);
+        let seconds = start.elapsed().as_secs_f64();
+        rendering
+            .map(|rendering| (rendering, seconds))
+            .ok_or(CostError::Cancelled)
+    }
+
+    /// The size of the whole picture's shape with about so many pixels, not more than the picture has.
+    pub(super) fn size_of(&self, pixels: f64) -> [u32; 2] {
+        let RenderSettings { width, height, .. } = self.experiment.base.settings;
+        let scale = (pixels / (f64::from(width) * f64::from(height))).sqrt().min(1.0);
+        [width, height].map(|side| ((f64::from(side) * scale).round() as u32).max(1))
+    }
+}

@@ -1,0 +1,212 @@
+//! Settings for a target: foretold, measured, and measured again on pictures that had no part in the choice.
+
+use std::time::{Duration, Instant};
+
+use super::blocks::{Blocks, Protocol};
+use super::choose::{Forecast, Goal, Target, candidates, floor, forecasts};
+use super::experiment::{Layout, area};
+use super::reference::Halved;
+use super::stage::Stage;
+use super::{Choice, Configuration, CostError, Displayed, ErrorEstimate, Interval, Pictures, Point};
+use crate::accel::{Backend, Precision};
+use crate::render::{Pattern, RenderSettings};
+
+/// Parts of the target that foretold settings keep to spare, round by round.
+const MARGINS: [f64; 4] = [0.1, 0.25, 0.4, 0.6];
+/// Settings that are measured in a round.
+const A_ROUND: usize = 3;
+/// Blocks of a measurement: the fewest whose extremes hold a median.
+const BLOCKS: usize = 6;
+/// Seeds of the pictures that settings are chosen by, and of those that had no part in it.
+const CHOOSING_SEED: u32 = 10_000;
+const HELD_OUT_SEED: u32 = 20_000;
+
+/// What was measured of settings.
+#[derive(Clone, Copy)]
+struct Trial {
+    rmse: Interval,
+    seconds: Interval,
+    time_ratio: Interval,
+}
+
+impl Trial {
+    fn reaches(&self, goal: Goal) -> bool {
+        match goal {
+            Goal::Error(most) => self.rmse.high <= most,
+            Goal::TimeRatio(most) => self.time_ratio.high <= most,
+        }
+    }
+
+    /// What there should be little of among those that reach a target.
+    fn price(&self, goal: Goal) -> f64 {
+        match goal {
+            Goal::Error(_) => self.time_ratio.value,
+            Goal::TimeRatio(_) => self.rmse.high,
+        }
+    }
+
+    /// By how much a target is missed.
+    fn miss(&self, goal: Goal) -> f64 {
+        match goal {
+            Goal::Error(_) => self.rmse.high,
+            Goal::TimeRatio(_) => self.time_ratio.high,
+        }
+    }
+}
+
+impl Stage<'_, '_> {
+    /// Settings for `target`, and their configuration; `points` and `configurations` are those of a study, the base first.
+    pub(super) fn choose(
+        &mut self,
+        target: Target,
+        (layout, reference): (&Layout, &Halved),
+        (points, configurations): (&[Point], &[Configuration]),
+    ) -> Result<(Choice, Configuration), CostError> {
+        self.say("choose");
+        let base = configurations[0];
+        let [scale, ready] = self.whole_picture(layout, &points[0]);
+        let goal = match target {
+            Target::Error(most) => Goal::Error(most),
+            Target::Seconds(most) => Goal::TimeRatio((most - ready) / (scale * points[0].seconds.value)),
+        };
+        let offered = forecasts(points, configurations, |configuration| {
+            self.offers(&base, configuration)
+        });
+        let mut tried: Vec<(Forecast, Trial)> = Vec::new();
+        let mut failed: Vec<Configuration> = Vec::new();
+        let mut chosen = None;
+        'rounds: for margin in MARGINS {
+            let round = candidates(&offered, goal, margin).into_iter();
+            let is_new = |forecast: &&Forecast| {
+                tried
+                    .iter()
+                    .all(|(known, _)| known.configuration != forecast.configuration)
+            };
+            let round: Vec<Forecast> = round.filter(is_new).take(A_ROUND).cloned().collect();
+            for forecast in round {
+                if self.is_late() && !tried.is_empty() {
+                    break;
+                }
+                self.build(&forecast.configuration)?;
+                let trial = self.trial(&base, &forecast.configuration, (layout, reference), CHOOSING_SEED)?;
+                tried.push((forecast, trial));
+            }
+            loop {
+                let reaching = tried.iter().filter(|(forecast, trial)| {
+                    trial.reaches(goal) && !failed.contains(&forecast.configuration)
+                });
+                let best = reaching.min_by(|a, b| a.1.price(goal).total_cmp(&b.1.price(goal)));
+                let Some((forecast, _)) = best.cloned() else {
+                    break;
+                };
+                let again = self.trial(&base, &forecast.configuration, (layout, reference), HELD_OUT_SEED)?;
+                if again.reaches(goal) {
+                    chosen = Some((forecast, again));
+                    break 'rounds;
+                }
+                failed.push(forecast.configuration);
+            }
+            if self.is_late() {
+                break;
+            }
+        }
+        let reached = chosen.is_some();
+        let nearest = || {
+            let nearest = tried
+                .iter()
+                .min_by(|a, b| a.1.miss(goal).total_cmp(&b.1.miss(goal)));
+            nearest.cloned()
+        };
+        // Where nothing was foretold to come near, the base is told.
+        let (forecast, trial) = match chosen.or_else(nearest) {
+            Some(found) => found,
+            None => {
+                let forecast = Forecast {
+                    configuration: base,
+                    mean_square: points[0].mean_square(),
+                    time_ratio: 1.0,
+                };
+                let trial = Trial {
+                    rmse: points[0].rmse,
+                    seconds: points[0].seconds,
+                    time_ratio: points[0].time_ratio,
+                };
+                (forecast, trial)
+            }
+        };
+        let choice = Choice {
+            target,
+            reached,
+            settings: forecast.configuration.words(),
+            foretold_rmse: forecast.mean_square.sqrt(),
+            foretold_seconds: ready + scale * points[0].seconds.value * forecast.time_ratio,
+            rmse: trial.rmse,
+            seconds: trial.seconds,
+            whole_seconds: trial.seconds.map(|seconds| ready + scale * seconds),
+            tried: tried.len(),
+            floor: floor(points, &offered).map(|(square, knob)| (square.sqrt(), knob)),
+        };
+        Ok((choice, forecast.configuration))
+    }
+
+    /// Whether settings may be chosen: hits are trusted no less than in the base, adaptive sampling has a pattern that
+    /// goes on, and the scene is there.
+    fn offers(&self, base: &Configuration, configuration: &Configuration) -> bool {
+        let trust = |configuration: &Configuration| match configuration.path.backend {
+            Backend::Embree => Precision::ALL
+                .iter()
+                .position(|&p| p == configuration.path.precision),
+            Backend::Bsp | Backend::Brute => Some(Precision::ALL.len()),
+        };
+        let settings = &configuration.settings;
+        trust(configuration) >= trust(base)
+            && !(settings.adaptive.is_some() && settings.pattern == Pattern::Regular)
+            && self.has_scene(&configuration.change)
+    }
+
+    /// By how much more pixels the whole picture has than those that were measured, and the seconds that it takes to make
+    /// ready.
+    fn whole_picture(&self, layout: &Layout, base: &Point) -> [f64; 2] {
+        let RenderSettings { width, height, .. } = self.experiment.base.settings;
+        [area([width, height]) / area(layout.size), base.ready_seconds]
+    }
+
+    fn is_late(&self) -> bool {
+        self.spent() > self.experiment.budget
+    }
+
+    /// Pictures of the base and of `configuration` in turns, of other random numbers than any before.
+    fn trial(
+        &self,
+        base: &Configuration,
+        configuration: &Configuration,
+        (layout, reference): (&Layout, &Halved),
+        seed: u32,
+    ) -> Result<Trial, CostError> {
+        let mut pictures = Pictures::new(&reference.halves);
+        let protocol = Protocol {
+            least: BLOCKS,
+            most: BLOCKS,
+            deadline: Instant::now() + Duration::from_secs(1),
+            seed: u64::from(seed),
+        };
+        let blocks = Blocks::measure(2, &protocol, |who, block| {
+            self.say("choose");
+            let turn = if who == 0 { base } else { configuration };
+            let (rendering, seconds) = self.picture(turn, layout.size, seed + block as u32)?;
+            if who == 1 {
+                pictures.add(
+                    &reference.halves,
+                    &Displayed::new(&rendering.image, self.experiment.tone),
+                );
+            }
+            Ok::<f64, CostError>(seconds)
+        })?;
+        let error: ErrorEstimate = pictures.estimate(&reference.halves, u64::from(seed));
+        Ok(Trial {
+            rmse: error.rmse(),
+            seconds: blocks.seconds(1),
+            time_ratio: blocks.ratio(1, 0),
+        })
+    }
+}

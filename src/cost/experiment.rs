@@ -175,7 +175,12 @@ fn contestants(experiment: &Experiment, plan: &Plan, [base_spp, most]: [u32; 2])
     let mut base = experiment.base;
     base.settings.adaptive = None;
     base.settings.spp = base.settings.spp.min(base_spp);
-    let knobs = knobs(experiment.scene, plan, &base, most);
+    let mut knobs = knobs(experiment.scene, plan, &base, most);
+    for (_, _, configuration) in &mut knobs {
+        if let Some(adaptive) = &mut configuration.settings.adaptive {
+            adaptive.gain = f64::from(experiment.tone.exposure_ev).exp2();
+        }
+    }
     let base = Contestant {
         knob: None,
         level: "base".to_owned(),

@@ -54,99 +54,129 @@ impl Trial {
     }
 }
 
+/// Everything that was measured on the way to a target.
+#[derive(Default)]
+struct Search {
+    tried: Vec<(Forecast, Trial)>,
+    /// Those that did not reach it a second time.
+    failed: Vec<Configuration>,
+}
+
+impl Search {
+    fn knows(&self, configuration: &Configuration) -> bool {
+        let mut tried = self.tried.iter();
+        tried.any(|(forecast, _)| forecast.configuration == *configuration)
+    }
+
+    /// The cheapest of those that reached the goal and did not fail since.
+    fn best(&self, goal: Goal) -> Option<Forecast> {
+        let reaching = self.tried.iter().filter(|(forecast, trial)| {
+            trial.reaches(goal) && !self.failed.contains(&forecast.configuration)
+        });
+        let best = reaching.min_by(|a, b| a.1.price(goal).total_cmp(&b.1.price(goal)));
+        best.map(|(forecast, _)| forecast.clone())
+    }
+
+    /// The one that misses the goal least.
+    fn nearest(&self, goal: Goal) -> Option<(Forecast, Trial)> {
+        let all = self.tried.iter();
+        all.min_by(|a, b| a.1.miss(goal).total_cmp(&b.1.miss(goal)))
+            .cloned()
+    }
+}
+
 impl Stage<'_, '_> {
     /// Settings for `target`, and their configuration; `points` and `configurations` are those of a study, the base first.
     pub(super) fn choose(
         &mut self,
         target: Target,
-        (layout, reference): (&Layout, &Halved),
+        measured: (&Layout, &Halved),
         (points, configurations): (&[Point], &[Configuration]),
     ) -> Result<(Choice, Configuration), CostError> {
         self.say("choose");
-        let base = configurations[0];
-        let [scale, ready] = self.whole_picture(layout, &points[0]);
+        let (base, of_base) = (&configurations[0], &points[0]);
+        let [scale, ready] = self.whole_picture(measured.0, of_base);
         let goal = match target {
             Target::Error(most) => Goal::Error(most),
-            Target::Seconds(most) => Goal::TimeRatio((most - ready) / (scale * points[0].seconds.value)),
+            Target::Seconds(most) => Goal::TimeRatio((most - ready) / (scale * of_base.seconds.value)),
         };
         let offered = forecasts(points, configurations, |configuration| {
-            self.offers(&base, configuration)
+            self.offers(base, configuration)
         });
-        let mut tried: Vec<(Forecast, Trial)> = Vec::new();
-        let mut failed: Vec<Configuration> = Vec::new();
-        let mut chosen = None;
-        'rounds: for margin in MARGINS {
-            let round = candidates(&offered, goal, margin).into_iter();
-            let is_new = |forecast: &&Forecast| {
-                tried
-                    .iter()
-                    .all(|(known, _)| known.configuration != forecast.configuration)
-            };
-            let round: Vec<Forecast> = round.filter(is_new).take(A_ROUND).cloned().collect();
-            for forecast in round {
-                if self.is_late() && !tried.is_empty() {
-                    break;
-                }
-                self.build(&forecast.configuration)?;
-                let trial = self.trial(&base, &forecast.configuration, (layout, reference), CHOOSING_SEED)?;
-                tried.push((forecast, trial));
-            }
-            loop {
-                let reaching = tried.iter().filter(|(forecast, trial)| {
-                    trial.reaches(goal) && !failed.contains(&forecast.configuration)
-                });
-                let best = reaching.min_by(|a, b| a.1.price(goal).total_cmp(&b.1.price(goal)));
-                let Some((forecast, _)) = best.cloned() else {
-                    break;
-                };
-                let again = self.trial(&base, &forecast.configuration, (layout, reference), HELD_OUT_SEED)?;
-                if again.reaches(goal) {
-                    chosen = Some((forecast, again));
-                    break 'rounds;
-                }
-                failed.push(forecast.configuration);
-            }
-            if self.is_late() {
-                break;
-            }
-        }
+        let mut search = Search::default();
+        let chosen = self.search(
+            goal,
+            &offered,
+            (base, of_base.seconds.value),
+            measured,
+            &mut search,
+        )?;
         let reached = chosen.is_some();
-        let nearest = || {
-            let nearest = tried
-                .iter()
-                .min_by(|a, b| a.1.miss(goal).total_cmp(&b.1.miss(goal)));
-            nearest.cloned()
-        };
-        // Where nothing was foretold to come near, the base is told.
-        let (forecast, trial) = match chosen.or_else(nearest) {
-            Some(found) => found,
-            None => {
-                let forecast = Forecast {
-                    configuration: base,
-                    mean_square: points[0].mean_square(),
-                    time_ratio: 1.0,
-                };
-                let trial = Trial {
-                    rmse: points[0].rmse,
-                    seconds: points[0].seconds,
-                    time_ratio: points[0].time_ratio,
-                };
-                (forecast, trial)
-            }
-        };
+        // Where nothing could be measured that was foretold to come near, the base is told.
+        let (forecast, trial) = chosen.or_else(|| search.nearest(goal)).unwrap_or_else(|| {
+            let forecast = Forecast {
+                configuration: *base,
+                mean_square: of_base.mean_square(),
+                time_ratio: 1.0,
+            };
+            let trial = Trial {
+                rmse: of_base.rmse,
+                seconds: of_base.seconds,
+                time_ratio: of_base.time_ratio,
+            };
+            (forecast, trial)
+        });
         let choice = Choice {
             target,
             reached,
             settings: forecast.configuration.words(),
             foretold_rmse: forecast.mean_square.sqrt(),
-            foretold_seconds: ready + scale * points[0].seconds.value * forecast.time_ratio,
+            foretold_seconds: ready + scale * of_base.seconds.value * forecast.time_ratio,
             rmse: trial.rmse,
             seconds: trial.seconds,
             whole_seconds: trial.seconds.map(|seconds| ready + scale * seconds),
-            tried: tried.len(),
+            tried: search.tried.len(),
             floor: floor(points, &offered).map(|(square, knob)| (square.sqrt(), knob)),
         };
         Ok((choice, forecast.configuration))
+    }
+
+    /// Measures what is foretold to reach the goal, with more and more of it to spare, until something does so twice.
+    fn search(
+        &mut self,
+        goal: Goal,
+        offered: &[Forecast],
+        (base, base_seconds): (&Configuration, f64),
+        measured: (&Layout, &Halved),
+        search: &mut Search,
+    ) -> Result<Option<(Forecast, Trial)>, CostError> {
+        for margin in MARGINS {
+            let mut fitting = candidates(offered, goal, margin).into_iter();
+            for _ in 0..A_ROUND {
+                // Twice, as what is chosen is measured again.
+                let affordable = |forecast: &Forecast| {
+                    let seconds = 2.0 * BLOCKS as f64 * (1.0 + forecast.time_ratio) * base_seconds;
+                    self.spent() + seconds <= self.experiment.budget
+                };
+                let next = fitting
+                    .find(|forecast| !search.knows(&forecast.configuration) && affordable(forecast))
+                    .cloned();
+                let Some(forecast) = next else {
+                    break;
+                };
+                self.build(&forecast.configuration)?;
+                let trial = self.trial(base, &forecast.configuration, measured, CHOOSING_SEED)?;
+                search.tried.push((forecast, trial));
+            }
+            while let Some(best) = search.best(goal) {
+                let again = self.trial(base, &best.configuration, measured, HELD_OUT_SEED)?;
+                if again.reaches(goal) {
+                    return Ok(Some((best, again)));
+                }
+                search.failed.push(best.configuration);
+            }
+        }
+        Ok(None)
     }
 
     /// Whether settings may be chosen: hits are trusted no less than in the base, adaptive sampling has a pattern that
@@ -169,10 +199,6 @@ impl Stage<'_, '_> {
     fn whole_picture(&self, layout: &Layout, base: &Point) -> [f64; 2] {
         let RenderSettings { width, height, .. } = self.experiment.base.settings;
         [area([width, height]) / area(layout.size), base.ready_seconds]
-    }
-
-    fn is_late(&self) -> bool {
-        self.spent() > self.experiment.budget
     }
 
     /// Pictures of the base and of `configuration` in turns, of other random numbers than any before.

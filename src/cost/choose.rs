@@ -346,7 +346,7 @@ mod tests {
                 first.configuration.settings.spp,
                 first.configuration.settings.pattern
             ),
-            (4, Pattern::Sobol)
+            (8, Pattern::Sobol)
         );
     }
 

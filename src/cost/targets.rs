@@ -17,6 +17,8 @@ const MARGINS: [f64; 4] = [0.1, 0.25, 0.4, 0.6];
 const A_ROUND: usize = 3;
 /// Blocks of a measurement: the fewest whose extremes hold a median.
 const BLOCKS: usize = 6;
+/// Part of the budget that the first settings may take even if it is spent.
+const FIRST_PART: f64 = 0.05;
 /// Seeds of the pictures that settings are chosen by, and of those that had no part in it.
 const CHOOSING_SEED: u32 = 10_000;
 const HELD_OUT_SEED: u32 = 20_000;
@@ -156,7 +158,8 @@ impl Stage<'_, '_> {
                 // Twice, as what is chosen is measured again.
                 let affordable = |forecast: &Forecast| {
                     let seconds = 2.0 * BLOCKS as f64 * (1.0 + forecast.time_ratio) * base_seconds;
-                    self.spent() + seconds <= self.experiment.budget
+                    let is_first = search.tried.is_empty() && seconds <= FIRST_PART * self.experiment.budget;
+                    is_first || self.spent() + seconds <= self.experiment.budget
                 };
                 let next = fitting
                     .find(|forecast| !search.knows(&forecast.configuration) && affordable(forecast))

@@ -11,7 +11,7 @@ use crate::accel::{Backend, Precision};
 use crate::image::LinearImage;
 use crate::render::{Pattern, Plan, RenderSettings};
 use crate::scene::Effect;
-use crate::scene::picture::MAX_DEPTH;
+use crate::scene::picture::{MAX_DEPTH, MAX_WAVELENGTHS};
 
 /// Samples of the pictures that tell whether a knob at its strictest still matters.
 const STRICTER_SPP: u32 = 16;
@@ -21,8 +21,9 @@ const REFERENCE_PART: f64 = 0.01;
 const AIMED_PART: f64 = 0.7 * REFERENCE_PART;
 /// Blocks of pixels in which the halves of a reference may disagree.
 const DISAGREEING_PART: f64 = 0.0025;
-/// Seeds of the halves of the reference and of the pictures that check it; blocks count from 1.
-const REFERENCE_SEEDS: [u32; 2] = [1_000_003, 1_000_033];
+/// First seeds of the halves of the reference and of the pictures that check it; blocks count from 1. So far apart that
+/// no picture of one half is ever of the other's random numbers.
+const REFERENCE_SEEDS: [u32; 2] = [1_000_000_000, 2_000_000_000];
 
 /// All knobs at their strictest that are not a matter of noise alone.
 pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
@@ -37,7 +38,7 @@ pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
         settings: RenderSettings {
             pattern: Pattern::Sobol,
             adaptive: None,
-            depth: (3 * settings.depth).min(MAX_DEPTH / 2),
+            depth: (3 * settings.depth).min(MAX_DEPTH / 2).max(settings.depth),
             weight_cutoff: (settings.weight_cutoff / 8.0).min(1.0 / 4096.0),
             wavelengths: settings.wavelengths.max(32),
             effects,
@@ -68,11 +69,17 @@ pub(super) fn stricter(strict: &Configuration, plan: &Plan) -> Vec<(Knob, Config
     };
     let mut all = Vec::new();
     if has(Effect::Reflection) || has(Effect::Refraction) {
-        all.push((Knob::Depth, set(|c| c.settings.depth *= 2)));
+        all.push((
+            Knob::Depth,
+            set(|c| c.settings.depth = (2 * c.settings.depth).min(MAX_DEPTH)),
+        ));
         all.push((Knob::Cutoff, set(|c| c.settings.weight_cutoff /= 8.0)));
     }
     if has(Effect::Dispersion) {
-        all.push((Knob::Wavelengths, set(|c| c.settings.wavelengths *= 2)));
+        all.push((
+            Knob::Wavelengths,
+            set(|c| c.settings.wavelengths = (2 * c.settings.wavelengths).min(MAX_WAVELENGTHS)),
+        ));
     }
     if has(Effect::Volume) {
         all.push((Knob::MarchStep, set(|c| c.change.step_factor *= 0.5)));
@@ -152,7 +159,7 @@ impl Stage<'_, '_> {
             self.say("reference");
             let mut configuration = strict.through(path);
             configuration.settings.spp = layout.reference_spp;
-            let rendering = self.picture(&configuration, layout.size, seed + 2 * before)?.0;
+            let rendering = self.picture(&configuration, layout.size, seed + before)?.0;
             Ok::<_, CostError>(rendering.image)
         };
         Ok([

@@ -7,18 +7,17 @@
 
 mod cuts;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use self::cuts::cut;
-use crate::numeric::Bounds;
-use crate::numeric::morton::{Key, sorted_keys};
+use self::cuts::{centers, cut, part};
+use crate::numeric::morton::Curve;
 
 /// What it costs to ask a ray's question.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cost {
     /// Most members of a cluster; not 0.
-    pub(super) limit: usize,
+    pub(super) limit: u32,
     /// Of reaching a cluster.
     pub(super) visit: f64,
     /// Of each of its members.
@@ -38,22 +37,26 @@ pub(super) struct Clusters {
 
 /// Sets of more than so many are cut through the middle of octree cells, which costs next to nothing, and only then
 /// where it is best: how clusters look is decided in the last few cuts.
-const CELL_COUNT: usize = 1 << 10;
+const CELL_COUNT: usize = 1 << 8;
 /// Sets of at least so many are cut by several threads.
 const PARALLEL_COUNT: usize = 1 << 12;
 /// After so many cuts sets are halved by number: however the boxes lie, the work stays in proportion to n log n.
 const CUT_LIMIT: u32 = 64;
 
 impl Clusters {
-    /// Clusters of the primitives in the boxes `bounds(0..count)`, for which any number is taken; `count` is below 2^32.
+    /// Clusters of the primitives in the boxes `bounds(0..count)`, each by its lowest and its highest corner, for which
+    /// any number is taken; `count` is below 2^32.
     ///
     /// The same whatever the number of threads.
-    pub(super) fn of(count: usize, bounds: impl Fn(u32) -> Bounds + Sync, cost: &Cost) -> Clusters {
-        let item = |index: u32| Item::new(index, &bounds(index));
-        let (_, keys) = sorted_keys(count, |index| item(index as u32).midpoint());
-        let mut items: Vec<Item> = keys.par_iter().map(|&(_, index)| item(index)).collect();
+    pub(super) fn of(count: usize, bounds: impl Fn(u32) -> [Vec3; 2] + Sync, cost: &Cost) -> Clusters {
+        let of_index = |index: u32| Item::new(index, bounds(index));
+        let unsorted: Vec<Item> = (0..count as u32).into_par_iter().map(of_index).collect();
+        let curve = Curve::around(&centers(&unsorted).bounds());
+        let mut keys: Vec<Key> = unsorted.par_iter().map(|item| Key::new(item, &curve)).collect();
+        // Zeros that nobody writes.
+        let mut items: Vec<Item> = bytemuck::zeroed_vec(count);
         if count > 0 {
-            divide_cell(&mut items, &keys, cost);
+            divide_cell(&mut items, (&mut keys, &unsorted), KEY_DIGITS, cost);
         }
         Clusters {
             members: items.iter().map(|item| item.index).collect(),
@@ -81,7 +84,7 @@ impl Clusters {
 }
 
 /// A box in f32, as much as a heuristic needs, with its primitive.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
 #[repr(C, align(32))]
 struct Item {
     min: [f32; 3],
@@ -92,20 +95,16 @@ struct Item {
 }
 
 impl Item {
-    fn new(index: u32, bounds: &Bounds) -> Item {
+    #[inline(always)]
+    fn new(index: u32, bounds: [Vec3; 2]) -> Item {
         // Differences of such numbers are finite.
-        const MOST: f64 = f32::MAX as f64 / 4.0;
-        let number = |x: f64| {
-            if x.is_nan() {
-                0.0
-            } else {
-                x.clamp(-MOST, MOST) as f32
-            }
-        };
+        const MOST: f32 = f32::MAX / 4.0;
+        let number = |x: f32| if x.is_nan() { 0.0 } else { x.clamp(-MOST, MOST) };
+        let [min, max] = bounds.map(|corner| corner.to_array().map(number));
         Item {
-            min: bounds.min.to_array().map(number),
+            min,
             index,
-            max: bounds.max.to_array().map(number),
+            max,
             last: 0,
         }
     }
@@ -125,22 +124,43 @@ impl Item {
     }
 }
 
-/// Marks the last member of every cluster of the boxes in a cell of an octree, of which there are some, and sorts them;
-/// their `keys` along the curve rise.
-fn divide_cell(items: &mut [Item], keys: &[Key], cost: &Cost) {
-    let place = |key: Option<&Key>| key.map_or(0, |&(place, _)| place);
-    let (first, last) = (place(keys.first()), place(keys.last()));
-    let is_one_place = first == last;
-    if items.len() <= CELL_COUNT || is_one_place {
-        return divide(items, cost, CUT_LIMIT);
+/// The cell of an octree that a box is in.
+#[derive(Clone, Copy)]
+struct Key {
+    /// The first [`KEY_DIGITS`] of its place along the curve.
+    cell: u32,
+    index: u32,
+}
+
+/// Binary digits of a cell's number: ten of each coordinate.
+const KEY_DIGITS: u32 = 30;
+
+impl Key {
+    fn new(item: &Item, curve: &Curve) -> Key {
+        Key {
+            cell: (curve.place(item.midpoint()) >> (Curve::DIGITS - KEY_DIGITS)) as u32,
+            index: item.index,
+        }
     }
-    // The highest digit in which they differ is that of the cut through the middle.
-    let middle = 1 << (first ^ last).ilog2();
-    let cut = keys.partition_point(|&(place, _)| place & middle == 0);
-    let ((low, high), (low_keys, high_keys)) = (items.split_at_mut(cut), keys.split_at(cut));
+}
+
+/// Marks the last member of every cluster of the boxes in a cell, of which there are some. These are those of `keys`,
+/// which differ in their last `digits` alone, out of all boxes; they are put into `items`, cluster by cluster.
+fn divide_cell(items: &mut [Item], (keys, all): (&mut [Key], &[Item]), digits: u32, cost: &Cost) {
+    let Some(digits) = digits.checked_sub(1).filter(|_| keys.len() > CELL_COUNT) else {
+        for (item, key) in items.iter_mut().zip(&*keys) {
+            *item = all[key.index as usize];
+        }
+        return divide(items, cost, CUT_LIMIT);
+    };
+    let cut = part(keys, |key| key.cell >> digits & 1 == 0);
+    if cut == 0 || cut == keys.len() {
+        return divide_cell(items, (keys, all), digits, cost);
+    }
+    let ((low, high), (low_keys, high_keys)) = (items.split_at_mut(cut), keys.split_at_mut(cut));
     rayon::join(
-        || divide_cell(low, low_keys, cost),
-        || divide_cell(high, high_keys, cost),
+        || divide_cell(low, (low_keys, all), digits, cost),
+        || divide_cell(high, (high_keys, all), digits, cost),
     );
 }
 
@@ -164,16 +184,19 @@ fn divide(items: &mut [Item], cost: &Cost, cuts: u32) {
 }
 
 impl Cost {
-    /// Of asking about so many, over the chance of reaching them.
+    /// Of asking about so many, which are some, over the chance of reaching them.
     #[inline(always)]
-    fn of(&self, count: usize) -> f64 {
-        count.div_ceil(self.limit) as f64 * self.visit + count as f64 * self.member
+    fn of(&self, count: u32) -> f64 {
+        // Half of one below, no quotient is near a whole number; whole numbers are divided late.
+        let full = ((f64::from(count) - 0.5) / f64::from(self.limit)) as u32;
+        f64::from(full + 1) * self.visit + f64::from(count) * self.member
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::Bounds;
 
     const COST: Cost = Cost {
         limit: 8,
@@ -200,7 +223,8 @@ mod tests {
     }
 
     fn of_boxes(boxes: &[Bounds], cost: &Cost) -> Clusters {
-        Clusters::of(boxes.len(), |i| boxes[i as usize], cost)
+        let bounds = |i: u32| [boxes[i as usize].min, boxes[i as usize].max].map(|corner| corner.as_vec3());
+        Clusters::of(boxes.len(), bounds, cost)
     }
 
     /// Holds that every primitive is in one cluster and no cluster is empty or too large.
@@ -223,7 +247,7 @@ mod tests {
             for count in [0, 1, 2, 7, 8, 9, 31, 32, 33, 1000, 40_000] {
                 let boxes: Vec<Bounds> = (0..count).map(|i| around(in_cube(i), 0.01)).collect();
                 let clusters = of_boxes(&boxes, &Cost { limit, ..COST });
-                assert_parted(&clusters, boxes.len(), limit);
+                assert_parted(&clusters, boxes.len(), limit as usize);
             }
         }
     }
@@ -328,7 +352,9 @@ mod tests {
             let cost = Cost { limit, ..COST };
             let seconds = || {
                 let start = std::time::Instant::now();
-                Clusters::of(2_000_000, |i| around(in_cube(i), 0.004), &cost);
+                let half = Vec3::splat(0.004);
+                let at = |i| in_cube(i).as_vec3();
+                Clusters::of(2_000_000, |i| [at(i) - half, at(i) + half], &cost);
                 start.elapsed().as_secs_f64()
             };
             let least = (0..5).map(|_| seconds()).fold(f64::INFINITY, f64::min);

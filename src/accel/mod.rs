@@ -97,9 +97,9 @@ pub enum Precision {
     /// Rays may slip through edges.
     Fast,
     /// Edges are closed; rays aimed exactly at a vertex may slip through.
-    #[default]
     Robust,
     /// Nothing slips through. The BSP and brute force always are.
+    #[default]
     Watertight,
 }
 

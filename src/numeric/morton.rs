@@ -11,6 +11,35 @@ const DIGITS: u32 = 21;
 /// A place along the curve and whose it is.
 pub(crate) type Key = (u64, u32);
 
+/// Morton's curve through a cube.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Curve {
+    corner: DVec3,
+    cells_per_unit: f64,
+}
+
+impl Curve {
+    /// Binary digits of a place.
+    pub(crate) const DIGITS: u32 = 3 * DIGITS;
+
+    /// Through the cube at the lowest corner of `bounds` that holds them.
+    pub(crate) fn around(bounds: &Bounds) -> Curve {
+        Curve {
+            corner: bounds.min,
+            cells_per_unit: f64::from(1u32 << DIGITS) / bounds.extent().max_element(),
+        }
+    }
+
+    /// How far along the curve a finite position in the cube is: a number of [`Curve::DIGITS`] binary digits.
+    #[inline(always)]
+    pub(crate) fn place(&self, position: DVec3) -> u64 {
+        // A cube without an edge has a single place: 0 · infinity is cast to 0.
+        let cell = ((position - self.corner) * self.cells_per_unit).to_array();
+        let [x, y, z] = cell.map(|x| (x as u64).min((1 << DIGITS) - 1));
+        spread(x) | spread(y) << 1 | spread(z) << 2
+    }
+}
+
 /// The places of `position(0..count)` in the cube around them, in the curve's order; equal ones by their index.
 ///
 /// The same for any number of threads. `count` is below 2^32, positions are finite.
@@ -19,17 +48,8 @@ pub(crate) fn sorted_keys(count: usize, position: impl Fn(usize) -> DVec3 + Sync
         .into_par_iter()
         .map(|i| Bounds::of_points([position(i)]))
         .reduce(|| Bounds::EMPTY, Bounds::union);
-    let edge = bounds.extent().max_element();
-    let scale = f64::from(1u32 << DIGITS) / edge;
-    let key = |i: usize| {
-        // A cube without an edge has a single place: 0 · infinity is cast to 0.
-        let cell = ((position(i) - bounds.min) * scale).to_array();
-        let digits = cell.map(|x| (x as u64).min((1 << DIGITS) - 1));
-        (
-            spread(digits[0]) | spread(digits[1]) << 1 | spread(digits[2]) << 2,
-            i as u32,
-        )
-    };
+    let curve = Curve::around(&bounds);
+    let key = |i: usize| (curve.place(position(i)), i as u32);
     let mut keys: Vec<Key> = (0..count).into_par_iter().map(key).collect();
     keys.par_sort_unstable();
     (bounds, keys)

@@ -11,7 +11,7 @@ use crate::scene::Scene;
 /// A part of what finds hits, and why it is there or not.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StructureRow {
-    /// `triangles`, `user-geometry`, `instances`, `planes`, `robust-triangles` or `filters`.
+    /// `triangles`, `user-geometry`, `instances`, `planes`, `watertight-triangles` or `filters`.
     pub part: &'static str,
     /// Whether it is there.
     pub on: bool,
@@ -61,9 +61,9 @@ pub(super) fn rows(scene: &Scene) -> Vec<StructureRow> {
             "there are no infinite planes",
         ),
         row(
-            "robust-triangles",
+            "watertight-triangles",
             has_triangles,
-            "edges are closed, as `--precision robust` is the default".into(),
+            "edges and corners are closed, as `--precision watertight` is the default".into(),
             "there are no meshes",
         ),
         row(

@@ -3,9 +3,11 @@
 //! times the cost of asking about them sum to the least. A large set is cut at the borders of bins (Wald, "On fast
 //! construction of SAH-based bounding volume hierarchies", 2007), a small one wherever it can be.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{Cost, Item};
+use crate::numeric::Bounds;
 
 /// Boxes that a thread bins at once.
 const CHUNK: usize = 1 << 14;
@@ -19,7 +21,8 @@ const LOOK_COUNT: usize = 8;
 /// Sorts a set into two and says how many are in the first; `None` where it is a cluster.
 pub(super) fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
     let count = items.len();
-    let fits = count <= cost.limit;
+    let limit = cost.limit as usize;
+    let fits = count <= limit;
     if count == 1 || (fits && count > LOOK_COUNT && !may_fall_apart(items, cost)) {
         return None;
     }
@@ -30,8 +33,8 @@ pub(super) fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
     };
     match found {
         Some((_, at)) if !fits => Some(at),
-        Some((halves, at)) => (halves < (cost.of(count) - cost.cut) * area_of(items)).then_some(at),
-        None => (!fits).then(|| (count / 2).next_multiple_of(cost.limit).min(count - 1)),
+        Some((halves, at)) => (halves < (cost.of(count as u32) - cost.cut) * area_of(items)).then_some(at),
+        None => (!fits).then(|| (count / 2).next_multiple_of(limit).min(count - 1)),
     }
 }
 
@@ -52,12 +55,12 @@ fn may_fall_apart(items: &[Item], cost: &Cost) -> bool {
         halves[half] = halves[half].with(&Extent::of(item));
     }
     let least = cost.visit * (halves[0].half_area() + halves[1].half_area());
-    least < (cost.of(items.len()) - cost.cut) * whole.half_area()
+    least < (cost.of(items.len() as u32) - cost.cut) * whole.half_area()
 }
 
 /// A box that grows. The fourth numbers are unused.
 #[derive(Clone, Copy)]
-struct Extent {
+pub(super) struct Extent {
     min: [f32; 4],
     max: [f32; 4],
 }
@@ -98,6 +101,15 @@ impl Extent {
         self
     }
 
+    /// The same box; that of an empty one is empty.
+    pub(super) fn bounds(&self) -> Bounds {
+        let point = |[x, y, z, _]: [f32; 4]| DVec3::new(x.into(), y.into(), z.into());
+        Bounds {
+            min: point(self.min),
+            max: point(self.max),
+        }
+    }
+
     /// Half its area; 0 of an empty one.
     #[inline(always)]
     fn half_area(&self) -> f64 {
@@ -120,39 +132,46 @@ fn sweep(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     if area_of(items) == 0.0 {
         return None;
     }
-    let mut best: Option<(f64, usize)> = None;
-    let mut best_order = [(0.0f32, 0u32); SWEEP_COUNT];
-    for axis in 0..3 {
-        let mut order = [(0.0f32, 0u32); SWEEP_COUNT];
-        for (number, (place, item)) in (0u32..).zip(order.iter_mut().zip(&*items)) {
-            *place = (item.center(axis), number);
+    let prices: [f64; SWEEP_COUNT + 1] = std::array::from_fn(|count| cost.of(count as u32));
+    let mut orders = [[0u64; SWEEP_COUNT]; 3];
+    let mut best: Option<(f64, usize, usize)> = None;
+    for (axis, order) in orders.iter_mut().enumerate() {
+        // By the midpoint, then by the number, in one word.
+        for (number, (place, item)) in (0u64..).zip(order.iter_mut().zip(&*items)) {
+            *place = u64::from(rank(item.center(axis))) << 32 | number;
         }
-        order[..count].sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let extent = |i: usize| Extent::of(&items[order[i].1 as usize]);
+        order[..count].sort_unstable();
+        let extent = |i: usize| Extent::of(&items[order[i] as u32 as usize]);
         let mut above = [0.0; SWEEP_COUNT];
         let mut grown = Extent::EMPTY;
         for i in (1..count).rev() {
             grown = grown.with(&extent(i));
-            above[i] = grown.half_area() * cost.of(count - i);
+            above[i] = grown.half_area() * prices[count - i];
         }
         grown = Extent::EMPTY;
         for i in 1..count {
             grown = grown.with(&extent(i - 1));
-            let halves = grown.half_area() * cost.of(i) + above[i];
-            if best.is_none_or(|(least, _)| halves < least) {
-                best = Some((halves, i));
-                best_order = order;
+            let halves = grown.half_area() * prices[i] + above[i];
+            if best.is_none_or(|(least, ..)| halves < least) {
+                best = Some((halves, axis, i));
             }
         }
     }
+    let (halves, axis, cut) = best?;
     let mut sorted = [items[0]; SWEEP_COUNT];
-    for (to, &(_, number)) in sorted.iter_mut().zip(&best_order[..count]) {
-        *to = items[number as usize];
+    for (to, &place) in sorted.iter_mut().zip(&orders[axis][..count]) {
+        *to = items[place as u32 as usize];
     }
-    if best.is_some() {
-        items.copy_from_slice(&sorted[..count]);
-    }
-    best
+    items.copy_from_slice(&sorted[..count]);
+    Some((halves, cut))
+}
+
+/// A number whose order among those of others is that of the number itself, the sign of zero included.
+#[inline(always)]
+fn rank(x: f32) -> u32 {
+    let bits = x.to_bits();
+    // Negative numbers rise as their bits fall.
+    bits ^ ((bits as i32 >> 31) as u32 | 1 << 31)
 }
 
 /// What lies in the bins of each axis.
@@ -219,7 +238,7 @@ impl Bins {
         let mut best: Option<(f64, usize, usize)> = None;
         for axis in 0..3 {
             let (extents, counts) = (&self.extents[axis], &self.counts[axis]);
-            let half = |extent: &Extent, count: u32| extent.half_area() * cost.of(count as usize);
+            let half = |extent: &Extent, count: u32| extent.half_area() * cost.of(count);
             let mut above = [(0.0, 0); BINS];
             let (mut grown, mut count) = (Extent::EMPTY, 0);
             for bin in (1..BINS).rev() {
@@ -244,22 +263,8 @@ impl Bins {
 
 /// Parts a large set at the border of a bin where it is best cut; says what the halves cost and where the cut is.
 fn bin(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
-    let centers = |items: &[Item]| {
-        let all = items.iter().map(Extent::of_centers);
-        all.fold(Extent::EMPTY, |whole, center| whole.with(&center))
-    };
-    let is_large = items.len() >= 2 * CHUNK;
-    let both = |a: Extent, b: Extent| a.with(&b);
-    let centers = if is_large {
-        items
-            .par_chunks(CHUNK)
-            .map(centers)
-            .reduce(|| Extent::EMPTY, both)
-    } else {
-        centers(items)
-    };
-    let scale = Scale::over(&centers);
-    let bins = if is_large {
+    let scale = Scale::over(&centers(items));
+    let bins = if is_large(items) {
         let chunks = items.par_chunks(CHUNK);
         chunks
             .map(|chunk| Bins::of(chunk, &scale))
@@ -271,8 +276,26 @@ fn bin(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     Some((halves, part(items, |item| scale.bin(item, axis) < border)))
 }
 
+/// The box around the midpoints of a set.
+pub(super) fn centers(items: &[Item]) -> Extent {
+    let around = |items: &[Item]| {
+        let all = items.iter().map(Extent::of_centers);
+        all.fold(Extent::EMPTY, |whole, center| whole.with(&center))
+    };
+    if !is_large(items) {
+        return around(items);
+    }
+    let chunks = items.par_chunks(CHUNK).map(around);
+    chunks.reduce(|| Extent::EMPTY, |a, b| a.with(&b))
+}
+
+/// Whether several threads had better look at it.
+fn is_large(items: &[Item]) -> bool {
+    items.len() >= 2 * CHUNK
+}
+
 /// Puts those first of which it is so, and counts them.
-fn part(items: &mut [Item], is_first: impl Fn(&Item) -> bool) -> usize {
+pub(super) fn part<T>(items: &mut [T], is_first: impl Fn(&T) -> bool) -> usize {
     let (mut low, mut high) = (0, items.len());
     loop {
         while low < high && is_first(&items[low]) {

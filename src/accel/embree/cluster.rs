@@ -17,7 +17,7 @@ pub(super) const MEMBERS: usize = 8;
 /// more node: a ray is asked about all eight in a few vectors, so eight spheres to a call is best nearly everywhere (measured
 /// in `scene::speed`: anything from 0 to 0.15 for a member is within the noise).
 const COST: Cost = Cost {
-    limit: MEMBERS,
+    limit: MEMBERS as u32,
     visit: 1.0,
     member: 0.05,
     cut: 1.0,
@@ -77,7 +77,10 @@ pub(super) struct SphereClusters {
 impl SphereClusters {
     /// Gathers spheres of the world, each with the number of its instance; the second is who stays alone.
     pub(super) fn of(spheres: &[(u32, Sphere)]) -> (SphereClusters, Vec<u32>) {
-        let bounds = |i: u32| spheres[i as usize].1.bounds();
+        let bounds = |i: u32| {
+            let Bounds { min, max } = spheres[i as usize].1.bounds();
+            [min.as_vec3(), max.as_vec3()]
+        };
         let found = clusters::Clusters::of(spheres.len(), bounds, &COST);
         let mut alone = Vec::new();
         let mut clusters = SphereClusters {

@@ -19,7 +19,7 @@ pub(super) const CORNERS: usize = 24;
 /// What it costs Embree's walk to come to a patch and to call, to ask about one more triangle, and to find its box under
 /// one more node: a ray is asked about all of a patch in a few vectors.
 const COST: Cost = Cost {
-    limit: MEMBERS,
+    limit: MEMBERS as u32,
     visit: 1.0,
     member: 0.05,
     cut: 0.5,
@@ -27,8 +27,9 @@ const COST: Cost = Cost {
 /// Blocks of corners in a patch's own record: few patches have more than sixteen corners, and what is elsewhere is waited
 /// for.
 const OWN: usize = 2;
-/// Patches of a mesh are made so many clusters at a time.
-const CHUNK: usize = 1 << 12;
+/// Patches of a mesh are made so many clusters at a time, in so many parts: what is made is moved once.
+const CHUNK: usize = 1 << 14;
+const PARTS: usize = 1 << 6;
 
 /// Corners of a patch by axis, eight by eight; the first of the patch is repeated where there are no more.
 pub(super) type Block = [[f32; PACK]; 3];
@@ -134,6 +135,8 @@ impl<'p> Patch<'p> {
 #[derive(Clone, Debug, Default)]
 struct Gathering {
     corners: [[f32; CORNERS]; 3],
+    /// The mesh's numbers of the corners; of those that coincide, that of the first.
+    vertices: [u32; CORNERS],
     triangles: [[u8; MEMBERS]; 3],
     primitives: [u32; MEMBERS],
     corner_count: u8,
@@ -159,8 +162,8 @@ impl Gathering {
     fn push(&mut self, mesh: &Mesh, primitive: u32) -> bool {
         let member = usize::from(self.member_count);
         let before = self.corner_count;
-        for (row, position) in mesh.corners(primitive).into_iter().enumerate() {
-            match self.add_corner(position.to_array()) {
+        for (row, vertex) in mesh.triangles[primitive as usize].into_iter().enumerate() {
+            match self.add_corner(mesh, vertex) {
                 Some(corner) => self.triangles[row][member] = corner,
                 None => {
                     self.corner_count = before;
@@ -177,7 +180,12 @@ impl Gathering {
     }
 
     /// Where a corner is, new or not; none if there is no room.
-    fn add_corner(&mut self, position: [f32; 3]) -> Option<u8> {
+    fn add_corner(&mut self, mesh: &Mesh, vertex: u32) -> Option<u8> {
+        let known = &self.vertices[..usize::from(self.corner_count)];
+        if let Some(found) = known.iter().position(|&other| other == vertex) {
+            return Some(found as u8);
+        }
+        let position = mesh.positions[vertex as usize];
         let same = |i: &u8| {
             let i = usize::from(*i);
             [0, 1, 2]
@@ -188,8 +196,9 @@ impl Gathering {
             return Some(found);
         }
         let new = self.corner_count;
+        *self.vertices.get_mut(usize::from(new))? = vertex;
         for axis in 0..3 {
-            *self.corners[axis].get_mut(usize::from(new))? = position[axis];
+            self.corners[axis][usize::from(new)] = position[axis];
         }
         self.corner_count += 1;
         Some(new)
@@ -231,27 +240,44 @@ impl Patches {
     }
 
     fn add(&mut self, mesh: &Mesh, instance: u32) {
-        let bounds = |primitive: u32| Bounds::of_points(mesh.corners_f64(primitive));
+        let bounds = |primitive: u32| {
+            let [a, b, c] = mesh.corners(primitive);
+            [a.min(b).min(c), a.max(b).max(c)]
+        };
         let found = Clusters::of(mesh.triangles.len(), bounds, &COST);
         let clusters: Vec<&[u32]> = found.iter().collect();
         self.records.reserve(clusters.len());
         for chunk in clusters.chunks(CHUNK) {
-            let made: Vec<(Gathering, &[u32])> = chunk
-                .par_iter()
-                .map(|&members| {
-                    let (gathering, taken) = Gathering::of_first(mesh, members);
-                    (gathering, &members[taken..])
-                })
+            let parts: Vec<Patches> = chunk
+                .par_chunks(CHUNK / PARTS)
+                .map(|clusters| Patches::of_clusters(mesh, instance, clusters))
                 .collect();
-            for (gathering, mut rest) in made {
-                self.push(&gathering, instance);
-                while !rest.is_empty() {
-                    let (gathering, taken) = Gathering::of_first(mesh, rest);
-                    self.push(&gathering, instance);
-                    rest = &rest[taken..];
-                }
+            parts.iter().for_each(|part| self.append(part));
+        }
+    }
+
+    fn of_clusters(mesh: &Mesh, instance: u32, clusters: &[&[u32]]) -> Patches {
+        let mut patches = Patches::default();
+        patches.records.reserve(clusters.len());
+        for mut rest in clusters.iter().copied() {
+            while !rest.is_empty() {
+                let (gathering, taken) = Gathering::of_first(mesh, rest);
+                patches.push(&gathering, instance);
+                rest = &rest[taken..];
             }
         }
+        patches
+    }
+
+    /// Adds those of `part` behind the others.
+    fn append(&mut self, part: &Patches) {
+        let block_count = self.blocks.len() as u32;
+        let moved = |record: &Record| Record {
+            last: block_count + record.last,
+            ..record.clone()
+        };
+        self.records.extend(part.records.iter().map(moved));
+        self.blocks.extend_from_slice(&part.blocks);
     }
 
     fn push(&mut self, gathering: &Gathering, instance: u32) {

@@ -181,6 +181,52 @@ fn settings_are_chosen_for_a_target_and_what_is_out_of_reach_is_told() {
 }
 
 #[test]
+fn a_picture_is_rendered_to_an_error_or_within_a_time_and_says_so_if_it_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = folder.path().join("a.png");
+    let run = |aim: &[&str]| {
+        let _ = fs::remove_file(&image);
+        let common = [
+            "render",
+            "scenes/first_light.gltf",
+            "-o",
+            image.to_str().unwrap(),
+            "--size",
+            "96x72",
+            "--pilot",
+            "4",
+        ];
+        let done = whit(&[&common[..], aim].concat());
+        let said = String::from_utf8([done.stdout, done.stderr].concat()).unwrap();
+        assert!(image.exists(), "{said}");
+        (done.status.code().unwrap(), said)
+    };
+    let (code, said) = run(&["--error", "0.2"]);
+    assert_eq!(code, 0, "{said}");
+    assert!(said.contains("for an error of at most 0.2"), "{said}");
+    let error = said.split("this picture: RMSE ").nth(1).unwrap();
+    let error: f64 = error.split(' ').next().unwrap().parse().unwrap();
+    assert!(error > 0.0 && error <= 0.2, "{said}");
+    let (code, said) = run(&["--max-time", "60", "--pattern", "sobol"]);
+    assert_eq!(code, 0, "{said}");
+    assert!(said.contains("at most 60.0 s a picture"), "{said}");
+    let (code, said) = run(&["--error", "0.000001"]);
+    assert_eq!(code, 1, "{said}");
+    assert!(
+        said.contains("nearest to") && said.contains("made with the nearest"),
+        "{said}"
+    );
+    for more in [
+        &["--error", "0.01", "--max-time", "3"][..],
+        &["--error", "2"],
+        &["--error", "0.01", "--backend", "brute"],
+    ] {
+        let done = whit(&[&["render", "scenes/first_light.gltf", "-o", "x.png"], more].concat());
+        assert_eq!(done.status.code(), Some(2), "{more:?}");
+    }
+}
+
+#[test]
 fn smoke_is_marched_in_longer_and_shorter_steps() {
     let folder = tempfile::tempdir().unwrap();
     let study = study("scenes/smoke.toml", folder.path());

@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use self::cuts::{centers, cut, part};
-use crate::numeric::morton::Curve;
+use crate::numeric::morton::{Curve, PLACE_DIGITS};
 
 /// What it costs to ask a ray's question.
 #[derive(Clone, Copy, Debug)]
@@ -138,7 +138,7 @@ const KEY_DIGITS: u32 = 30;
 impl Key {
     fn new(item: &Item, curve: &Curve) -> Key {
         Key {
-            cell: (curve.place(item.midpoint()) >> (Curve::DIGITS - KEY_DIGITS)) as u32,
+            cell: (curve.place(item.midpoint()) >> (PLACE_DIGITS - KEY_DIGITS)) as u32,
             index: item.index,
         }
     }

@@ -96,6 +96,8 @@ Examples:
   whit render scene.glb -o scene.exr --adaptive 0.005 --spp 1024 --aov samples
   whit render scene.toml -o scene.png --effects=-dispersion,-transparent-shadow
   whit render scene.toml -o scene.png --settings scene.cost/settings.toml
+  whit render scene.toml -o scene.png --error 0.01
+  whit render scene.toml -o scene.png --max-time 2.5 --pilot 60
 
 With several scenes, one that fails does not keep the others from being rendered; the exit code is then 1.";
 
@@ -136,6 +138,19 @@ pub(super) struct RenderArgs {
     /// Take the settings from a file that `whit cost --out` wrote, in place of flags
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "rough_rays"])]
     pub(super) settings: Option<PathBuf>,
+
+    /// Choose the fastest settings whose RMSE as displayed (black is 0, white 1) is at most this, by pieces of the
+    /// picture; what the flags say of samples and the like is where the search begins
+    #[arg(long, value_name = "RMSE", value_parser = cost::error, conflicts_with_all = ["settings", "adaptive", "max_time"])]
+    pub(super) error: Option<f64>,
+
+    /// Choose the closest settings at which the picture takes at most so many seconds, loading and building aside
+    #[arg(long, value_name = "SECONDS", value_parser = cost::seconds, conflicts_with_all = ["settings", "adaptive"])]
+    pub(super) max_time: Option<f64>,
+
+    /// Seconds that choosing may take
+    #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = cost::budget)]
+    pub(super) pilot: f64,
 
     /// Camera to look through, by name or number; see `whit info`
     #[arg(long, value_name = "NAME|N")]

@@ -6,8 +6,7 @@ use std::time::Instant;
 
 use crate::accel::{AccelError, Backend};
 use crate::cost::{
-    self, Configuration, CostError, Experiment, Findings, HitPath, Measured, SceneChange, Settings,
-    SettingsFile, Target, Watcher,
+    Configuration, Experiment, Findings, HitPath, Measured, SceneChange, Settings, SettingsFile, Target,
 };
 use crate::image::metrics::{self, Viewing};
 use crate::image::{ImageFormat, ToneMap, check_writable, write};
@@ -16,6 +15,7 @@ use crate::report::{cost_page, difference, memory};
 use crate::scene::EffectSet;
 use crate::scene_file::{Output, SceneFile};
 
+use super::aim;
 use super::args::CostArgs;
 use super::failure::Failure;
 use super::interrupt;
@@ -113,18 +113,7 @@ fn measure(
         isa: tracing.isa.clone(),
     };
     progress.phase(&name, "measure");
-    let watcher = Watcher {
-        progress: &|what, fraction| {
-            progress.say(what);
-            progress.fraction(fraction);
-        },
-        cancel: &interrupt::CANCELLED,
-    };
-    let findings = cost::run(&experiment, &watcher).map_err(|error| match error {
-        CostError::Cancelled => Failure::Interrupted,
-        CostError::Accel(error) => error.into(),
-    })?;
-    Ok((findings, tone))
+    Ok((aim::run(&experiment, progress)?, tone))
 }
 
 /// Refuses pictures that the machine cannot hold all at the same time.
@@ -185,6 +174,7 @@ impl Folder {
             pictures,
             configurations,
             chosen,
+            gauge: _,
             embree,
         } = findings;
         interrupt::finish_first(|| output::write_json(&self.json, study))?;

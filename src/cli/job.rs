@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 
 use crate::accel::{Backend, Instancing, Precision};
-use crate::cost::{SceneChange, Settings, SettingsFile};
+use crate::cost::{self, SceneChange, Settings, SettingsFile};
 use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
@@ -21,7 +21,7 @@ use super::progress::Verbosity;
 use super::scene;
 
 /// Everything that `whit render` is to do.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct RenderJob {
     pub(super) targets: Vec<Target>,
     /// What the command line says; where it leaves something open, the scene may say it: see [`RenderJob::shot`].
@@ -41,6 +41,8 @@ pub(super) struct RenderJob {
     /// The weight under which no ray is followed.
     cutoff: Option<f32>,
     pub(super) seed: u32,
+    /// What settings are looked for.
+    pub(super) aim: Option<Aim>,
     pub(super) stats: Option<StatsTo>,
     pub(super) verbosity: Verbosity,
 }
@@ -51,6 +53,29 @@ pub(super) struct Target {
     pub(super) scene: PathBuf,
     pub(super) image: PathBuf,
     pub(super) format: ImageFormat,
+}
+
+/// What settings are looked for before a picture is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Aim {
+    /// What they are to reach.
+    pub(super) target: cost::Target,
+    /// Seconds that the search may take.
+    pub(super) seconds: f64,
+}
+
+impl Aim {
+    fn of(args: &RenderArgs) -> Option<Aim> {
+        let target = match (args.error, args.max_time) {
+            (Some(most), _) => cost::Target::Error(most),
+            (None, Some(most)) => cost::Target::Seconds(most),
+            (None, None) => return None,
+        };
+        Some(Aim {
+            target,
+            seconds: args.pilot,
+        })
+    }
 }
 
 /// Where statistics go.
@@ -93,13 +118,9 @@ pub(super) struct Tracing {
 impl RenderJob {
     /// Checks all that can be checked without opening a scene.
     pub(super) fn new(args: &RenderArgs) -> Result<RenderJob, Failure> {
-        let chosen = args
-            .settings
-            .as_deref()
-            .map(chosen)
-            .transpose()?
-            .unwrap_or_default();
-        let backend = args.backend.or(chosen.backend).unwrap_or_default();
+        let chosen = args.settings.as_deref().map(chosen).transpose()?;
+        let backend = args.backend.or(chosen.and_then(|chosen| chosen.backend));
+        let backend = backend.unwrap_or_default();
         if backend == Backend::Embree && !cfg!(feature = "embree") {
             return Err(crate::accel::AccelError::NoEmbree.into());
         }
@@ -137,40 +158,39 @@ impl RenderJob {
         {
             check_writable(path)?;
         }
-        let mut effects = args.effects.unwrap_or_default();
-        if chosen.texture_filter == Some(false) {
-            effects.removed = effects.removed.with(Effect::TextureFilter);
+        let aim = Aim::of(args);
+        if aim.is_some() && backend == Backend::Brute {
+            return Err(Failure::Input(
+                "brute force is too slow to look for settings by: choose `--backend embree` or `--backend bsp`".into(),
+            ));
         }
-        let job = RenderJob {
+        let mut job = RenderJob {
             targets,
             wish: Output {
-                spp: args.sampling.spp.or(chosen.spp),
-                pattern: args.sampling.pattern.or(chosen.pattern),
+                spp: args.sampling.spp,
+                pattern: args.sampling.pattern,
                 filter: args.sampling.filter,
                 filter_radius: args.sampling.filter_radius,
                 exposure: args.exposure,
-                depth: args.frame.depth.or(chosen.depth),
-                wavelengths: args.frame.wavelengths.or(chosen.wavelengths),
+                depth: args.frame.depth,
+                wavelengths: args.frame.wavelengths,
                 ..wish(&args.frame)
             },
-            adaptive: args.sampling.adaptive.or(chosen.adaptive),
-            effects,
+            adaptive: args.sampling.adaptive,
+            effects: args.effects.unwrap_or_default(),
             aovs,
             heat: args.heat.clone(),
             backend,
-            tracing: Tracing {
-                precision: chosen.precision.unwrap_or(args.tracing.precision),
-                instancing: chosen.instancing.unwrap_or(args.tracing.instancing),
-                ..Tracing::new(&args.tracing)
-            },
+            tracing: Tracing::new(&args.tracing),
             camera: args.camera.clone(),
             ambient: args.ambient.map(|a| a.0),
             change: SceneChange {
-                rough_rays: args.rough_rays.or(chosen.rough_rays),
-                ..chosen.change()
+                rough_rays: args.rough_rays,
+                ..SceneChange::default()
             },
-            cutoff: chosen.cutoff,
+            cutoff: None,
             seed: args.seed,
+            aim,
             stats,
             verbosity: if args.quiet {
                 Verbosity::Quiet
@@ -178,8 +198,33 @@ impl RenderJob {
                 Verbosity::Normal
             },
         };
+        if let Some(chosen) = chosen {
+            job = job.with(&chosen);
+        }
         job.check_wish()?;
         Ok(job)
+    }
+
+    /// The same with settings that were chosen in place of its own.
+    pub(super) fn with(&self, chosen: &Settings) -> RenderJob {
+        let mut job = self.clone();
+        job.wish.spp = chosen.spp.or(job.wish.spp);
+        job.wish.pattern = chosen.pattern.or(job.wish.pattern);
+        job.wish.depth = chosen.depth.or(job.wish.depth);
+        job.wish.wavelengths = chosen.wavelengths.or(job.wish.wavelengths);
+        job.adaptive = chosen.adaptive;
+        if chosen.texture_filter == Some(false) {
+            job.effects.removed = job.effects.removed.with(Effect::TextureFilter);
+        }
+        job.backend = chosen.backend.unwrap_or(job.backend);
+        job.tracing.precision = chosen.precision.unwrap_or(job.tracing.precision);
+        job.tracing.instancing = chosen.instancing.unwrap_or(job.tracing.instancing);
+        job.change = SceneChange {
+            rough_rays: chosen.rough_rays.or(job.change.rough_rays),
+            ..chosen.change()
+        };
+        job.cutoff = chosen.cutoff;
+        job
     }
 
     /// Tells what no scene can mend.

@@ -3,6 +3,7 @@
 //! Results go to standard output, everything else to standard error. Exit codes: 0 done; 1 a render or check failed;
 //! 2 bad usage or bad input; 130 interrupted.
 
+mod aim;
 mod args;
 mod asked_again;
 mod bench;

@@ -5,16 +5,19 @@ use std::time::Instant;
 
 use crate::accel::extents::{ExtentKind, ListLimits, ProjectedAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
+use crate::cost::{Findings, Settings};
 use crate::image::{self, ExtraChannel, ImageFormat, Note, ToneMap};
 use crate::render::{self, Account, Monitor, RenderSettings, Rendering};
+use crate::report::cost::AimText;
 use crate::report::stats::{
     AccelStats, CutoffStats, ImageStats, LedgerStats, PhaseSeconds, RayCounts, RenderStats, SceneStats,
     effect_stats,
 };
 use crate::report::{heat, memory, table};
 use crate::scene::{Background, Camera, Scene};
-use crate::scene_file::SceneFile;
+use crate::scene_file::{Output, SceneFile};
 
+use super::aim;
 use super::args::{Aov, RenderArgs};
 use super::failure::Failure;
 use super::interrupt;
@@ -40,8 +43,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     for target in &job.targets {
         let result = pool
             .install(|| render_one(&job, target, &progress))
-            .and_then(|stats| {
-                let verdict = check_finite(&stats);
+            .and_then(|(stats, reached)| {
+                let verdict = check_finite(&stats).and_then(|()| check_reached(reached));
                 finished.push(stats);
                 // After each image, so that later trouble loses nothing.
                 write_stats(&job, &finished, &progress)?;
@@ -69,20 +72,27 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     }
 }
 
-/// One scene, from its file to its image.
-fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<RenderStats, Failure> {
+/// One scene, from its file to its image; whether settings were found that reach what was asked for, if anything was.
+fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<(RenderStats, bool), Failure> {
     let start = Instant::now();
     let name = target.scene.display().to_string();
     let mut seconds = PhaseSeconds::default();
 
     progress.phase(&name, "load");
-    let (SceneFile { scene, output, .. }, load_seconds) = timed(|| load(job, target))?;
+    let (
+        SceneFile {
+            mut scene, output, ..
+        },
+        load_seconds,
+    ) = timed(|| load(job, target))?;
     seconds.load = load_seconds;
-    let shot = job.shot(&output)?;
-    let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
     }
+    let aimed = aim(job, target, (&mut scene, &output), progress)?;
+    let job = aimed.as_ref().map_or(job, |(job, _)| job);
+    let shot = job.shot(&output)?;
+    let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
 
     progress.phase(&name, "build");
     let (accel, build_seconds) = timed(|| build(job, &scene, progress))?;
@@ -117,6 +127,10 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<R
     seconds.write = write_seconds;
     seconds.total = start.elapsed().as_secs_f64();
     say_finished(job, target, (&rendering, seconds.total), progress)?;
+    let reached = match &aimed {
+        Some((_, findings)) => say_aimed(job, findings, (&rendering, seconds.render), progress)?,
+        None => true,
+    };
     if let Some(line) = heat.filter(|_| job.verbosity != Verbosity::Quiet) {
         progress.suspend(|| output::print(&line))?;
     }
@@ -129,7 +143,50 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<R
         mem::forget(accel);
         mem::forget(scene);
     }
-    Ok(stats)
+    Ok((stats, reached))
+}
+
+/// Looks for the settings that the job aims at: the job with them, and what was found. The scene is changed as they say.
+fn aim(
+    job: &RenderJob,
+    target: &Target,
+    (scene, output): (&mut Scene, &Output),
+    progress: &Progress,
+) -> Result<Option<(RenderJob, Findings)>, Failure> {
+    let Some(aim) = job.aim else {
+        return Ok(None);
+    };
+    progress.phase(&target.scene.display().to_string(), "choose");
+    let shot = job.shot(output)?;
+    let camera = choose_camera(scene, &target.scene, job.camera.as_deref())?;
+    let findings = aim::look((job, aim, &shot), (scene, camera), progress)?;
+    let Some(chosen) = &findings.chosen else {
+        return Ok(None);
+    };
+    let settings = Settings::of(chosen);
+    settings.change().apply(scene);
+    Ok(Some((job.with(&settings), findings)))
+}
+
+/// What was chosen and what came of it; whether what was chosen reaches the target.
+fn say_aimed(
+    job: &RenderJob,
+    findings: &Findings,
+    (rendering, seconds): (&Rendering, f64),
+    progress: &Progress,
+) -> Result<bool, Failure> {
+    let text = AimText {
+        study: &findings.study,
+        rmse: findings
+            .gauge
+            .as_ref()
+            .and_then(|gauge| gauge.rmse(&rendering.image)),
+        seconds,
+    };
+    if job.verbosity != Verbosity::Quiet {
+        progress.suspend(|| output::print(&text.to_string()))?;
+    }
+    Ok(findings.study.choice.as_ref().is_none_or(|choice| choice.reached))
 }
 
 /// The result of `work` and its wall-clock seconds.
@@ -292,6 +349,18 @@ fn say_finished(
         rendering.image.height
     );
     progress.suspend(|| output::print(&line))
+}
+
+/// A picture was made, but not the one that was asked for.
+fn check_reached(reached: bool) -> Result<(), Failure> {
+    match reached {
+        true => Ok(()),
+        false => Err(Failure::Work(
+            "no settings were found that reach the target, and the picture was made with the nearest: give a longer \
+             `--pilot` or another target"
+                .into(),
+        )),
+    }
 }
 
 /// A picture with NaNs or infinities in it was made, but is no picture.

@@ -10,13 +10,16 @@ use super::statistics::bootstrap;
 use crate::image::metrics::as_displayed;
 use crate::image::{LinearImage, ToneMap};
 
-/// Sides of the blocks of pixels that intervals are drawn from: neighbours share edges and textures.
+/// Sides of the blocks of pixels that intervals are drawn from, if nothing else is said: neighbours share edges and
+/// textures.
 const BLOCK: usize = 8;
 
 /// A picture as displayed.
 #[derive(Clone, Debug)]
 pub struct Displayed {
     width: usize,
+    /// Side of the blocks that it is seen as.
+    block: usize,
     pixels: Vec<[f32; 3]>,
 }
 
@@ -27,7 +30,16 @@ impl Displayed {
         let shown = |pixel: &[f32; 3]| pixel.map(|x| as_displayed(gain * f64::from(x)) as f32);
         Displayed {
             width: image.width as usize,
+            block: BLOCK,
             pixels: image.pixels.iter().map(shown).collect(),
+        }
+    }
+
+    /// The same, in blocks of which so many are side by side: where it is put together from pieces, neighbours share one.
+    pub fn in_columns(self, columns: u32) -> Displayed {
+        Displayed {
+            block: self.width.div_ceil(columns.max(1) as usize).max(1),
+            ..self
         }
     }
 
@@ -52,12 +64,12 @@ impl Displayed {
     /// Of which block a pixel is.
     fn block_of(&self, pixel: usize) -> usize {
         let (x, y) = (pixel % self.width, pixel / self.width);
-        y / BLOCK * self.width.div_ceil(BLOCK) + x / BLOCK
+        y / self.block * self.width.div_ceil(self.block) + x / self.block
     }
 
     fn block_count(&self) -> usize {
         let height = self.pixels.len() / self.width;
-        self.width.div_ceil(BLOCK) * height.div_ceil(BLOCK)
+        self.width.div_ceil(self.block) * height.div_ceil(self.block)
     }
 }
 

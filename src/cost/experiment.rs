@@ -8,15 +8,15 @@ use rayon::prelude::*;
 
 use super::blocks::{Blocks, Protocol};
 use super::reference::{Halved, checks, stricter, strictest};
-use super::stage::Stage;
+use super::stage::{Stage, View};
 use super::{
-    Configuration, Curve, Displayed, HitPath, Knob, Pictures, Place, Point, Reference, SceneChange, Study,
-    Target, front, knobs, slope,
+    Configuration, Curve, Displayed, Halves, HitPath, Interval, Knob, Pictures, Place, Point, Reference,
+    SceneChange, Study, Target, front, knobs, slope,
 };
 use crate::accel::{AccelError, EmbreeIdentity};
 use crate::image::metrics::{Metrics, Tally, Viewing};
 use crate::image::{LinearImage, ToneMap};
-use crate::render::{Plan, Rendering};
+use crate::render::{Plan, RenderSettings, Rendering};
 use crate::scene::{Camera, Scene};
 
 /// Samples a pixel of the base and of the longest sweep, the ones that are tried first first.
@@ -52,7 +52,8 @@ pub struct Experiment<'a> {
     pub base: Configuration,
     /// How pictures are displayed.
     pub tone: ToneMap,
-    /// Width and height of the pictures that are measured; else as large as the budget affords.
+    /// Width and height of the pictures that are measured; else as large as the budget affords. Nothing where there is a
+    /// target: what is measured then is pieces of the whole picture.
     pub size: Option<[u32; 2]>,
     /// What settings are to be chosen for.
     pub target: Option<Target>,
@@ -98,8 +99,40 @@ pub struct Findings {
     pub configurations: Vec<Configuration>,
     /// What was chosen for the target.
     pub chosen: Option<Configuration>,
+    /// By what the error of the whole picture can be told, where there is a target.
+    pub gauge: Option<Gauge>,
     /// Which Embree found the hits of the base, if one did.
     pub embree: Option<EmbreeIdentity>,
+}
+
+/// The parts of a picture that were measured, and the halves of their reference.
+pub struct Gauge {
+    view: View,
+    settings: RenderSettings,
+    tone: ToneMap,
+    halves: Halves,
+}
+
+impl Gauge {
+    /// Root of the mean squared error, as displayed, of a picture of the base's size, which none of those that were
+    /// measured must be; `None` where it has another size.
+    pub fn rmse(&self, picture: &LinearImage) -> Option<Interval> {
+        let RenderSettings { width, height, .. } = self.settings;
+        if [picture.width, picture.height] != [width, height] {
+            return None;
+        }
+        let shown = match self.view {
+            View::Whole(size) if size == [width, height] => Displayed::new(picture, self.tone),
+            View::Whole(_) => return None,
+            View::Pieces(mosaic) => self.view.in_its_blocks(Displayed::new(
+                &mosaic.of_picture(&self.settings, picture),
+                self.tone,
+            )),
+        };
+        let mut pictures = Pictures::new(&self.halves);
+        pictures.add(&self.halves, &shown);
+        Some(pictures.estimate(&self.halves, 0).rmse())
+    }
 }
 
 /// Measures everything, in the current rayon pool.
@@ -145,6 +178,12 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
         let (choice, configuration) = stage.choose(target, (&layout, &reference), known)?;
         findings.study.choice = Some(choice);
         findings.chosen = Some(configuration);
+        findings.gauge = Some(Gauge {
+            view: layout.view,
+            settings: experiment.base.settings,
+            tone: experiment.tone,
+            halves: reference.halves,
+        });
         findings.study.timing.spent = stage.spent();
     }
     Ok(findings)
@@ -203,7 +242,7 @@ pub(super) struct Contestant {
 
 /// How large pictures are, and of how many samples.
 pub(super) struct Layout {
-    pub(super) size: [u32; 2],
+    pub(super) view: View,
     pub(super) contestants: Vec<Contestant>,
     /// Samples of each half of the reference.
     pub(super) reference_spp: u32,
@@ -222,11 +261,13 @@ impl Stage<'_, '_> {
     fn lay_out(&self, plan: &Plan, strict: &Configuration) -> Result<Layout, CostError> {
         self.say("pilot");
         let budget = self.experiment.budget - self.spent();
+        // For a target, the size wished for is the picture's.
+        let wish = self.experiment.size.filter(|_| self.experiment.target.is_none());
         let base = &contestants(self.experiment, plan, [1, 1])[0].configuration;
-        let small = self.size_of(PILOT_PIXELS[0]);
+        let small = self.view_of(PILOT_PIXELS[0]);
         // The first picture of all pays for pages and caches.
         self.picture(base, small, 0)?;
-        let unit = self.picture(base, small, 0)?.1 / area(small);
+        let unit = self.picture(base, small, 0)?.1 / area(self.size_of(small));
         for (place, rung) in LADDER.into_iter().enumerate() {
             let contestants = contestants(self.experiment, plan, rung);
             let samples: f64 = contestants
@@ -234,38 +275,36 @@ impl Stage<'_, '_> {
                 .map(|c| f64::from(c.configuration.settings.spp))
                 .sum();
             let affordable = PILOT_PART * budget / (unit * samples);
-            let pilot_size = self.size_of(affordable.clamp(PILOT_PIXELS[1], PILOT_PIXELS[0]));
+            let pilot = self.view_of(affordable.clamp(PILOT_PIXELS[1], PILOT_PIXELS[0]));
             let is_last = place + 1 == LADDER.len();
             let reference_spp = (REFERENCE_TIMES * rung[1]).next_power_of_two();
             // Cheap enough to be told without a pilot of its own.
             let least = unit * (PLANNED_BLOCKS * samples + 2.0 * f64::from(reference_spp));
-            if !is_last && LAID_OUT * budget / least < FEWEST_PIXELS && self.experiment.size.is_none() {
+            if !is_last && LAID_OUT * budget / least < FEWEST_PIXELS && wish.is_none() {
                 continue;
             }
             let mut block = 0.0;
             for contestant in &contestants {
-                block += self.picture(&contestant.configuration, pilot_size, 0)?.1;
+                block += self.picture(&contestant.configuration, pilot, 0)?.1;
                 self.say("pilot");
             }
             let mut halves = 0.0;
             for path in [strict.path, HitPath::BSP] {
                 let mut configuration = strict.through(path);
                 configuration.settings.spp = 4;
-                halves += self.picture(&configuration, pilot_size, 0)?.1 / 4.0;
+                halves += self.picture(&configuration, pilot, 0)?.1 / 4.0;
             }
-            let a_pixel = (PLANNED_BLOCKS * block + f64::from(reference_spp) * halves) / area(pilot_size);
+            let a_pixel =
+                (PLANNED_BLOCKS * block + f64::from(reference_spp) * halves) / area(self.size_of(pilot));
             let pixels = LAID_OUT * (self.experiment.budget - self.spent()) / a_pixel;
-            let asked = self.experiment.size.map(area);
+            let asked = wish.map(area);
             if !is_last && pixels < asked.unwrap_or(FEWEST_PIXELS) {
                 continue;
             }
             // Blocks give way to the reference where not even this is affordable.
-            let size = self
-                .experiment
-                .size
-                .unwrap_or_else(|| self.size_of(pixels.max(LEAST_PIXELS)));
+            let view = wish.map_or_else(|| self.view_of(pixels.max(LEAST_PIXELS)), View::Whole);
             return Ok(Layout {
-                size,
+                view,
                 contestants,
                 reference_spp,
             });
@@ -292,11 +331,8 @@ impl Stage<'_, '_> {
         let blocks = Blocks::measure(count, &protocol, |contestant, block| {
             self.say("measure");
             let configuration = &layout.contestants[contestant].configuration;
-            let (rendering, seconds) = self.picture(configuration, layout.size, block as u32 + 1)?;
-            errors[contestant].add(
-                &reference.halves,
-                &Displayed::new(&rendering.image, self.experiment.tone),
-            );
+            let (rendering, seconds) = self.picture(configuration, layout.view, block as u32 + 1)?;
+            errors[contestant].add(&reference.halves, &self.displayed(&rendering.image, layout.view));
             first[contestant].get_or_insert(rendering);
             Ok::<f64, CostError>(seconds)
         })?;
@@ -371,7 +407,11 @@ impl Stage<'_, '_> {
         }
         let checks = checks(strict, reference, &points, left);
         let study = Study {
-            size: layout.size,
+            size: self.size_of(layout.view),
+            pieces_of: match layout.view {
+                View::Whole(_) => None,
+                View::Pieces(_) => Some(self.whole_size()),
+            },
             threads: self.experiment.threads,
             reference: Reference {
                 spp: layout.reference_spp * reference.count,
@@ -388,6 +428,7 @@ impl Stage<'_, '_> {
             study,
             reference: mean,
             chosen: None,
+            gauge: None,
             embree: self
                 .built(&layout.contestants[0].configuration)
                 .accel
@@ -447,7 +488,6 @@ fn falling(points: &[Point], places: &[usize]) -> Vec<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cost::Interval;
 
     fn point(knob: Option<Knob>, seconds: f64, rmse: f64) -> Point {
         let time = Interval::exact(seconds);

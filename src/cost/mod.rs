@@ -22,7 +22,7 @@ mod targets;
 
 pub use choose::{Forecast, Goal, Target, candidates, forecasts};
 pub use error::{Displayed, ErrorEstimate, Halves, Pictures};
-pub use experiment::{CostError, Experiment, Findings, Watcher, run};
+pub use experiment::{CostError, Experiment, Findings, Gauge, Watcher, run};
 pub use front::{Place, front, knee};
 pub use knob::{Configuration, HitPath, Knob, SceneChange, knobs};
 pub use settings::{Measured, Settings, SettingsFile};

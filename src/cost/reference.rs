@@ -4,9 +4,7 @@ use std::time::Instant;
 
 use super::experiment::{Layout, MEASURED_PART, PLANNED_BLOCKS};
 use super::stage::Stage;
-use super::{
-    Check, Configuration, CostError, Displayed, Halves, HitPath, Knob, Pictures, Point, SceneChange,
-};
+use super::{Check, Configuration, CostError, Halves, HitPath, Knob, Pictures, Point, SceneChange};
 use crate::accel::{Backend, Precision};
 use crate::image::LinearImage;
 use crate::render::{Pattern, Plan, RenderSettings};
@@ -136,16 +134,17 @@ impl Stage<'_, '_> {
     pub(super) fn reference(&self, layout: &Layout, strict: &Configuration) -> Result<Halved, CostError> {
         let start = Instant::now();
         let [a, b] = self.pair(layout, strict, 0)?;
-        let tone = self.experiment.tone;
         Ok(Halved {
             count: 1,
-            halves: Halves {
-                a: Displayed::new(&a, tone),
-                b: Displayed::new(&b, tone),
-            },
+            halves: self.halves(layout, [&a, &b]),
             means: [a, b],
             seconds: start.elapsed().as_secs_f64(),
         })
+    }
+
+    fn halves(&self, layout: &Layout, means: [&LinearImage; 2]) -> Halves {
+        let [a, b] = means.map(|mean| self.displayed(mean, layout.view));
+        Halves { a, b }
     }
 
     /// A picture for each half, the ones that `before` others came before.
@@ -159,7 +158,7 @@ impl Stage<'_, '_> {
             self.say("reference");
             let mut configuration = strict.through(path);
             configuration.settings.spp = layout.reference_spp;
-            let rendering = self.picture(&configuration, layout.size, seed + before)?.0;
+            let rendering = self.picture(&configuration, layout.view, seed + before)?.0;
             Ok::<_, CostError>(rendering.image)
         };
         Ok([
@@ -179,9 +178,9 @@ impl Stage<'_, '_> {
         let mut least = f64::INFINITY;
         for contestant in &layout.contestants {
             self.say("reference");
-            let picture = self.picture(&contestant.configuration, layout.size, 0)?.0.image;
+            let picture = self.picture(&contestant.configuration, layout.view, 0)?.0.image;
             let mut pictures = Pictures::new(&reference.halves);
-            pictures.add(&reference.halves, &Displayed::new(&picture, self.experiment.tone));
+            pictures.add(&reference.halves, &self.displayed(&picture, layout.view));
             let square = pictures.mean_square();
             least = if square > 0.0 { least.min(square) } else { least };
         }
@@ -195,10 +194,7 @@ impl Stage<'_, '_> {
                 blend(mean, more, 1.0 / reference.count as f32);
             }
             let [a, b] = &reference.means;
-            reference.halves = Halves {
-                a: Displayed::new(a, self.experiment.tone),
-                b: Displayed::new(b, self.experiment.tone),
-            };
+            reference.halves = self.halves(layout, [a, b]);
         }
         Ok(())
     }
@@ -218,8 +214,8 @@ impl Stage<'_, '_> {
             for configuration in [strict, stricter] {
                 let mut configuration = *configuration;
                 configuration.settings.spp = STRICTER_SPP;
-                let picture = self.picture(&configuration, layout.size, seed)?.0.image;
-                pair.push(Displayed::new(&picture, self.experiment.tone));
+                let picture = self.picture(&configuration, layout.view, seed)?.0.image;
+                pair.push(self.displayed(&picture, layout.view));
             }
             differences.push(pair[0].minus(&pair[1]));
         }

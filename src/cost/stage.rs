@@ -4,10 +4,30 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::time::Instant;
 
-use super::{Configuration, CostError, Experiment, HitPath, SceneChange, Watcher};
+use super::{Configuration, CostError, Displayed, Experiment, HitPath, SceneChange, Watcher};
 use crate::accel::{self, Accel, AccelOptions};
-use crate::render::{Monitor, RenderSettings, Rendering, render};
+use crate::image::LinearImage;
+use crate::render::{Monitor, Mosaic, RenderSettings, Rendering, render, render_mosaic};
 use crate::scene::Scene;
+
+/// What is rendered for a measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum View {
+    /// All of the picture, at this width and height.
+    Whole([u32; 2]),
+    /// Pieces of it at its own width and height.
+    Pieces(Mosaic),
+}
+
+impl View {
+    /// A picture of it in the blocks that errors are drawn from: pieces where it shows them.
+    pub(super) fn in_its_blocks(self, displayed: Displayed) -> Displayed {
+        match self {
+            View::Whole(_) => displayed,
+            View::Pieces(mosaic) => displayed.in_columns(mosaic.columns),
+        }
+    }
+}
 
 /// A structure that finds hits, and what it took to build.
 pub(super) struct Built<'s> {
@@ -92,9 +112,13 @@ impl Stage<'_, '_> {
     pub(super) fn picture(
         &self,
         configuration: &Configuration,
-        [width, height]: [u32; 2],
+        view: View,
         seed: u32,
     ) -> Result<(Rendering, f64), CostError> {
+        let [width, height] = match view {
+            View::Whole(size) => size,
+            View::Pieces(_) => self.whole_size(),
+        };
         let settings = RenderSettings {
             width,
             height,
@@ -110,18 +134,49 @@ impl Stage<'_, '_> {
         };
         let scene = &self.scenes[self.scene_index(&configuration.change)].1;
         let accel = &*self.built(configuration).accel;
+        let camera = self.experiment.camera;
         let start = Instant::now();
-        let rendering = render(scene, self.experiment.camera, accel, &settings, &monitor);
+        let rendering = match view {
+            View::Whole(_) => render(scene, camera, accel, &settings, &monitor),
+            View::Pieces(mosaic) => render_mosaic((scene, camera), accel, &settings, mosaic, &monitor),
+        };
         let seconds = start.elapsed().as_secs_f64();
         rendering
-            .map(|rendering| (rendering, seconds))
+            .map(|rendering| {
+                let seconds = seconds - rendering.ready_seconds;
+                (rendering, seconds)
+            })
             .ok_or(CostError::Cancelled)
     }
 
-    /// The size of the whole picture's shape with about so many pixels, not more than the picture has.
-    pub(super) fn size_of(&self, pixels: f64) -> [u32; 2] {
+    /// Width and height of the picture that is made in the end.
+    pub(super) fn whole_size(&self) -> [u32; 2] {
         let RenderSettings { width, height, .. } = self.experiment.base.settings;
+        [width, height]
+    }
+
+    /// About so many pixels, not more than the picture has. For a target pieces of the picture, as its errors depend on
+    /// its size; else a small picture of its shape, which shows more.
+    pub(super) fn view_of(&self, pixels: f64) -> View {
+        let whole @ [width, height] = self.whole_size();
+        if self.experiment.target.is_some() {
+            let mosaic = Mosaic::of(&self.experiment.base.settings, pixels);
+            return mosaic.map_or(View::Whole(whole), View::Pieces);
+        }
         let scale = (pixels / (f64::from(width) * f64::from(height))).sqrt().min(1.0);
-        [width, height].map(|side| ((f64::from(side) * scale).round() as u32).max(1))
+        View::Whole([width, height].map(|side| ((f64::from(side) * scale).round() as u32).max(1)))
+    }
+
+    /// Width and height of what a view shows.
+    pub(super) fn size_of(&self, view: View) -> [u32; 2] {
+        match view {
+            View::Whole(size) => size,
+            View::Pieces(mosaic) => mosaic.size(&self.experiment.base.settings),
+        }
+    }
+
+    /// What a picture of a view looks like on the display, in the blocks that errors are drawn from.
+    pub(super) fn displayed(&self, image: &LinearImage, view: View) -> Displayed {
+        view.in_its_blocks(Displayed::new(image, self.experiment.tone))
     }
 }

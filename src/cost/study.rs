@@ -12,6 +12,9 @@ use super::{Interval, Knob, Place, knee};
 pub struct Study {
     /// Width and height of the pictures that were measured.
     pub size: [u32; 2],
+    /// Where they were put together from pieces of a larger one: its width and height.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pieces_of: Option<[u32; 2]>,
     /// Threads that rendered.
     pub threads: usize,
     /// What errors are held against.

@@ -7,9 +7,9 @@ use super::choose::{Forecast, Goal, Target, candidates, floor, forecasts};
 use super::experiment::{Layout, area};
 use super::reference::Halved;
 use super::stage::Stage;
-use super::{Choice, Configuration, CostError, Displayed, ErrorEstimate, Interval, Pictures, Point};
+use super::{Choice, Configuration, CostError, ErrorEstimate, Interval, Pictures, Point};
 use crate::accel::{Backend, Precision};
-use crate::render::{Pattern, RenderSettings};
+use crate::render::Pattern;
 
 /// Parts of the target that foretold settings keep to spare, round by round.
 const MARGINS: [f64; 4] = [0.1, 0.25, 0.4, 0.6];
@@ -200,8 +200,8 @@ impl Stage<'_, '_> {
     /// By how much more pixels the whole picture has than those that were measured, and the seconds that it takes to make
     /// ready.
     fn whole_picture(&self, layout: &Layout, base: &Point) -> [f64; 2] {
-        let RenderSettings { width, height, .. } = self.experiment.base.settings;
-        [area([width, height]) / area(layout.size), base.ready_seconds]
+        let part = area(self.whole_size()) / area(self.size_of(layout.view));
+        [part, base.ready_seconds]
     }
 
     /// Pictures of the base and of `configuration` in turns, of other random numbers than any before.
@@ -222,12 +222,9 @@ impl Stage<'_, '_> {
         let blocks = Blocks::measure(2, &protocol, |who, block| {
             self.say("choose");
             let turn = if who == 0 { base } else { configuration };
-            let (rendering, seconds) = self.picture(turn, layout.size, seed + block as u32)?;
+            let (rendering, seconds) = self.picture(turn, layout.view, seed + block as u32)?;
             if who == 1 {
-                pictures.add(
-                    &reference.halves,
-                    &Displayed::new(&rendering.image, self.experiment.tone),
-                );
+                pictures.add(&reference.halves, &self.displayed(&rendering.image, layout.view));
             }
             Ok::<f64, CostError>(seconds)
         })?;

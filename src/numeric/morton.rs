@@ -8,6 +8,10 @@ use super::Bounds;
 /// Binary digits of each coordinate.
 const DIGITS: u32 = 21;
 
+/// Binary digits of a place along the curve.
+#[cfg(feature = "embree")]
+pub(crate) const PLACE_DIGITS: u32 = 3 * DIGITS;
+
 /// A place along the curve and whose it is.
 pub(crate) type Key = (u64, u32);
 
@@ -19,9 +23,6 @@ pub(crate) struct Curve {
 }
 
 impl Curve {
-    /// Binary digits of a place.
-    pub(crate) const DIGITS: u32 = 3 * DIGITS;
-
     /// Through the cube at the lowest corner of `bounds` that holds them.
     pub(crate) fn around(bounds: &Bounds) -> Curve {
         Curve {
@@ -30,7 +31,7 @@ impl Curve {
         }
     }
 
-    /// How far along the curve a finite position in the cube is: a number of [`Curve::DIGITS`] binary digits.
+    /// How far along the curve a finite position in the cube is: a number of thrice [`DIGITS`] digits.
     #[inline(always)]
     pub(crate) fn place(&self, position: DVec3) -> u64 {
         // A cube without an edge has a single place: 0 · infinity is cast to 0.

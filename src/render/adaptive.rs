@@ -31,11 +31,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::estimate::Estimate;
-use super::film::{Tile, tiles};
 use super::forecast::Forecast;
 use super::ledger::{Account, Ledger};
 use super::look::{Kinds, Look};
 use super::meter::Meter;
+use super::mosaic::{Canvas, Site};
 use super::wave::{Visit, Waves};
 use super::{Frame, Monitor, RUN, pilot};
 use crate::numeric::LANES;
@@ -65,25 +65,26 @@ const VISIT_BYTES: usize = size_of::<Visit>() + size_of::<Estimate>();
 /// What a pixel takes between two rounds besides its estimate.
 pub(super) const LOOK_BYTES: usize = size_of::<Look>() + size_of::<bool>();
 
-/// What every pixel's samples tell, row by row, and what they took. `None` if the render was cancelled.
+/// What the samples of every pixel of the canvas tell, row by row, and what they took. `None` if the render was cancelled.
 pub(super) fn render(
     frame: &mut Frame,
     target: Adaptive,
+    canvas: &Canvas,
     monitor: &Monitor,
 ) -> Option<(Vec<Estimate>, Ledger)> {
-    let tiles = tiles(frame.settings.width, frame.settings.height);
-    let mut picture = Picture::new(frame, target);
+    let sites = &canvas.sites;
+    let mut picture = Picture::new(target, canvas, frame.settings.spp);
     let mut ledger = Ledger::default();
     let mut meter = Meter::new(&frame.settings);
     if frame.effects().has(Effect::TextureFilter) {
-        ledger += pilot(frame, &mut picture, &tiles, monitor)?;
+        ledger += pilot(frame, &mut picture, sites, monitor)?;
         meter.skip();
     }
     let waves = Waves::new(frame);
     let mut first_count = None;
     loop {
         picture.decide();
-        let round = picture.visits(&tiles);
+        let round = picture.visits(sites);
         meter.lap_all_threads(Account::Sampling);
         let wanted_count: usize = round.iter().map(|(_, visits)| visits.len()).sum();
         if wanted_count == 0 {
@@ -105,9 +106,9 @@ pub(super) fn render(
         };
         let visited = render_round(&waves, round, monitor, &progress)?;
         meter.skip();
-        for (tile, visits, estimates, tile_ledger) in visited {
+        for (site, visits, estimates, tile_ledger) in visited {
             ledger += tile_ledger;
-            picture.merge(tile, &visits, &estimates);
+            picture.merge(site, &visits, &estimates);
         }
         meter.lap(Account::Sampling);
         if picture.looks.is_empty() {
@@ -120,21 +121,21 @@ pub(super) fn render(
 
 /// Makes rays as wide as [`pilot`] finds; what that took. The pixels that were asked last have had their first round, unless
 /// its rays were of another width. `None` if the render was cancelled.
-fn pilot(frame: &mut Frame, picture: &mut Picture, tiles: &[Tile], monitor: &Monitor) -> Option<Ledger> {
+fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Monitor) -> Option<Ledger> {
     let size = [picture.width, picture.height];
     let asked = |index: usize| pilot::is_asked([index % size[0], index / size[0]], size);
     picture.wanted = (0..picture.wanted.len()).map(asked).collect();
     let mut ledger = Ledger::default();
     for _ in 0..pilot::MOST_ROUNDS {
-        let visited = render_round(&Waves::new(frame), picture.visits(tiles), monitor, &|_| ())?;
+        let visited = render_round(&Waves::new(frame), picture.visits(sites), monitor, &|_| ())?;
         let first_rounds: Vec<Estimate> = visited.iter().flat_map(|visited| &visited.2).copied().collect();
         let before = frame.even_count;
         frame.set_even_count(pilot::even_count(&first_rounds, picture.target, picture.spp));
         let has_settled = pilot::has_settled(before, frame.even_count);
-        for (tile, visits, estimates, tile_ledger) in visited {
+        for (site, visits, estimates, tile_ledger) in visited {
             ledger += tile_ledger;
             if has_settled {
-                picture.merge(tile, &visits, &estimates);
+                picture.merge(site, &visits, &estimates);
             }
         }
         if has_settled {
@@ -147,11 +148,11 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, tiles: &[Tile], monitor: &Mon
 }
 
 /// A tile, the pixels of it that were visited, what their new samples tell, and what they took.
-type Visited = (Tile, Vec<Visit>, Vec<Estimate>, Ledger);
+type Visited = (Site, Vec<Visit>, Vec<Estimate>, Ledger);
 
 fn render_round(
     waves: &Waves,
-    round: Vec<(Tile, Vec<Visit>)>,
+    round: Vec<(Site, Vec<Visit>)>,
     monitor: &Monitor,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Option<Vec<Visited>> {
@@ -163,13 +164,13 @@ fn render_round(
         .with_max_len(RUN)
         .map_init(
             || waves.lend(),
-            |wave, (tile, visits)| {
+            |wave, (site, visits)| {
                 if monitor.cancel.load(Ordering::Relaxed) {
                     return None;
                 }
-                let (estimates, ledger) = wave.render_visits(tile, &visits);
+                let (estimates, ledger) = wave.render_visits(site.tile, &visits);
                 progress((finished.fetch_add(1, Ordering::Relaxed) + 1) as f64 / tile_count);
-                Some((tile, visits, estimates, ledger))
+                Some((site, visits, estimates, ledger))
             },
         )
         .collect::<Vec<Option<_>>>();
@@ -181,6 +182,8 @@ struct Picture {
     target: Adaptive,
     width: usize,
     height: usize,
+    /// Those that are on a site; the others have no samples.
+    pixel_count: usize,
     /// Most samples a pixel.
     spp: u32,
     estimates: Vec<Estimate>,
@@ -233,13 +236,15 @@ impl Picture {
         size_of_val(&self.estimates[..]) + size_of_val(&self.looks[..]) + size_of_val(&self.wanted[..])
     }
 
-    fn new(frame: &Frame, target: Adaptive) -> Picture {
-        let (width, height) = (frame.settings.width as usize, frame.settings.height as usize);
+    fn new(target: Adaptive, canvas: &Canvas, spp: u32) -> Picture {
+        let [width, height] = canvas.size;
+        let pixel_count = |site: &Site| site.tile.width as usize * site.tile.height as usize;
         Picture {
             target,
             width,
             height,
-            spp: frame.settings.spp,
+            pixel_count: canvas.sites.iter().map(pixel_count).sum(),
+            spp,
             estimates: vec![Estimate::NONE; width * height],
             looks: Vec::new(),
             wanted: vec![true; width * height],
@@ -255,13 +260,13 @@ impl Picture {
         let this = &*self;
         let wants = |row: usize| (0..this.width).map(move |column| this.wants_more(column, row));
         self.wanted = (0..this.height).into_par_iter().flat_map_iter(wants).collect();
-        let counts = || self.looks.iter().map(|look| look.count);
-        let least = counts().min().unwrap_or(self.spp);
+        let counts = self.looks.iter().map(|look| look.count);
+        let least = counts.filter(|&count| count > 0).min().unwrap_or(self.spp);
         let missed = self.missed[level(least)].square();
         let least_join = if self.wanted.contains(&true) {
             !self.forecast(missed, least).is_worth_it()
         } else {
-            missed > self.target.error * self.target.error * self.looks.len() as f64
+            missed > self.target.error * self.target.error * self.pixel_count as f64
         };
         if least_join && least < self.spp {
             for (wanted, look) in self.wanted.iter_mut().zip(&self.looks) {
@@ -319,19 +324,19 @@ impl Picture {
     }
 
     /// The pixels of the round, by tile; tiles without any are left out.
-    fn visits(&self, tiles: &[Tile]) -> Vec<(Tile, Vec<Visit>)> {
-        tiles
+    fn visits(&self, sites: &[Site]) -> Vec<(Site, Vec<Visit>)> {
+        sites
             .par_iter()
-            .map(|&tile| (tile, self.visits_in(tile)))
+            .map(|&site| (site, self.visits_in(site)))
             .filter(|(_, visits)| !visits.is_empty())
             .collect()
     }
 
-    fn visits_in(&self, tile: Tile) -> Vec<Visit> {
+    fn visits_in(&self, Site { tile, at }: Site) -> Vec<Visit> {
         let mut visits = Vec::new();
         for y in 0..tile.height {
             for x in 0..tile.width {
-                let (column, row) = ((tile.x + x) as usize, (tile.y + y) as usize);
+                let (column, row) = (at[0] + x as usize, at[1] + y as usize);
                 if self.wanted[row * self.width + column] {
                     visits.push(Visit {
                         x,
@@ -377,9 +382,9 @@ impl Picture {
         squares > target * target * sound_count
     }
 
-    fn merge(&mut self, tile: Tile, visits: &[Visit], estimates: &[Estimate]) {
+    fn merge(&mut self, site: Site, visits: &[Visit], estimates: &[Estimate]) {
         for (visit, estimate) in visits.iter().zip(estimates) {
-            let (column, row) = ((tile.x + visit.x) as usize, (tile.y + visit.y) as usize);
+            let (column, row) = (site.at[0] + visit.x as usize, site.at[1] + visit.y as usize);
             self.estimates[row * self.width + column].merge(estimate);
         }
     }
@@ -451,6 +456,7 @@ mod tests {
             },
             width: 3,
             height: 3,
+            pixel_count: 9,
             spp: 256,
             estimates,
             looks: Vec::new(),

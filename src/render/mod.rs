@@ -18,6 +18,7 @@ mod look;
 mod losses;
 mod memory;
 mod meter;
+mod mosaic;
 mod outcome;
 mod pilot;
 pub mod plan;
@@ -54,6 +55,7 @@ pub use film::pixel_sum;
 pub use filter::PixelFilter;
 pub use ledger::{Account, Ledger, Loss, Tally};
 pub use memory::{Holding, Memory};
+pub use mosaic::{Mosaic, render_mosaic};
 pub use plan::Plan;
 pub use probe::{Probe, probe};
 pub use record::{RecordedRays, record};
@@ -82,6 +84,7 @@ use lamps::SoftLight;
 use lens::MovingCamera;
 use memory::ThreadMemory;
 use meter::Meter;
+use mosaic::Canvas;
 use sampler::{Layout, PacketShape, SampleGroup};
 use subsurface::Bodies;
 use surface::{SurfaceScene, Surfaces};
@@ -280,7 +283,7 @@ pub fn render(
 fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
     let settings = &frame.settings;
     let (width, height) = (settings.width, settings.height);
-    let (tiles, mut ledger) = render_tiles(frame, monitor)?;
+    let (tiles, mut ledger) = render_tiles(frame, &film::tiles(width, height), monitor)?;
     let mut meter = Meter::new(settings);
     let mut pixels = film::assemble(width, height, &tiles, |picture| &picture.means);
     if !settings.filter.is_box() {
@@ -294,26 +297,23 @@ fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
     let aovs = settings.sample_aovs.then(aovs);
     meter.lap_all_threads(Account::Film);
     ledger += meter.ledger;
+    let image = LinearImage {
+        width,
+        height,
+        pixels,
+    };
     Some(Rendering {
         aovs,
-        image: LinearImage {
-            width,
-            height,
-            pixels,
-        },
-        samples: SampleCounts::uniform(settings),
-        costs: None,
-        ledger,
-        ready_seconds: 0.0,
-        memory: Memory::default(),
-        plan: frame.plan.clone(),
-        subsurface: None,
+        ..Rendering::new(image, SampleCounts::uniform(settings), ledger, frame)
     })
 }
 
-/// All tiles with their pictures, in their order.
-fn render_tiles(frame: &Frame, monitor: &Monitor) -> Option<(Vec<(Tile, TilePicture)>, Ledger)> {
-    let tiles = film::tiles(frame.settings.width, frame.settings.height);
+/// Tiles with their pictures, in their order.
+fn render_tiles(
+    frame: &Frame,
+    tiles: &[Tile],
+    monitor: &Monitor,
+) -> Option<(Vec<(Tile, TilePicture)>, Ledger)> {
     let finished = AtomicUsize::new(0);
     let render_tile = |wave: &mut Wave, tile: Tile| {
         if monitor.cancel.load(Ordering::Relaxed) {
@@ -344,24 +344,36 @@ fn render_tiles(frame: &Frame, monitor: &Monitor) -> Option<(Vec<(Tile, TilePict
 
 /// As many samples as each pixel needs, round by round.
 fn render_adaptively(frame: &mut Frame, target: Adaptive, monitor: &Monitor) -> Option<Rendering> {
-    let (estimates, ledger) = adaptive::render(frame, target, monitor)?;
+    let canvas = Canvas::whole(&frame.settings);
+    let (estimates, ledger) = adaptive::render(frame, target, &canvas, monitor)?;
     let settings = &frame.settings;
     let to_pixel = |estimate: &Estimate| estimate.mean().map(|channel| channel as f32);
+    let image = LinearImage {
+        width: settings.width,
+        height: settings.height,
+        pixels: estimates.par_iter().map(to_pixel).collect(),
+    };
     Some(Rendering {
-        image: LinearImage {
-            width: settings.width,
-            height: settings.height,
-            pixels: estimates.par_iter().map(to_pixel).collect(),
-        },
-        samples: SampleCounts::of(&estimates),
         aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),
-        costs: None,
-        ledger,
-        ready_seconds: 0.0,
-        memory: Memory::default(),
-        plan: frame.plan.clone(),
-        subsurface: None,
+        ..Rendering::new(image, SampleCounts::of(&estimates), ledger, frame)
     })
+}
+
+impl Rendering {
+    /// One without what only some ask for.
+    fn new(image: LinearImage, samples: SampleCounts, ledger: Ledger, frame: &Frame) -> Rendering {
+        Rendering {
+            image,
+            samples,
+            aovs: None,
+            costs: None,
+            ledger,
+            ready_seconds: 0.0,
+            memory: Memory::default(),
+            plan: frame.plan.clone(),
+            subsurface: None,
+        }
+    }
 }
 
 impl RenderSettings {

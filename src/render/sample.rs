@@ -123,23 +123,27 @@ pub(super) fn thread_seconds() -> f64 {
     START.elapsed().as_secs_f64()
 }
 
-/// The first `count` tiles in the order of the sample.
-pub(super) fn chosen_tiles(settings: &RenderSettings, count: usize) -> Vec<Tile> {
+/// The cells of a grid of `columns` by `rows`, numbered row by row, in an order in which any first few are spread evenly.
+pub(super) fn spread([columns, rows]: [usize; 2]) -> impl Iterator<Item = usize> {
     /// Powers of the inverse of the plastic number, the root of x³ = x + 1.
     const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
-    /// R2 points for each tile after which few are left, which then follow row by row.
-    const POINTS_PER_TILE: usize = 8;
-    let all = tiles(settings.width, settings.height);
-    let columns = settings.width.div_ceil(TILE) as usize;
-    let rows = all.len() / columns;
-    let of_point = |k: usize| {
+    /// R2 points for each cell after which few are left, which then follow row by row.
+    const POINTS_PER_CELL: usize = 8;
+    let count = columns * rows;
+    let of_point = move |k: usize| {
         let cell = |axis: usize, cells: usize| ((0.5 + k as f64 * R2[axis]).fract() * cells as f64) as usize;
         cell(1, rows) * columns + cell(0, columns)
     };
-    let mut chosen = vec![false; all.len()];
-    let order = (0..POINTS_PER_TILE * all.len()).map(of_point).chain(0..all.len());
-    order
-        .filter(|&index| !std::mem::replace(&mut chosen[index], true))
+    let mut chosen = vec![false; count];
+    let order = (0..POINTS_PER_CELL * count).map(of_point).chain(0..count);
+    order.filter(move |&index| !std::mem::replace(&mut chosen[index], true))
+}
+
+/// The first `count` tiles in the order of the sample.
+pub(super) fn chosen_tiles(settings: &RenderSettings, count: usize) -> Vec<Tile> {
+    let all = tiles(settings.width, settings.height);
+    let columns = settings.width.div_ceil(TILE) as usize;
+    spread([columns, all.len() / columns])
         .map(|index| all[index])
         .filter(|&tile| inner(tile, settings).width > 0 && inner(tile, settings).height > 0)
         .take(count)
@@ -164,7 +168,12 @@ fn inner(tile: Tile, settings: &RenderSettings) -> Tile {
 }
 
 /// What `inner` shows of a rendered tile.
-fn pixels(tile: Tile, inner: Tile, picture: TilePicture, settings: &RenderSettings) -> LinearImage {
+pub(super) fn pixels(
+    tile: Tile,
+    inner: Tile,
+    picture: TilePicture,
+    settings: &RenderSettings,
+) -> LinearImage {
     let mut means = picture.means.clone();
     if !settings.filter.is_box() {
         let alone = Tile { x: 0, y: 0, ..tile };

@@ -138,6 +138,50 @@ pub(super) fn choice_lines(choice: &Choice) -> Vec<String> {
     lines
 }
 
+/// A picture that was made with what was chosen.
+#[derive(Clone, Copy, Debug)]
+pub struct AimText<'a> {
+    /// How it was chosen.
+    pub study: &'a Study,
+    /// The picture's error.
+    pub rmse: Option<Interval>,
+    /// Seconds that it took, from the structure that finds hits to the last sample.
+    pub seconds: f64,
+}
+
+/// What was chosen, what was turned for it, and what came of it.
+impl fmt::Display for AimText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Some(choice) = &self.study.choice else {
+            return Ok(());
+        };
+        for line in choice_lines(choice) {
+            writeln!(f, "{line}")?;
+        }
+        let before = self.study.points.first().map(|base| &base.settings);
+        let turned: Vec<String> = choice
+            .settings
+            .iter()
+            .filter_map(|(name, now)| {
+                let before = before?.get(name).map_or("none", String::as_str);
+                (before != now).then(|| format!("{name} from {before} to {now}"))
+            })
+            .collect();
+        if !turned.is_empty() {
+            writeln!(f, "  turned: {}", turned.join(", "))?;
+        }
+        let rmse = self.rmse.map_or("not measured".to_owned(), |rmse| {
+            format!("{} ({})", significant(rmse.value, 3), range(rmse, 3))
+        });
+        writeln!(
+            f,
+            "  this picture: RMSE {rmse}, {} s",
+            significant(self.seconds, 3)
+        )?;
+        lacks(self.study, f)
+    }
+}
+
 fn lacks(study: &Study, f: &mut fmt::Formatter) -> fmt::Result {
     if study.reference.has_converged() {
         return Ok(());

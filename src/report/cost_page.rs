@@ -80,7 +80,13 @@ fn known(study: &Study, facts: &Facts) -> String {
         ("scene", escape(&facts.scene.display().to_string())),
         (
             "pictures",
-            format!("{width}x{height} pixels by {} threads", study.threads),
+            match study.pieces_of {
+                None => format!("{width}x{height} pixels by {} threads", study.threads),
+                Some([all, high]) => format!(
+                    "{width}x{height} pixels, pieces of {all}x{high}, by {} threads",
+                    study.threads
+                ),
+            },
         ),
         (
             "reference",
@@ -376,6 +382,7 @@ pub(super) mod tests {
         };
         Study {
             size: [64, 48],
+            pieces_of: None,
             threads: 2,
             reference: Reference {
                 spp: 1024,

@@ -73,14 +73,14 @@ pub(in crate::cli) struct CostArgs {
     pub(in crate::cli) date: Option<String>,
 }
 
-fn error(text: &str) -> Result<f64, String> {
+pub(super) fn error(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|error| (MIN_ADAPTIVE_ERROR..=1.0).contains(error))
         .ok_or_else(|| format!("give an error from {MIN_ADAPTIVE_ERROR} to 1, as in 0.01 of white"))
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
+pub(super) fn seconds(text: &str) -> Result<f64, String> {
     text.strip_suffix('s')
         .unwrap_or(text)
         .parse()
@@ -89,7 +89,7 @@ fn seconds(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("give seconds from 0.001 to {}", super::MAX_BUDGET))
 }
 
-fn budget(text: &str) -> Result<f64, String> {
+pub(super) fn budget(text: &str) -> Result<f64, String> {
     text.strip_suffix('s')
         .unwrap_or(text)
         .parse()

@@ -158,6 +158,7 @@ fn study() -> Study {
     });
     Study {
         size: SIZE,
+        pieces_of: None,
         threads: 2,
         reference: Reference {
             spp: 4096,

@@ -233,6 +233,7 @@ mod tests {
         });
         Displayed {
             width: side,
+            block: BLOCK,
             pixels: pixels.collect(),
         }
     }

@@ -45,7 +45,7 @@ fn both(scene: &Scene, settings: &RenderSettings, pixels: f64) -> (Rendering, Re
 #[test]
 fn pieces_have_the_bits_of_the_whole_picture() {
     let scene = first_light();
-    let mitchell = PixelFilter::new(FilterKind::Mitchell, None).unwrap();
+    let mitchell = PixelFilter::of_kind(FilterKind::Mitchell);
     for (filter, side) in [(PixelFilter::default(), 16), (mitchell, 12)] {
         let settings = RenderSettings {
             filter,

@@ -59,7 +59,7 @@ fn every_precision_is_measured_and_has_a_frame_of_its_own() {
     let flags = ["--size", "32x32", "--repeat", "1", "--json", &json];
     let run = whit(&[&["bench", &first_light()], &flags[..]].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
-    for precision in ["fast", "watertight"] {
+    for precision in ["fast", "robust"] {
         assert!(
             run.stdout.contains(&format!("frame, {precision}: ")),
             "{}",
@@ -115,8 +115,16 @@ fn both_kinds_of_instancing_are_measured_where_meshes_are_placed_and_only_there(
     };
     assert_eq!(chosen(&[]), "callback");
     assert_eq!(chosen(&["--precision", "fast"]), "native");
-    assert_eq!(chosen(&["--instancing", "native"]), "native");
-    assert_eq!(chosen(&["--precision", "watertight"]), "callback");
+    let native = ["--precision", "robust", "--instancing", "native"];
+    assert_eq!(chosen(&native), "native");
+    let refused = whit(&["bench", &path("placed.toml"), "--instancing", "native"]);
+    assert_eq!(refused.code, 2);
+    assert!(
+        refused.stderr.contains("`--precision fast` or `robust`"),
+        "{}",
+        refused.stderr
+    );
+    assert_eq!(chosen(&["--precision", "robust"]), "callback");
 
     fs::write(path("plain.toml"), "[[object]]\nshape = \"sphere\"\n").unwrap();
     let run = whit(&[&["bench", &path("plain.toml")], &flags[..]].concat());

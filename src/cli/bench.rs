@@ -23,7 +23,7 @@ use crate::scene_file::{Output, SceneFile};
 use super::args::{BenchArgs, DEFAULT_BENCH_SPP};
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{Tracing, choose_camera, settings, wish};
+use super::job::{Tracing, check_instancing, choose_camera, settings, wish};
 use super::output;
 use super::progress::{Progress, Verbosity};
 use super::replay::{Differences, Engine, RaySet, differences, replay_seconds};
@@ -82,6 +82,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if asks_embree && !cfg!(feature = "embree") {
         return Err(AccelError::NoEmbree.into());
     }
+    check_instancing(&args.tracing)?;
     measure_scenes(args, bench_scene, |rows| BenchTable(rows).to_string())
 }
 

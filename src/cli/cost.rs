@@ -19,7 +19,7 @@ use super::aim;
 use super::args::CostArgs;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{Tracing, choose_camera, settings};
+use super::job::{Tracing, check_instancing, choose_camera, settings};
 use super::output;
 use super::progress::{Progress, Verbosity};
 use super::scene;
@@ -41,6 +41,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
             "brute force is too slow for a base: choose `--backend embree` or `--backend bsp`".into(),
         ));
     }
+    check_instancing(&args.tracing)?;
     let folder = args.out.as_deref().map(Folder::new).transpose()?;
     let tracing = Tracing::new(&args.tracing);
     let progress = Progress::new(Verbosity::Normal);

@@ -134,6 +134,7 @@ impl RenderJob {
                 "`--instancing` is for Embree: leave it out with `--backend {backend}`"
             )));
         }
+        check_instancing(&args.tracing)?;
         let targets = targets(args)?;
         let stats = args.stats.as_deref().map(StatsTo::of);
         let aovs = args.sampling.aov.clone();
@@ -287,6 +288,18 @@ pub(super) fn effective_precision(backend: Backend, wish: Precision) -> Precisio
         Backend::Embree => wish,
         Backend::Bsp | Backend::Brute => Precision::Watertight,
     }
+}
+
+/// Refuses a kind of instancing that the precision does not have.
+pub(super) fn check_instancing(args: &TracingArgs) -> Result<(), Failure> {
+    if args.instancing.resolved(args.precision) == args.instancing || args.instancing == Instancing::Auto {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "`--instancing {}` is not for `--precision {}`, whose placed meshes are met through callbacks: choose `--precision \
+         fast` or `robust`",
+        args.instancing, args.precision
+    )))
 }
 
 impl Tracing {

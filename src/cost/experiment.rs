@@ -26,8 +26,9 @@ const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
 const REFERENCE_TIMES: u32 = 50;
 /// A picture of fewer pixels says little of a scene; a longer ladder is given up before.
 const FEWEST_PIXELS: f64 = 12_288.0;
-/// No picture is smaller than this.
+/// No picture is smaller than this, of its own shape and of pieces: intervals are drawn from sixteen of these at least.
 const LEAST_PIXELS: f64 = 1024.0;
+const LEAST_PIXELS_OF_PIECES: f64 = 4096.0;
 /// Pixels that a pilot renders, at most and at least.
 const PILOT_PIXELS: [f64; 2] = [3072.0, 192.0];
 /// Blocks that a budget is laid out for, that are taken at least, and at most.
@@ -302,7 +303,11 @@ impl Stage<'_, '_> {
                 continue;
             }
             // Blocks give way to the reference where not even this is affordable.
-            let view = wish.map_or_else(|| self.view_of(pixels.max(LEAST_PIXELS)), View::Whole);
+            let least = match self.experiment.target {
+                None => LEAST_PIXELS,
+                Some(_) => LEAST_PIXELS_OF_PIECES,
+            };
+            let view = wish.map_or_else(|| self.view_of(pixels.max(least)), View::Whole);
             return Ok(Layout {
                 view,
                 contestants,

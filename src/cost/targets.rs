@@ -113,9 +113,9 @@ impl Stage<'_, '_> {
             measured,
             &mut search,
         )?;
-        let reached = chosen.is_some();
-        // Where nothing could be measured that was foretold to come near, the base is told.
-        let (forecast, trial) = chosen.or_else(|| search.nearest(goal)).unwrap_or_else(|| {
+        // Where nothing else could be measured that was foretold to come near, it is the base; nobody chose it by how it
+        // did.
+        let staying = || {
             let forecast = Forecast {
                 configuration: *base,
                 mean_square: of_base.mean_square(),
@@ -127,7 +127,15 @@ impl Stage<'_, '_> {
                 time_ratio: of_base.time_ratio,
             };
             (forecast, trial)
-        });
+        };
+        let (forecast, trial, reached) = match (chosen, search.nearest(goal)) {
+            (Some((forecast, trial)), _) => (forecast, trial, true),
+            (None, Some((forecast, trial))) => (forecast, trial, false),
+            (None, None) => {
+                let (forecast, trial) = staying();
+                (forecast, trial, trial.reaches(goal))
+            }
+        };
         let choice = Choice {
             target,
             reached,

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Accel, AccelError, AccelOptions, Hit, Kernel, LANES, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelError, AccelOptions, Hit, Kernel, LANES, Precision, RayOrder, RayPacket};
 use whit::mesh::{Mesh, Slab};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
@@ -354,16 +354,22 @@ fn progress_never_falls_and_ends_at_one() {
         vec![field(64), field(32)],
         &[(0, DAffine3::IDENTITY), (1, turned)],
     );
-    let told = Mutex::new(Vec::new());
-    let tell = |fraction: f64| told.lock().unwrap().push(fraction);
-    let options = AccelOptions {
-        progress: Some(&tell),
-        threads: 1,
-        ..AccelOptions::default()
-    };
-    EmbreeAccel::build(&scene, &options).unwrap();
-    let told = told.into_inner().unwrap();
-    assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
+    for precision in Precision::ALL {
+        let told = Mutex::new(Vec::new());
+        let tell = |fraction: f64| told.lock().unwrap().push(fraction);
+        let options = AccelOptions {
+            precision,
+            progress: Some(&tell),
+            threads: 1,
+            ..AccelOptions::default()
+        };
+        EmbreeAccel::build(&scene, &options).unwrap();
+        let told = told.into_inner().unwrap();
+        assert!(
+            told.is_sorted() && told.last() == Some(&1.0),
+            "{precision}: {told:?}"
+        );
+    }
 }
 
 #[test]

@@ -120,7 +120,9 @@ pub(super) fn build<'s>(
     }
     let [still, moving] = &users;
     let native_instance_count = attach_instances(scene, device, &mut world, still, instancing)?;
-    let object_count = still.primitive_count() + moving.primitive_count() + native_instance_count;
+    // Patches are of triangles, which are counted themselves.
+    let user_count = still.primitive_count() - still.patch_count() + moving.primitive_count();
+    let object_count = user_count + native_instance_count;
     world.commit(
         device,
         &progress.stage(world_triangle_count(scene) + object_count),

@@ -95,6 +95,8 @@ fn what_differs_is_drawn_written_down_and_asked_again() {
         &scene,
         "--size",
         "80x60",
+        "--precision",
+        "robust",
         "--overlay",
         &png,
         "--rays-out",
@@ -108,6 +110,12 @@ fn what_differs_is_drawn_written_down_and_asked_again() {
         .filter(|line| line.matches('|').count() == 3 && !line.starts_with('#'))
         .count();
     assert!(count > 0, "sheets in one plane tie: {}", run.stdout);
+    let watertight = whit(&["verify", &scene, "--size", "80x60"]);
+    assert!(
+        watertight.stdout.contains("rays: 0 wrong, 0 ties"),
+        "{}",
+        watertight.stdout
+    );
     let picture = image::open(&png).unwrap().into_rgb8();
     assert_eq!(picture.width(), 80);
     assert!(picture.height() > 60, "it has a legend");
@@ -155,7 +163,16 @@ fn rays_of_another_scene_or_of_no_scene_are_refused_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let scene = coincident(folder.path());
     let rays = folder.path().join("a.rays").display().to_string();
-    let run = whit(&["verify", &scene, "--size", "40x30", "--rays-out", &rays]);
+    let run = whit(&[
+        "verify",
+        &scene,
+        "--size",
+        "40x30",
+        "--precision",
+        "robust",
+        "--rays-out",
+        &rays,
+    ]);
     assert_eq!(run.code, 0, "{}", run.stderr);
     fails_with(
         2,

@@ -30,6 +30,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     let pool = tracing.pool()?;
     let progress = Progress::new(Verbosity::Normal);
     let options = AccelOptions {
+        precision: args.precision,
         threads: tracing.threads,
         isa: args.isa.clone(),
         ..AccelOptions::default()

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args as ArgGroup;
 
 use super::{ImageSize, MAX_THREADS};
+use crate::accel::Precision;
 
 /// So many rays that what happens to one in ten thousand is seen, in well under a minute for all cases.
 const DEFAULT_RAYS: u64 = 100_000;
@@ -22,7 +23,7 @@ Examples:
   whit verify --list
   whit verify --case H11 --case H12 --rays 10000000 --isa all
   whit verify --rays 1000000 --json verify.json --html verify.html
-  whit verify scene.glb --size 1920x1080
+  whit verify scene.glb --size 1920x1080 --precision robust
   whit verify scene.glb --overlay differences.png --rays-out differences.rays --html scene.html
   whit verify scene.glb --replay differences.rays
 
@@ -40,6 +41,10 @@ pub(in crate::cli) struct VerifyArgs {
     /// Image size in pixels of the scenes' pictures
     #[arg(long, value_name = "WxH", requires = "scenes", help = super::or_scene("Size in pixels of the picture whose rays are checked", super::DEFAULT_SIZE))]
     pub(in crate::cli) size: Option<ImageSize>,
+
+    /// How far Embree's triangle hits may be trusted that scenes' own rays meet; the cases are put to all
+    #[arg(long, requires = "scenes", default_value_t = Precision::default())]
+    pub(in crate::cli) precision: Precision,
 
     /// Rays a case and path
     #[arg(long, value_name = "N", default_value_t = DEFAULT_RAYS, value_parser = clap::value_parser!(u64).range(1..=MAX_RAYS))]

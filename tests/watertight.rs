@@ -3,6 +3,7 @@
 //!
 //! With `WHIT_WATERTIGHT_RAYS` that many rays are aimed at the corners and as many at the edges of each mesh, by each
 //! instruction set: `WHIT_WATERTIGHT_RAYS=100000000 cargo test --release --test watertight -- --ignored --nocapture`.
+//! `WHIT_ISAS=sse2,avx2` asks by these alone.
 #![cfg(feature = "embree")]
 
 #[path = "common/scenes.rs"]
@@ -189,8 +190,13 @@ fn count_leaks(closed: &Closed, target: Target, accel: &EmbreeAccel, ray_count: 
 }
 
 fn assert_tight(meshes: &[Closed], ray_count: usize, kernels: &[Kernel]) {
+    let wish = std::env::var("WHIT_ISAS").ok();
+    let is_wished = |isa: &str| {
+        wish.as_deref()
+            .is_none_or(|all| all.split(',').any(|one| one == isa))
+    };
     for closed in meshes {
-        for isa in ALL_ISAS {
+        for isa in ALL_ISAS.into_iter().filter(|isa| is_wished(isa)) {
             for &kernel in kernels {
                 let Some(accel) = build(&closed.scene, Precision::Watertight, (isa, kernel)) else {
                     continue;

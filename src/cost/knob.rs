@@ -433,12 +433,12 @@ impl Turns<'_> {
             .any(|geometry| matches!(geometry, Geometry::Mesh(_)));
         let mut paths = Vec::new();
         if cfg!(feature = "embree") {
-            // Precisions differ in triangles alone.
-            let precisions: &[Precision] = if has_meshes {
-                &Precision::ALL
-            } else {
-                &[Precision::Robust]
+            // Precisions differ in triangles alone: without any, there is one path through Embree.
+            let own = match self.base.path.backend {
+                Backend::Embree => self.base.path.precision,
+                Backend::Bsp | Backend::Brute => Precision::default(),
             };
+            let precisions: &[Precision] = if has_meshes { &Precision::ALL } else { &[own] };
             paths.extend(precisions.iter().map(|&precision| HitPath {
                 backend: Backend::Embree,
                 precision,

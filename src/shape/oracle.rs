@@ -135,10 +135,13 @@ fn is_kept(interval: &[Wide; 2], n: DVec3, h: f64, (o, d): (DVec3, DVec3)) -> bo
     })
 }
 
-/// Samples of a line between which a torus's distance is monotone, but for the extrema that are then looked for.
+/// Samples of a line through a torus, where it is not near the surface.
 const SAMPLES: usize = 96;
+/// Between samples so near each other, in parts of the tube's radius, the distance has one extremum at most.
+const FINEST: f64 = 1.0 / 32.0;
 
-/// Where the line is inside the torus of tube radius `r + delta`, by sampling, extrema and bisection.
+/// Where the line is inside the torus of tube radius `r + delta`, by sampling, extrema and bisection. Samples are the
+/// nearer each other the nearer the surface is: the distance changes no faster than the place.
 pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals {
     let (middle, half) = (-o.dot(d) / d.length_squared(), 2.0 / d.length());
     let depth = |t: f64| {
@@ -146,10 +149,25 @@ pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals 
         (p.x.hypot(p.y) - 1.0).hypot(p.z) - r
     };
     let sample = |k: usize| middle + half * (2.0 * k as f64 / SAMPLES as f64 - 1.0);
-    let mut places: Vec<f64> = (0..=SAMPLES).map(sample).collect();
-    for k in 1..SAMPLES {
-        let around = [sample(k - 1), sample(k), sample(k + 1)];
-        let [before, here, after] = around.map(depth);
+    let mut samples = vec![sample(0)];
+    // The right ends of what is still to be seen, the next one last.
+    let mut ahead: Vec<f64> = (1..=SAMPLES).rev().map(sample).collect();
+    let unsure = delta.abs() * 8.0;
+    while let Some(&right) = ahead.last() {
+        let left = samples[samples.len() - 1];
+        let length = (right - left) * d.length();
+        let is_far = depth(left).abs() + depth(right).abs() > length + unsure;
+        let between = 0.5 * (left + right);
+        if is_far || length <= FINEST * r || !(left < between && between < right) {
+            samples.push(right);
+            ahead.pop();
+        } else {
+            ahead.push(between);
+        }
+    }
+    let mut places = samples.clone();
+    for around in samples.windows(3) {
+        let [before, here, after] = [0, 1, 2].map(|k| depth(around[k]));
         if (here - before) * (after - here) <= 0.0 {
             let sign = if here <= before { 1.0 } else { -1.0 };
             places.push(lowest(|t| sign * depth(t), around[0], around[2]));
@@ -264,6 +282,22 @@ mod tests {
         );
         assert!((found[0][0].nearest() - 0.786_799_283_644_389_6).abs() < 1e-15);
         assert!((found[0][1].nearest() - 1.213_200_716_355_610_4).abs() < 1e-15);
+    }
+
+    #[test]
+    fn two_short_crossings_of_a_thin_tube_that_lie_side_by_side_are_both_found() {
+        // The roots of the quartic to 50 digits: 0.999890987492, 1.00000411635, 1.00055844557, 1.00192016807.
+        let o = [8.674982e1f32, -4.919767e1, 8.179927e0].map(f64::from);
+        let d = [-8.620179e1f32, 5.002434e1, -8.174167e0].map(f64::from);
+        let found = inside_torus(0.01, 0.0, DVec3::from_array(o), DVec3::from_array(d));
+        let exact = [
+            [0.999_890_987_492, 1.000_004_116_35],
+            [1.000_558_445_57, 1.001_920_168_07],
+        ];
+        assert_eq!(found.len(), 2);
+        for (found, exact) in found.iter().flatten().zip(exact.as_flattened()) {
+            assert!((found.nearest() - exact).abs() < 1e-11, "{found:?} for {exact}");
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 use std::ops::RangeInclusive;
 
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 
 use super::exact;
 use super::meshes::among_others;
@@ -11,6 +11,7 @@ use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{Random, Ray, Wide};
+use crate::scene::Camera;
 use crate::shape::oracle::{Wide3, dot, wide3};
 use crate::shape::{Shape, Sphere};
 
@@ -31,12 +32,12 @@ pub(super) const CASES: &[Case] = &[
     Case {
         id: "H01f",
         title: "very distant sphere",
-        construction: "the same from 10^4 to 10^7 radii away, where Embree's walk to shapes may miss their boxes",
+        construction: "the same from 10^4 to 10^7 radii away, as far as a camera of the scene stands",
         oracle: ORACLE,
         bound: "as for H01",
         unit: "ulp of t",
         asks: Asks::Shapes,
-        required: Closes::Vertices,
+        required: Closes::Faces,
         run: |trial| distant(trial, 4..=7),
     },
     Case {
@@ -197,7 +198,23 @@ fn at_sphere(
     sphere: Sphere,
     ray: impl Fn(&mut Random) -> Ray + Sync,
 ) -> Result<Tally, AccelError> {
-    let scene = among_others(Shape::Sphere(sphere), sphere.center, sphere.radius);
+    at_sphere_from(trial, sphere, 0.0, ray)
+}
+
+/// The same, for a scene with a camera so far away.
+fn at_sphere_from(
+    trial: &Trial,
+    sphere: Sphere,
+    farthest: f64,
+    ray: impl Fn(&mut Random) -> Ray + Sync,
+) -> Result<Tally, AccelError> {
+    let mut scene = among_others(Shape::Sphere(sphere), sphere.center, sphere.radius);
+    if farthest > 0.0 {
+        scene.cameras = vec![Camera {
+            world_from_camera: DAffine3::from_translation(farthest * DVec3::Z),
+            ..Camera::default()
+        }];
+    }
     let engine = trial.engine(&scene)?;
     Ok(trial.nearest(&engine, ray, |ray, hit, tally| {
         // One of the others may stand in the way.
@@ -211,7 +228,8 @@ fn at_sphere(
 /// Rays from so many powers of ten of the radius away.
 fn distant(trial: &Trial, powers: RangeInclusive<i32>) -> Result<Tally, AccelError> {
     let distances: Vec<f64> = powers.map(|power| 10f64.powi(power)).collect();
-    at_sphere(trial, Sphere::UNIT, |random| {
+    let farthest = distances.iter().copied().fold(0.0, f64::max);
+    at_sphere_from(trial, Sphere::UNIT, farthest, |random| {
         let distance = random.pick(&distances);
         let origin = (distance * random.direction()).as_vec3();
         // A point of a ball a little larger than the sphere.

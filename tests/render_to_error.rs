@@ -160,7 +160,7 @@ fn check(filed: &FiledScene, threads: usize) -> bool {
         let settings = &mut strict.settings;
         settings.spp = REFERENCE_SPP;
         settings.pattern = Pattern::Sobol;
-        settings.depth = 3 * settings.depth;
+        settings.depth *= 3;
         settings.weight_cutoff /= 8.0;
         settings.wavelengths = settings.wavelengths.max(32);
         settings.effects.removed = settings.effects.removed.with(Effect::TextureFilter);

@@ -60,7 +60,14 @@ fn a_mirror_scene_has_its_knobs_and_more_samples_are_closer() {
         let [low, value, high] = ["low", "value", "high"].map(|end| point["seconds"][end].as_f64().unwrap());
         assert!(0.0 < low && low <= value && value <= high);
     }
-    let files = ["report.html", "points.csv", "ref.exr", "settings.toml"];
+    let files = [
+        "report.html",
+        "points.csv",
+        "ref.exr",
+        "settings.toml",
+        "difference.png",
+        "flip.png",
+    ];
     for file in files {
         assert!(
             fs::metadata(folder.path().join(file)).unwrap().len() > 0,

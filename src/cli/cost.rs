@@ -141,6 +141,8 @@ struct Folder {
     csv: PathBuf,
     reference: PathBuf,
     settings: PathBuf,
+    difference: PathBuf,
+    flip: PathBuf,
 }
 
 impl Folder {
@@ -155,6 +157,8 @@ impl Folder {
             csv: folder.join("points.csv"),
             reference: folder.join("ref.exr"),
             settings: folder.join("settings.toml"),
+            difference: folder.join("difference.png"),
+            flip: folder.join("flip.png"),
         };
         for path in [
             &files.page,
@@ -162,6 +166,8 @@ impl Folder {
             &files.csv,
             &files.reference,
             &files.settings,
+            &files.difference,
+            &files.flip,
         ] {
             check_writable(path)?;
         }
@@ -224,6 +230,12 @@ impl Folder {
             difference: &difference::signed(reference, base, tone.exposure_ev),
             flip: &difference::heat(&flip, reference.width),
         };
+        for (image, path) in [
+            (pictures.difference, &self.difference),
+            (pictures.flip, &self.flip),
+        ] {
+            interrupt::finish_first(|| write(image, path, ImageFormat::Png, ToneMap::default()))?;
+        }
         let page = cost_page::page(study, &facts, &pictures).map_err(|error| {
             Failure::Work(format!(
                 "could not put the pictures into {}: {error}",

@@ -24,11 +24,13 @@ const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
 /// Samples of each half of the reference for each of the longest sweep, at least: its noise is then a hundredth of the
 /// sweep's even where errors fall no faster than at random.
 const REFERENCE_TIMES: u32 = 50;
+/// The same where settings are looked for that reach a target: that the reference is noisy widens intervals and no more.
+const REFERENCE_TIMES_FOR_A_TARGET: u32 = 12;
 /// A picture of fewer pixels says little of a scene; a longer ladder is given up before.
 const FEWEST_PIXELS: f64 = 12_288.0;
-/// No picture is smaller than this, of its own shape and of pieces: intervals are drawn from sixteen of these at least.
+/// No picture is smaller than this, of its own shape and of pieces: intervals are drawn from eight of these at least.
 const LEAST_PIXELS: f64 = 1024.0;
-const LEAST_PIXELS_OF_PIECES: f64 = 4096.0;
+const LEAST_PIXELS_OF_PIECES: f64 = 2048.0;
 /// Pixels that a pilot renders, at most and at least.
 const PILOT_PIXELS: [f64; 2] = [3072.0, 192.0];
 /// Blocks that a budget is laid out for, that are taken at least, and at most.
@@ -262,6 +264,10 @@ impl Stage<'_, '_> {
     fn lay_out(&self, plan: &Plan, strict: &Configuration) -> Result<Layout, CostError> {
         self.say("pilot");
         let budget = self.experiment.budget - self.spent();
+        let reference_times = match self.experiment.target {
+            None => REFERENCE_TIMES,
+            Some(_) => REFERENCE_TIMES_FOR_A_TARGET,
+        };
         // For a target, the size wished for is the picture's.
         let wish = self.experiment.size.filter(|_| self.experiment.target.is_none());
         let base = &contestants(self.experiment, plan, [1, 1])[0].configuration;
@@ -278,7 +284,7 @@ impl Stage<'_, '_> {
             let affordable = PILOT_PART * budget / (unit * samples);
             let pilot = self.view_of(affordable.clamp(PILOT_PIXELS[1], PILOT_PIXELS[0]));
             let is_last = place + 1 == LADDER.len();
-            let reference_spp = (REFERENCE_TIMES * rung[1]).next_power_of_two();
+            let reference_spp = (reference_times * rung[1]).next_power_of_two();
             // Cheap enough to be told without a pilot of its own.
             let least = unit * (PLANNED_BLOCKS * samples + 2.0 * f64::from(reference_spp));
             if !is_last && LAID_OUT * budget / least < FEWEST_PIXELS && wish.is_none() {

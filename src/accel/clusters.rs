@@ -187,7 +187,7 @@ impl Cost {
     /// Of asking about so many, which are some, over the chance of reaching them.
     #[inline(always)]
     fn of(&self, count: u32) -> f64 {
-        // Half of one below, no quotient is near a whole number; whole numbers are divided late.
+        // With half of one less no quotient is near a whole number; division of integers takes longer.
         let full = ((f64::from(count) - 0.5) / f64::from(self.limit)) as u32;
         f64::from(full + 1) * self.visit + f64::from(count) * self.member
     }

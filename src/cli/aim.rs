@@ -2,8 +2,7 @@
 
 use std::time::Instant;
 
-use crate::accel::Backend;
-use crate::cost::{self, Configuration, CostError, Experiment, Findings, HitPath, SceneChange, Watcher};
+use crate::cost::{self, Configuration, CostError, Experiment, Findings, SceneChange, Watcher};
 use crate::render::RenderSettings;
 use crate::scene::{Camera, Scene};
 
@@ -27,14 +26,7 @@ pub(super) fn look(
                 ledger: false,
                 ..shot.settings
             },
-            path: match job.backend {
-                Backend::Embree => HitPath {
-                    backend: job.backend,
-                    precision: tracing.precision,
-                    instancing: tracing.instancing,
-                },
-                _ => HitPath::BSP,
-            },
+            path: tracing.path(job.backend),
             change: SceneChange::default(),
         },
         tone: shot.tone,

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use crate::accel::{AccelError, Backend};
 use crate::cost::{
-    Configuration, Experiment, Findings, HitPath, Measured, SceneChange, Settings, SettingsFile, Target,
+    Configuration, Experiment, Findings, Measured, SceneChange, Settings, SettingsFile, Target,
 };
 use crate::image::metrics::{self, Viewing};
 use crate::image::{ImageFormat, ToneMap, check_writable, write};
@@ -92,14 +92,7 @@ fn measure(
         camera,
         base: Configuration {
             settings: settings(&picture)?,
-            path: match backend {
-                Backend::Embree => HitPath {
-                    backend,
-                    precision: tracing.precision,
-                    instancing: tracing.instancing,
-                },
-                _ => HitPath::BSP,
-            },
+            path: tracing.path(backend),
             change: SceneChange::default(),
         },
         tone,

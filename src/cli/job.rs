@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 
 use crate::accel::{Backend, Instancing, Precision};
-use crate::cost::{self, SceneChange, Settings, SettingsFile};
+use crate::cost::{self, HitPath, SceneChange, Settings, SettingsFile};
 use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
@@ -325,6 +325,18 @@ impl Tracing {
             isa: None,
             threads,
         })
+    }
+
+    /// How a study begins to find hits.
+    pub(super) fn path(&self, backend: Backend) -> HitPath {
+        match backend {
+            Backend::Embree => HitPath {
+                backend,
+                precision: self.precision,
+                instancing: self.instancing,
+            },
+            Backend::Bsp | Backend::Brute => HitPath::BSP,
+        }
     }
 
     /// The threads that everything runs on.

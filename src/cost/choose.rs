@@ -2,8 +2,8 @@
 //!
 //! Squared errors are taken to add up: what a knob adds to the base's or takes from it, it adds wherever the others are;
 //! but what is taken is not taken twice, so that of two knobs that leave a part of the error each, a share of the product
-//! of the parts is left at least. Times are taken to multiply. Both are wrong here and there, which is why whatever is foretold is only an order in which
-//! to measure.
+//! of the parts is left at least. Times are taken to multiply. Both are wrong here and there, which is why whatever is
+//! foretold is only an order in which to measure.
 
 use serde::{Deserialize, Serialize};
 

@@ -6,7 +6,7 @@
 use std::time::Instant;
 
 use super::film::Tile;
-use super::sample::{pixels, spread};
+use super::sample::{pixels, reach, spread};
 use super::{Frame, Monitor, RenderSettings, Rendering, adaptive, render_tiles};
 use crate::accel::Accel;
 use crate::image::LinearImage;
@@ -141,14 +141,6 @@ impl Mosaic {
 /// Side of what a piece shows: a filter that takes from neighbouring pieces leaves out what they reach.
 fn side(settings: &RenderSettings) -> u32 {
     PIECE - 2 * reach(settings)
-}
-
-fn reach(settings: &RenderSettings) -> u32 {
-    if settings.filter.is_box() {
-        0
-    } else {
-        settings.filter.reach() as u32
-    }
 }
 
 /// How many pieces the picture has that nothing is missing from, side by side and one below the other.

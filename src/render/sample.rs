@@ -150,13 +150,18 @@ pub(super) fn chosen_tiles(settings: &RenderSettings, count: usize) -> Vec<Tile>
         .collect()
 }
 
-/// The pixels of a tile that no other tile's samples reach.
-fn inner(tile: Tile, settings: &RenderSettings) -> Tile {
-    let reach = if settings.filter.is_box() {
+/// Pixels from its own up to which a sample is seen; adaptive sampling takes every filter for a box.
+pub(super) fn reach(settings: &RenderSettings) -> u32 {
+    if settings.filter.is_box() || settings.target().is_some() {
         0
     } else {
         settings.filter.reach() as u32
-    };
+    }
+}
+
+/// The pixels of a tile that no other tile's samples reach.
+fn inner(tile: Tile, settings: &RenderSettings) -> Tile {
+    let reach = reach(settings);
     let along = |start: u32, size: u32, end: u32| {
         let before = if start > 0 { reach } else { 0 };
         let behind = if start + size < end { reach } else { 0 };

@@ -18,9 +18,9 @@ the hits and how far it may be trusted. Errors are those of values as displayed 
 independent halves of a reference, one through Embree and one through the BSP; times are ratios within blocks in which
 every setting takes one turn. Pictures are as large as the budget affords, unless --size says it.
 
-Written into --out: report.html (one file, nothing to load), report.json, points.csv, ref.exr, the base's difference.png and
-flip.png, and settings.toml, the settings from which on less error is dear and before which less time is, or those that --max-error or --max-time chose,
-for `whit render --settings`. Where no settings are found that reach a target, the exit code is 1 and the nearest are told.
+Written into --out: report.html (one file, nothing to load), report.json, points.csv, ref.exr, the base's
+difference.png and flip.png, and settings.toml, the settings from which on less error is dear and before which less
+time is, or those that --max-error or --max-time chose, for `whit render --settings`. Where no settings are found that reach a target, the exit code is 1 and the nearest are told.
 
 Examples:
   whit cost scene.toml

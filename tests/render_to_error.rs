@@ -19,7 +19,7 @@ use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::cost::blocks::{Blocks, Protocol};
 use whit::cost::{
     Configuration, Displayed, Experiment, Halves, HitPath, Knob, Pictures, SceneChange, Target, Watcher,
-    knobs, run,
+    knobs, run, with_knob,
 };
 use whit::image::ToneMap;
 use whit::render::{Monitor, Pattern, Plan, RenderSettings, Rendering, render};
@@ -92,23 +92,13 @@ fn everything(scene: &Scene, plan: &Plan, base: &Configuration) -> Vec<Configura
     let mut all = vec![*base];
     for (knob, turns) in by_knob {
         let turned = |before: &Configuration| -> Vec<Configuration> {
-            let with = |turn: &Configuration| {
-                let mut one = *before;
-                let (to, from) = (&mut one.settings, &turn.settings);
-                match knob {
-                    Knob::Samples => (to.spp, to.adaptive) = (from.spp, from.adaptive),
-                    Knob::Pattern => to.pattern = from.pattern,
-                    Knob::Depth => to.depth = from.depth,
-                    Knob::Cutoff => to.weight_cutoff = from.weight_cutoff,
-                    Knob::Wavelengths => to.wavelengths = from.wavelengths,
-                    Knob::TextureFilter => to.effects = from.effects,
-                    Knob::LightSamples => one.change.light_samples = turn.change.light_samples,
-                    Knob::RoughRays => one.change.rough_rays = turn.change.rough_rays,
-                    Knob::MarchStep => one.change.step_factor = turn.change.step_factor,
-                    Knob::Adaptive | Knob::HitPath | Knob::Instancing => {}
-                }
-                one
+            // Samples and adaptive sampling are one choice.
+            let knob = if knob == Knob::Samples {
+                Knob::Adaptive
+            } else {
+                knob
             };
+            let with = |turn: &Configuration| with_knob(before, knob, turn);
             turns.iter().map(with).collect()
         };
         all = all.iter().flat_map(turned).collect();

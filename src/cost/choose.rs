@@ -168,8 +168,8 @@ fn drop_beaten(turns: &mut Vec<Turn>) {
     turns.retain(|turn| !all.iter().any(|other| beats(other, turn)));
 }
 
-/// `configuration` with one knob as `turned` has it.
-fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configuration) -> Configuration {
+/// `configuration` with one knob as `turned` has it; with [`Knob::Adaptive`] the samples come along.
+pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configuration) -> Configuration {
     let mut result = *configuration;
     let (settings, from) = (&mut result.settings, &turned.settings);
     match knob {

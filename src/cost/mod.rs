@@ -20,7 +20,7 @@ pub mod statistics;
 mod study;
 mod targets;
 
-pub use choose::{Forecast, Goal, Target, candidates, forecasts};
+pub use choose::{Forecast, Goal, Target, candidates, forecasts, with_knob};
 pub use error::{Displayed, ErrorEstimate, Halves, Pictures};
 pub use experiment::{CostError, Experiment, Findings, Gauge, Watcher, run};
 pub use front::{Place, front, knee};

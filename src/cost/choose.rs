@@ -8,15 +8,19 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Configuration, Knob, Point};
+use crate::render::MIN_ADAPTIVE_ERROR;
 
 /// Samples are foretold up to so many times as many as were measured at most.
 const FARTHEST: u32 = 1 << 10;
-/// Of what falls by less for twice the samples nothing is foretold: it has reached its floor.
+/// Of what falls by less for twice the samples, other knobs may be the floor: then only what differs from picture to
+/// picture falls, by half.
 const LEAST_FALL: f64 = 0.9;
 /// Falls faster are luck.
 const MOST_FALL: f64 = 0.25;
 /// Of the product of what knobs leave of an error, so much is left where they are turned together.
 const LEFT_SHARE: f64 = 0.25;
+/// Adaptive errors that are foretold of the smallest that was measured, in halvings of it; the first is a larger one.
+const ADAPTIVE_HALVINGS: [f64; 6] = [-0.5, 0.5, 1.0, 1.5, 2.0, 2.5];
 /// Combinations that are looked at: some ten megabytes.
 const MOST_COMBINATIONS: usize = 1 << 17;
 
@@ -44,6 +48,8 @@ pub enum Goal {
 pub struct Forecast {
     /// With several knobs turned.
     pub configuration: Configuration,
+    /// How each knob but those of sampling is turned: all that differ in sampling alone have the same.
+    pub turns: [u8; Knob::ALL.len()],
     /// Mean squared error as displayed; not less than 0.
     pub mean_square: f64,
     /// Time over the base's.
@@ -96,7 +102,7 @@ pub fn forecasts(
             (forecast, left)
         })
         .collect();
-    for knob in Knob::ALL {
+    for (place, knob) in Knob::ALL.into_iter().enumerate() {
         if matches!(knob, Knob::Samples | Knob::Adaptive) {
             continue;
         }
@@ -109,9 +115,14 @@ pub fn forecasts(
         all = all
             .iter()
             .flat_map(|(forecast, left)| {
-                turns.iter().map(move |turn| {
+                turns.iter().enumerate().map(move |(number, turn)| {
                     let forecast = Forecast {
                         configuration: with_knob(&forecast.configuration, knob, &turn.configuration),
+                        turns: {
+                            let mut turns = forecast.turns;
+                            turns[place] = number as u8;
+                            turns
+                        },
                         mean_square: forecast.mean_square + turn.added,
                         time_ratio: forecast.time_ratio * turn.times,
                     };
@@ -128,10 +139,12 @@ pub fn forecasts(
     all.into_iter().map(settled).collect()
 }
 
-/// The base with every number of samples, those that were measured and more, and with every adaptive error.
+/// The base with every number of samples, those that were measured and more, and with adaptive errors, those that were
+/// measured, between them and smaller ones.
 fn samplings(points: &[Point], configurations: &[Configuration]) -> Vec<Forecast> {
     let place = |place: usize| Forecast {
         configuration: configurations[place],
+        turns: [0; Knob::ALL.len()],
         mean_square: points[place].mean_square(),
         time_ratio: points[place].time_ratio.value,
     };
@@ -142,19 +155,79 @@ fn samplings(points: &[Point], configurations: &[Configuration]) -> Vec<Forecast
         let more = last.configuration.settings.spp / half.configuration.settings.spp.max(1);
         let fall = (last.mean_square / half.mean_square).powf(1.0 / f64::from(more.max(2)).log2());
         let last = last.clone();
+        let variance = variance_of(points, &last);
         let mut times = 2;
-        while fall < LEAST_FALL && times <= FARTHEST {
+        while times <= FARTHEST {
             let mut further = last.clone();
             further.configuration.settings.spp = last.configuration.settings.spp.saturating_mul(times);
-            further.mean_square *= fall.max(MOST_FALL).powf(f64::from(times).log2());
+            if fall < LEAST_FALL {
+                further.mean_square *= fall.max(MOST_FALL).powf(f64::from(times).log2());
+            } else {
+                further.mean_square -= variance * (1.0 - 1.0 / f64::from(times));
+            }
             further.time_ratio *= f64::from(times);
             all.push(further);
             times *= 2;
         }
     }
+    let between: Vec<Forecast> = all
+        .windows(2)
+        .filter_map(|pair| half_way(&pair[0], &pair[1]))
+        .collect();
+    all.extend(between);
     let adaptive = (0..points.len()).filter(|&place| points[place].knob == Some(Knob::Adaptive));
-    all.extend(adaptive.map(place));
+    all.extend(finer(adaptive.map(place).collect()));
     all
+}
+
+/// What differs from picture to picture of the error of the base with the samples of `forecast`.
+fn variance_of(points: &[Point], forecast: &Forecast) -> f64 {
+    let is_it = |point: &&Point| {
+        matches!(point.knob, None | Some(Knob::Samples)) && point.time_ratio.value == forecast.time_ratio
+    };
+    let point = points.iter().find(is_it);
+    point.map_or(0.0, |point| point.variance.clamp(0.0, forecast.mean_square))
+}
+
+/// Half as many samples more than `few`, which is half of `many`.
+fn half_way(few: &Forecast, many: &Forecast) -> Option<Forecast> {
+    let [from, to] = [few, many].map(|forecast| forecast.configuration.settings.spp);
+    let mut between = few.clone();
+    between.configuration.settings.spp = from + from / 2;
+    // By as much of the way as the logarithm of one and a half is of that of two.
+    let part = 1.5f64.log2();
+    between.mean_square *= (many.mean_square / few.mean_square).powf(part);
+    between.time_ratio *= (many.time_ratio / few.time_ratio).powf(part);
+    (to == 2 * from && from > 1 && between.mean_square.is_finite()).then_some(between)
+}
+
+/// Adaptive sampling that was measured, and what it foretells of smaller adaptive errors and those between.
+fn finer(mut adaptive: Vec<Forecast>) -> Vec<Forecast> {
+    let error = |forecast: &Forecast| {
+        let adaptive = forecast.configuration.settings.adaptive;
+        adaptive.map_or(f64::INFINITY, |adaptive| adaptive.error)
+    };
+    adaptive.sort_by(|a, b| error(b).total_cmp(&error(a)));
+    let [.., before, last] = &adaptive[..] else {
+        return adaptive;
+    };
+    let halvings = (error(before) / error(last)).log2();
+    let fall = (last.mean_square / before.mean_square).powf(1.0 / halvings);
+    let growth = (last.time_ratio / before.time_ratio).powf(1.0 / halvings);
+    let (fall, growth) = (fall.clamp(MOST_FALL, 1.0), growth.clamp(1.0, 1.0 / MOST_FALL));
+    let reach = ADAPTIVE_HALVINGS.into_iter();
+    let finer = reach.filter_map(|halvings| {
+        let mut further = last.clone();
+        let adaptive = further.configuration.settings.adaptive.as_mut()?;
+        adaptive.error *= 0.5f64.powf(halvings);
+        further.mean_square *= fall.powf(halvings);
+        further.time_ratio *= growth.powf(halvings);
+        let is_possible = adaptive.error >= MIN_ADAPTIVE_ERROR && further.mean_square.is_finite();
+        is_possible.then_some(further)
+    });
+    let finer: Vec<Forecast> = finer.collect();
+    adaptive.extend(finer);
+    adaptive
 }
 
 /// Leaves out what another turn of the knob is better than in both.
@@ -189,35 +262,6 @@ pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configurati
         Knob::Instancing => result.path.instancing = turned.path.instancing,
     }
     result
-}
-
-/// Those that may reach the goal with `margin` of it to spare (0 for none, 1 for all), the best first.
-pub fn candidates(forecasts: &[Forecast], goal: Goal, margin: f64) -> Vec<&Forecast> {
-    let mut fitting: Vec<&Forecast> = match goal {
-        Goal::Error(most) => {
-            let most = (most * (1.0 - margin)).powi(2);
-            forecasts
-                .iter()
-                .filter(|forecast| forecast.mean_square <= most)
-                .collect()
-        }
-        Goal::TimeRatio(most) => {
-            let most = most * (1.0 - margin);
-            forecasts
-                .iter()
-                .filter(|forecast| forecast.time_ratio <= most)
-                .collect()
-        }
-    };
-    let key = |forecast: &Forecast| match goal {
-        Goal::Error(_) => (forecast.time_ratio, forecast.mean_square),
-        Goal::TimeRatio(_) => (forecast.mean_square, forecast.time_ratio),
-    };
-    fitting.sort_by(|a, b| {
-        let ((a, a_then), (b, b_then)) = (key(a), key(b));
-        a.total_cmp(&b).then(a_then.total_cmp(&b_then))
-    });
-    fitting
 }
 
 /// The least squared error that is foretold, and the knob that would lower it most if it could be turned further: the one
@@ -321,12 +365,27 @@ mod tests {
         )
     }
 
+    /// Those that reach the goal, the best first.
+    fn candidates(forecasts: &[Forecast], goal: Goal) -> Vec<&Forecast> {
+        let key = |forecast: &&Forecast| match goal {
+            Goal::Error(_) => forecast.time_ratio,
+            Goal::TimeRatio(_) => forecast.mean_square,
+        };
+        let reaches = |forecast: &&Forecast| match goal {
+            Goal::Error(most) => forecast.mean_square <= most * most,
+            Goal::TimeRatio(most) => forecast.time_ratio <= most,
+        };
+        let mut fitting: Vec<&Forecast> = forecasts.iter().filter(reaches).collect();
+        fitting.sort_by(|a, b| key(a).total_cmp(&key(b)));
+        fitting
+    }
+
     #[test]
     fn where_errors_add_up_the_best_of_all_combinations_comes_first() {
         let (points, configurations) = world();
         let forecasts = forecasts(&points, &configurations, |_| true);
         for most in [0.11, 0.06, 0.03, 0.02, 0.012, 0.005] {
-            let chosen = candidates(&forecasts, Goal::Error(most), 0.0);
+            let chosen = candidates(&forecasts, Goal::Error(most));
             // Every number of samples up to 1024 times the most that were measured.
             let mut best = f64::INFINITY;
             for power in 0..15 {
@@ -374,7 +433,7 @@ mod tests {
     fn within_a_time_the_least_error_comes_first_and_nothing_takes_longer() {
         let (points, configurations) = world();
         let forecasts = forecasts(&points, &configurations, |_| true);
-        let chosen = candidates(&forecasts, Goal::TimeRatio(1.2), 0.0);
+        let chosen = candidates(&forecasts, Goal::TimeRatio(1.2));
         assert!(chosen.iter().all(|forecast| forecast.time_ratio <= 1.2));
         let first = chosen[0];
         assert!(

@@ -20,6 +20,8 @@ pub struct Displayed {
     width: usize,
     /// Side of the blocks that it is seen as.
     block: usize,
+    /// The part that it is of what is to be told.
+    share: f64,
     pixels: Vec<[f32; 3]>,
 }
 
@@ -31,6 +33,7 @@ impl Displayed {
         Displayed {
             width: image.width as usize,
             block: BLOCK,
+            share: 0.0,
             pixels: image.pixels.iter().map(shown).collect(),
         }
     }
@@ -39,6 +42,15 @@ impl Displayed {
     pub fn in_columns(self, columns: u32) -> Displayed {
         Displayed {
             block: self.width.div_ceil(columns.max(1) as usize).max(1),
+            ..self
+        }
+    }
+
+    /// The same, as `share` of what is to be told, all of it 1: of that much nothing is uncertain but for noise. Without
+    /// this, a picture is one of all that the scene could show.
+    pub fn as_share(self, share: f64) -> Displayed {
+        Displayed {
+            share: share.clamp(0.0, 1.0),
             ..self
         }
     }
@@ -129,6 +141,8 @@ pub struct Pictures {
     sum: Vec<[f32; 3]>,
     /// Of (X - A)(X - B), block by block.
     products: Vec<f64>,
+    /// Of the squares of what each picture adds to these.
+    squares: Vec<f64>,
 }
 
 /// What is known of a configuration's error.
@@ -147,25 +161,59 @@ impl Pictures {
             count: 0,
             sum: vec![[0.0; 3]; halves.a.pixels.len()],
             products: vec![0.0; halves.a.block_count()],
+            squares: vec![0.0; halves.a.block_count()],
         }
     }
 
     /// Adds a picture.
     pub fn add(&mut self, halves: &Halves, picture: &Displayed) {
         self.count += 1;
+        let mut products = vec![0.0; self.products.len()];
         for (pixel, x) in picture.pixels.iter().enumerate() {
             let (a, b) = (halves.a.pixels[pixel], halves.b.pixels[pixel]);
             let product = |c: usize| f64::from(x[c] - a[c]) * f64::from(x[c] - b[c]);
-            self.products[halves.a.block_of(pixel)] += (0..3).map(product).sum::<f64>();
+            products[halves.a.block_of(pixel)] += (0..3).map(product).sum::<f64>();
             for c in 0..3 {
                 self.sum[pixel][c] += x[c];
             }
+        }
+        for (block, product) in products.into_iter().enumerate() {
+            self.products[block] += product;
+            self.squares[block] += product * product;
         }
     }
 
     /// The mean squared error of one picture, over pixels and channels; below 0 where noise takes it there.
     pub fn mean_square(&self) -> f64 {
         self.products.iter().sum::<f64>() / (self.count * 3 * self.sum.len()) as f64
+    }
+
+    /// Variance of the mean of the products of a picture, all blocks added up, as pictures of other random numbers have it;
+    /// of a single one nothing is known, and it is taken for what is to be told.
+    fn noise_of_pictures(&self) -> f64 {
+        let count = self.count as f64;
+        if self.count < 2 {
+            return 0.0;
+        }
+        let blocks = self.products.iter().zip(&self.squares);
+        let spread = blocks.map(|(sum, squares)| (squares - sum * sum / count).max(0.0));
+        spread.sum::<f64>() / (count - 1.0) / count
+    }
+
+    /// The same as the noise of the reference has it.
+    ///
+    /// With the mean M of the halves and half of their difference D, the product of a pixel is (X - M)² - D². What M errs
+    /// by is distributed like D and independent of it, so that the variance is about that of 2 (X - M) D.
+    fn noise_of(&self, halves: &Halves) -> f64 {
+        let pixels = self.sum.iter().zip(halves.a.pixels.iter().zip(&halves.b.pixels));
+        let variance = pixels.map(|(sum, (a, b))| {
+            let product = |c: usize| {
+                let (a, b) = (f64::from(a[c]), f64::from(b[c]));
+                (f64::from(sum[c]) / self.count as f64 - 0.5 * (a + b)) * (a - b)
+            };
+            (0..3).map(product).sum::<f64>().powi(2)
+        });
+        variance.sum()
     }
 
     /// The error of one picture. Of a single picture all of it may be bias.
@@ -191,7 +239,16 @@ impl Pictures {
         let bias: Vec<f64> = pairs.iter().map(|pair| pair / pair_count / values).collect();
         let blocks = mean_square.len();
         let total = |of: &[f64], chosen: &[usize]| chosen.iter().map(|&block| of[block]).sum::<f64>();
+        let between = {
+            let mean = mean_square.iter().sum::<f64>() / blocks as f64;
+            mean_square
+                .iter()
+                .map(|square| (square - mean).powi(2))
+                .sum::<f64>()
+        };
+        let noise = (self.noise_of_pictures() + self.noise_of(halves)) / (values * values);
         let mean_square = bootstrap(blocks, seed, |chosen| total(&mean_square, chosen));
+        let mean_square = narrowed(mean_square, halves.a.share, noise / between);
         let bias_squared = if self.count > 1 {
             bootstrap(blocks, seed, |chosen| total(&bias, chosen))
         } else {
@@ -204,6 +261,20 @@ impl Pictures {
             mean_square,
             bias_squared,
         }
+    }
+}
+
+/// An interval drawn from the `share` of everything that was seen, where `noise` is the part of its squared width that is
+/// not due to the choice of what was seen (W. Cochran, "Sampling Techniques", 1977, sections 2.6 and 11.5).
+fn narrowed(interval: Interval, share: f64, noise: f64) -> Interval {
+    let part = 1.0 - share + share * noise.clamp(0.0, 1.0);
+    // Where nothing varies at all the quotient is no number.
+    let part = if part.is_nan() { 1.0 } else { part.sqrt() };
+    let toward = |end: f64| interval.value + part * (end - interval.value);
+    Interval {
+        value: interval.value,
+        low: toward(interval.low),
+        high: toward(interval.high),
     }
 }
 
@@ -234,6 +305,7 @@ mod tests {
         Displayed {
             width: side,
             block: BLOCK,
+            share: 0.0,
             pixels: pixels.collect(),
         }
     }
@@ -276,6 +348,39 @@ mod tests {
         let estimate = pictures.estimate(&halves, 0);
         assert!(estimate.mean_square.holds(0.0), "{estimate:?}");
         assert!(estimate.mean_square.value.abs() < 0.05 * noise, "{estimate:?}");
+    }
+
+    /// A picture that is far off in few places only, seen whole: its error is known but for noise.
+    #[test]
+    fn of_a_whole_picture_nothing_but_noise_is_uncertain() {
+        let (runs, noise) = (200, 0.02);
+        let far_off = |pixel: usize| if pixel % 173 == 0 { 0.3 } else { 0.0 };
+        let (mut held, mut width, mut width_of_a_part) = (0, 0.0, 0.0);
+        for run in 0..runs {
+            let mut random = Random::new(14, run);
+            let halves = Halves {
+                a: noisy(&mut random, 0.01, 0.0).as_share(1.0),
+                b: noisy(&mut random, 0.01, 0.0).as_share(1.0),
+            };
+            let mut pictures = Pictures::new(&halves);
+            for _ in 0..2 {
+                let mut picture = noisy(&mut random, noise, 0.0);
+                for (pixel, value) in picture.pixels.iter_mut().enumerate() {
+                    *value = value.map(|x| x + far_off(pixel) as f32);
+                }
+                pictures.add(&halves, &picture);
+            }
+            let pixels = 64 * 64;
+            let off = (0..pixels).map(|pixel| f64::powi(far_off(pixel), 2)).sum::<f64>() / pixels as f64;
+            let interval = pictures.estimate(&halves, run).mean_square;
+            held += usize::from(interval.holds(noise * noise / 3.0 + off));
+            width += interval.high - interval.low;
+            let [a, b] = [&halves.a, &halves.b].map(|half| half.clone().as_share(0.0));
+            let interval = pictures.estimate(&Halves { a, b }, run).mean_square;
+            width_of_a_part += interval.high - interval.low;
+        }
+        assert!((184..=199).contains(&held), "{held} of {runs}");
+        assert!(width < 0.5 * width_of_a_part, "{width} of {width_of_a_part}");
     }
 
     #[test]

@@ -1,5 +1,4 @@
-//! Everything that is measured of a scene, within a budget: a pilot that sees how large a picture can be afforded, the
-//! reference, and blocks of pictures.
+//! Everything that is measured of a scene, within a budget: the reference, blocks of pictures, and what it comes to.
 
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
@@ -7,11 +6,12 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, Protocol};
+use super::layout::{Layout, widest};
 use super::reference::{Halved, checks, stricter, strictest};
 use super::stage::{Stage, View};
 use super::{
     Configuration, Curve, Displayed, Halves, HitPath, Interval, Knob, Pictures, Place, Point, Reference,
-    SceneChange, Study, Target, front, knobs, slope,
+    SceneChange, Study, Target, front, slope,
 };
 use crate::accel::{AccelError, EmbreeIdentity};
 use crate::image::metrics::{Metrics, Tally, Viewing};
@@ -19,31 +19,14 @@ use crate::image::{LinearImage, ToneMap};
 use crate::render::{Plan, RenderSettings, Rendering};
 use crate::scene::{Camera, Scene};
 
-/// Samples a pixel of the base and of the longest sweep, the ones that are tried first first.
-const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
-/// Samples of each half of the reference for each of the longest sweep, at least: its noise is then a hundredth of the
-/// sweep's even where errors fall no faster than at random.
-const REFERENCE_TIMES: u32 = 50;
-/// The same where settings are looked for that reach a target: that the reference is noisy widens intervals and no more.
-const REFERENCE_TIMES_FOR_A_TARGET: u32 = 12;
-/// A picture of fewer pixels says little of a scene; a longer ladder is given up before.
-const FEWEST_PIXELS: f64 = 12_288.0;
-/// No picture is smaller than this, of its own shape and of pieces: intervals are drawn from eight of these at least.
-const LEAST_PIXELS: f64 = 1024.0;
-const LEAST_PIXELS_OF_PIECES: f64 = 2048.0;
-/// Pixels that a pilot renders, at most and at least.
-const PILOT_PIXELS: [f64; 2] = [3072.0, 192.0];
-/// Blocks that a budget is laid out for, that are taken at least, and at most.
-pub(super) const PLANNED_BLOCKS: f64 = 8.0;
+/// Blocks that are taken at least, at least where there is a target, and at most.
 const LEAST_BLOCKS: usize = 6;
+const LEAST_BLOCKS_FOR_A_TARGET: usize = 2;
 const MOST_BLOCKS: usize = 40;
-/// Part of the budget that is laid out, the pilot's included; the rest is for what was not foreseen.
-const LAID_OUT: f64 = 0.85;
-const PILOT_PART: f64 = 0.04;
 /// Part of the budget after which no block begins: what comes after is small.
 pub(super) const MEASURED_PART: f64 = 0.94;
 /// The same where settings are to be chosen.
-const CHOOSING_PART: f64 = 0.7;
+const CHOOSING_PART: f64 = 0.35;
 
 /// What is to be measured.
 pub struct Experiment<'a> {
@@ -150,11 +133,10 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
         &experiment.base.settings.effects,
     );
     let strict = strictest(&experiment.base, &plan);
-    // Those of all ladders have the same scenes and paths.
-    let longest = contestants(experiment, &plan, LADDER[0]);
+    let widest = widest(experiment, &plan);
     let stricter = stricter(&strict, &plan);
     let all = || {
-        let measured = longest.iter().map(|contestant| contestant.configuration);
+        let measured = widest.iter().map(|contestant| contestant.configuration);
         measured
             .chain([strict])
             .chain(stricter.iter().map(|(_, configuration)| *configuration))
@@ -167,7 +149,7 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
     for configuration in all().chain([strict.through(HitPath::BSP)]) {
         stage.build(&configuration)?;
     }
-    let layout = stage.lay_out(&plan, &strict)?;
+    let layout = stage.lay_out(&plan, &strict, stricter.len())?;
     let mut reference = stage.reference(&layout, &strict)?;
     stage.refine(&layout, &strict, &mut reference)?;
     let mut left = Vec::new();
@@ -175,20 +157,22 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
         left.push((*knob, stage.left_by(&layout, &strict, configuration)?));
     }
     let measured = stage.measure(&layout, &reference)?;
-    let mut findings = stage.findings(&layout, &strict, &reference, &left, measured);
+    let mut findings = stage.findings(&layout, &strict, &reference, measured);
+    let study = &mut findings.study;
     if let Some(target) = experiment.target {
-        let known = (&findings.study.points[..], &findings.configurations[..]);
+        let known = (&study.points[..], &findings.configurations[..]);
         let (choice, configuration) = stage.choose(target, (&layout, &reference), known)?;
-        findings.study.choice = Some(choice);
+        study.choice = Some(choice);
         findings.chosen = Some(configuration);
         findings.gauge = Some(Gauge {
             view: layout.view,
             settings: experiment.base.settings,
             tone: experiment.tone,
-            halves: reference.halves,
+            halves: reference.halves.clone(),
         });
-        findings.study.timing.spent = stage.spent();
+        study.timing.spent = stage.spent();
     }
+    study.reference.checks = checks(&strict, &reference, study, &left);
     Ok(findings)
 }
 
@@ -212,45 +196,6 @@ fn distinct(changes: impl Iterator<Item = SceneChange>) -> Vec<SceneChange> {
     all
 }
 
-/// The base at `base_spp` samples and everything that is held against it.
-fn contestants(experiment: &Experiment, plan: &Plan, [base_spp, most]: [u32; 2]) -> Vec<Contestant> {
-    let mut base = experiment.base;
-    base.settings.adaptive = None;
-    base.settings.spp = base.settings.spp.min(base_spp);
-    let mut knobs = knobs(experiment.scene, plan, &base, most);
-    for (_, _, configuration) in &mut knobs {
-        if let Some(adaptive) = &mut configuration.settings.adaptive {
-            adaptive.gain = f64::from(experiment.tone.exposure_ev).exp2();
-        }
-    }
-    let base = Contestant {
-        knob: None,
-        level: "base".to_owned(),
-        configuration: base,
-    };
-    let turned = knobs.into_iter().map(|(knob, level, configuration)| Contestant {
-        knob: Some(knob),
-        level,
-        configuration,
-    });
-    std::iter::once(base).chain(turned).collect()
-}
-
-/// A configuration that is measured.
-pub(super) struct Contestant {
-    pub(super) knob: Option<Knob>,
-    pub(super) level: String,
-    pub(super) configuration: Configuration,
-}
-
-/// How large pictures are, and of how many samples.
-pub(super) struct Layout {
-    pub(super) view: View,
-    pub(super) contestants: Vec<Contestant>,
-    /// Samples of each half of the reference.
-    pub(super) reference_spp: u32,
-}
-
 /// What the blocks gave.
 struct Measured {
     blocks: Blocks,
@@ -260,82 +205,19 @@ struct Measured {
 }
 
 impl Stage<'_, '_> {
-    /// Chooses how large pictures are and how many samples they have, by what small ones take.
-    fn lay_out(&self, plan: &Plan, strict: &Configuration) -> Result<Layout, CostError> {
-        self.say("pilot");
-        let budget = self.experiment.budget - self.spent();
-        let reference_times = match self.experiment.target {
-            None => REFERENCE_TIMES,
-            Some(_) => REFERENCE_TIMES_FOR_A_TARGET,
-        };
-        // For a target, the size wished for is the picture's.
-        let wish = self.experiment.size.filter(|_| self.experiment.target.is_none());
-        let base = &contestants(self.experiment, plan, [1, 1])[0].configuration;
-        let small = self.view_of(PILOT_PIXELS[0]);
-        // The first picture of all pays for pages and caches.
-        self.picture(base, small, 0)?;
-        let unit = self.picture(base, small, 0)?.1 / area(self.size_of(small));
-        for (place, rung) in LADDER.into_iter().enumerate() {
-            let contestants = contestants(self.experiment, plan, rung);
-            let samples: f64 = contestants
-                .iter()
-                .map(|c| f64::from(c.configuration.settings.spp))
-                .sum();
-            let affordable = PILOT_PART * budget / (unit * samples);
-            let pilot = self.view_of(affordable.clamp(PILOT_PIXELS[1], PILOT_PIXELS[0]));
-            let is_last = place + 1 == LADDER.len();
-            let reference_spp = (reference_times * rung[1]).next_power_of_two();
-            // Cheap enough to be told without a pilot of its own.
-            let least = unit * (PLANNED_BLOCKS * samples + 2.0 * f64::from(reference_spp));
-            if !is_last && LAID_OUT * budget / least < FEWEST_PIXELS && wish.is_none() {
-                continue;
-            }
-            let mut block = 0.0;
-            for contestant in &contestants {
-                block += self.picture(&contestant.configuration, pilot, 0)?.1;
-                self.say("pilot");
-            }
-            let mut halves = 0.0;
-            for path in [strict.path, HitPath::BSP] {
-                let mut configuration = strict.through(path);
-                configuration.settings.spp = 4;
-                halves += self.picture(&configuration, pilot, 0)?.1 / 4.0;
-            }
-            let a_pixel =
-                (PLANNED_BLOCKS * block + f64::from(reference_spp) * halves) / area(self.size_of(pilot));
-            let pixels = LAID_OUT * (self.experiment.budget - self.spent()) / a_pixel;
-            let asked = wish.map(area);
-            if !is_last && pixels < asked.unwrap_or(FEWEST_PIXELS) {
-                continue;
-            }
-            // Blocks give way to the reference where not even this is affordable.
-            let least = match self.experiment.target {
-                None => LEAST_PIXELS,
-                Some(_) => LEAST_PIXELS_OF_PIECES,
-            };
-            let view = wish.map_or_else(|| self.view_of(pixels.max(least)), View::Whole);
-            return Ok(Layout {
-                view,
-                contestants,
-                reference_spp,
-            });
-        }
-        unreachable!("the last rung is taken")
-    }
-
     /// Blocks until the time is up.
     fn measure(&self, layout: &Layout, reference: &Halved) -> Result<Measured, CostError> {
         let count = layout.contestants.len();
         let mut errors = vec![Pictures::new(&reference.halves); count];
         let mut first: Vec<Option<Rendering>> = (0..count).map(|_| None).collect();
-        let until = match self.experiment.target {
-            Some(_) => CHOOSING_PART,
-            None => MEASURED_PART,
+        let (least, most, until) = match self.experiment.target {
+            Some(_) => (LEAST_BLOCKS_FOR_A_TARGET, LEAST_BLOCKS, CHOOSING_PART),
+            None => (LEAST_BLOCKS, MOST_BLOCKS, MEASURED_PART),
         };
         let until = until * self.experiment.budget;
         let protocol = Protocol {
-            least: LEAST_BLOCKS,
-            most: MOST_BLOCKS,
+            least,
+            most,
             deadline: self.experiment.start + Duration::from_secs_f64(until),
             seed: 1,
         };
@@ -354,13 +236,12 @@ impl Stage<'_, '_> {
         })
     }
 
-    /// What it all comes to; `left` is by how much knobs at their strictest still move the reference.
+    /// What it all comes to, but for the checks of the reference.
     fn findings(
         &self,
         layout: &Layout,
         strict: &Configuration,
         reference: &Halved,
-        left: &[(Knob, f64)],
         measured: Measured,
     ) -> Findings {
         self.say("analyse");
@@ -416,7 +297,6 @@ impl Stage<'_, '_> {
         for (point, on_front) in points.iter_mut().zip(front(&places)) {
             point.on_front = on_front;
         }
-        let checks = checks(strict, reference, &points, left);
         let study = Study {
             size: self.size_of(layout.view),
             pieces_of: match layout.view {
@@ -428,7 +308,7 @@ impl Stage<'_, '_> {
                 spp: layout.reference_spp * reference.count,
                 paths: [strict.path.name(), HitPath::BSP.name()],
                 noise: reference.halves.noise_squared().sqrt(),
-                checks,
+                checks: Vec::new(),
             },
             timing: measured.blocks.timing(self.spent(), self.experiment.budget),
             curves: curves(&points),
@@ -453,11 +333,6 @@ impl Stage<'_, '_> {
                 .collect(),
         }
     }
-}
-
-/// Pixels of a picture.
-pub(super) fn area([width, height]: [u32; 2]) -> f64 {
-    f64::from(width) * f64::from(height)
 }
 
 /// Every knob whose places lie in an order, the base among them, by time.

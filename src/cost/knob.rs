@@ -115,6 +115,17 @@ impl HitPath {
         instancing: Instancing::Auto,
     };
 
+    /// Whether its hits may be trusted at least as far as those of `other`.
+    pub fn is_trusted_like(&self, other: &HitPath) -> bool {
+        let trust = |path: &HitPath| match path.backend {
+            Backend::Embree => Precision::ALL
+                .iter()
+                .position(|&precision| precision == path.precision),
+            Backend::Bsp | Backend::Brute => Some(Precision::ALL.len()),
+        };
+        trust(self) >= trust(other)
+    }
+
     /// What reports call it.
     pub fn name(&self) -> String {
         match self.backend {
@@ -246,19 +257,41 @@ fn step_name(factor: f64) -> String {
     }
 }
 
+/// How far the knobs of sampling are turned.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reach {
+    /// The most samples of a pixel.
+    pub samples: u32,
+    /// The same of adaptive sampling.
+    pub adaptive_samples: u32,
+    /// The standard errors as displayed that end it.
+    pub adaptive_errors: Vec<f64>,
+}
+
+impl Reach {
+    /// Up to so many samples.
+    pub fn of(samples: u32) -> Reach {
+        Reach {
+            samples,
+            adaptive_samples: samples,
+            adaptive_errors: vec![0.04, 0.02, 0.01, 0.005],
+        }
+    }
+}
+
 /// The places to which a scene's knobs are turned, each by itself with all others as in `base`: those that `plan` makes
-/// relevant, no others. Samples go up to `most_samples`.
+/// relevant, no others.
 pub fn knobs(
     scene: &Scene,
     plan: &Plan,
     base: &Configuration,
-    most_samples: u32,
+    reach: &Reach,
 ) -> Vec<(Knob, String, Configuration)> {
     let turns = Turns {
         scene,
         plan,
         base,
-        most_samples,
+        reach,
     };
     let all = Knob::ALL.into_iter().flat_map(|knob| {
         let levels = turns.levels(knob).into_iter();
@@ -273,7 +306,7 @@ struct Turns<'a> {
     scene: &'a Scene,
     plan: &'a Plan,
     base: &'a Configuration,
-    most_samples: u32,
+    reach: &'a Reach,
 }
 
 type Level = (String, Configuration);
@@ -312,7 +345,7 @@ impl Turns<'_> {
     fn samples(&self) -> Vec<Level> {
         let powers = (0..32).map(|power| 1u32 << power);
         powers
-            .take_while(|&spp| spp <= self.most_samples)
+            .take_while(|&spp| spp <= self.reach.samples)
             .map(|spp| (spp.to_string(), self.set(|settings| settings.spp = spp)))
             .collect()
     }
@@ -334,15 +367,15 @@ impl Turns<'_> {
         let settings = &self.base.settings;
         let fits = settings.filter.kind == FilterKind::Box && settings.pattern != Pattern::Regular;
         // Every pixel takes sixteen.
-        if !fits || self.most_samples <= 16 {
+        if !fits || self.reach.adaptive_samples <= 16 {
             return Vec::new();
         }
-        [0.04, 0.02, 0.01, 0.005]
-            .into_iter()
-            .map(|error| {
+        let errors = self.reach.adaptive_errors.iter();
+        errors
+            .map(|&error| {
                 let adaptive = Adaptive { error, gain: 1.0 };
                 let configuration = self.set(|settings| {
-                    settings.spp = self.most_samples;
+                    settings.spp = self.reach.adaptive_samples;
                     settings.adaptive = Some(adaptive);
                 });
                 (error.to_string(), configuration)
@@ -352,7 +385,7 @@ impl Turns<'_> {
 
     fn depths(&self) -> Vec<Level> {
         let mut depths: Vec<u32> = (0..=4).chain([6, 8, 12]).collect();
-        depths.retain(|&depth| depth <= self.base.settings.depth.max(2) * 2);
+        depths.retain(|&depth| depth <= self.base.settings.depth.max(2) * 3);
         depths
             .into_iter()
             .map(|depth| (depth.to_string(), self.set(|settings| settings.depth = depth)))

@@ -2,21 +2,22 @@
 
 use std::time::Instant;
 
-use super::experiment::{Layout, MEASURED_PART, PLANNED_BLOCKS};
+use super::experiment::MEASURED_PART;
+use super::layout::{Layout, NOISE_FOR_A_TARGET, PLANNED_BLOCKS};
 use super::stage::Stage;
-use super::{Check, Configuration, CostError, Halves, HitPath, Knob, Pictures, Point, SceneChange};
+use super::{Check, Configuration, CostError, Halves, HitPath, Knob, Pictures, SceneChange, Study, Target};
 use crate::accel::{Backend, Precision};
 use crate::image::LinearImage;
 use crate::render::{Pattern, Plan, RenderSettings};
 use crate::scene::Effect;
 use crate::scene::picture::{MAX_DEPTH, MAX_WAVELENGTHS};
 
-/// Samples of the pictures that tell whether a knob at its strictest still matters.
-const STRICTER_SPP: u32 = 16;
 /// What the reference may err by, as a part of the smallest squared error that is reported.
 const REFERENCE_PART: f64 = 0.01;
 /// What it aims at, as the smallest error is not known well before.
 const AIMED_PART: f64 = 0.7 * REFERENCE_PART;
+/// What knobs at their strictest may still move it by where there is a target, over the error that is aimed at.
+const LEFT_FOR_A_TARGET: f64 = 0.25;
 /// Blocks of pixels in which the halves of a reference may disagree.
 const DISAGREEING_PART: f64 = 0.0025;
 /// First seeds of the halves of the reference and of the pictures that check it; blocks count from 1. So far apart that
@@ -174,6 +175,10 @@ impl Stage<'_, '_> {
         strict: &Configuration,
         reference: &mut Halved,
     ) -> Result<(), CostError> {
+        // For a target it was laid out to be as long as it must.
+        if self.experiment.target.is_some() {
+            return Ok(());
+        }
         let start = Instant::now();
         let mut least = f64::INFINITY;
         for contestant in &layout.contestants {
@@ -213,7 +218,7 @@ impl Stage<'_, '_> {
             let mut pair = Vec::new();
             for configuration in [strict, stricter] {
                 let mut configuration = *configuration;
-                configuration.settings.spp = STRICTER_SPP;
+                configuration.settings.spp = layout.stricter_spp;
                 let picture = self.picture(&configuration, layout.view, seed)?.0.image;
                 pair.push(self.displayed(&picture, layout.view));
             }
@@ -230,20 +235,35 @@ impl Stage<'_, '_> {
 pub(super) fn checks(
     strict: &Configuration,
     reference: &Halved,
-    points: &[Point],
+    study: &Study,
     left: &[(Knob, f64)],
 ) -> Vec<Check> {
-    let known = points
-        .iter()
-        .map(|point| point.rmse.value)
-        .filter(|&rmse| rmse > 0.0);
-    let least = known.fold(f64::INFINITY, f64::min);
-    let bound = REFERENCE_PART.sqrt() * least;
+    let [noise_bound, left_bound, error] = match &study.choice {
+        None => {
+            let known = study.points.iter().map(|point| point.rmse.value);
+            let least = known.filter(|&rmse| rmse > 0.0).fold(f64::INFINITY, f64::min);
+            let bound = REFERENCE_PART.sqrt() * least;
+            [bound, bound, least]
+        }
+        Some(choice) => {
+            let error = match choice.target {
+                Target::Error(most) => most,
+                Target::Seconds(_) => choice.rmse.value,
+            };
+            // By twice what it was laid out for it still hardly widens an interval.
+            [2.0 * NOISE_FOR_A_TARGET * error, LEFT_FOR_A_TARGET * error, error]
+        }
+    };
     let noise = reference.halves.noise_squared().sqrt();
+    let of_what = if study.choice.is_some() {
+        "the error"
+    } else {
+        "the smallest error"
+    };
     let mut checks = vec![Check {
         name: "noise".to_owned(),
-        holds: noise <= bound,
-        words: format!("errs by {noise:.2e}; {bound:.2e} is a tenth of the smallest error"),
+        holds: noise <= noise_bound,
+        words: format!("errs by {noise:.2e}; {noise_bound:.2e} may be, of {error:.2e}, {of_what}"),
     }];
     let disagreeing = reference.halves.disagreeing_share();
     checks.push(Check {
@@ -267,8 +287,8 @@ pub(super) fn checks(
     for (knob, left) in left {
         checks.push(Check {
             name: knob.name().to_owned(),
-            holds: *left <= bound,
-            words: format!("stricter, it moves the picture by {left:.2e}; {bound:.2e} may be"),
+            holds: *left <= left_bound,
+            words: format!("stricter, it moves the picture by {left:.2e}; {left_bound:.2e} may be"),
         });
     }
     checks

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::time::Instant;
 
+use super::layout::area;
 use super::{Configuration, CostError, Displayed, Experiment, HitPath, SceneChange, Watcher};
 use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
@@ -175,8 +176,13 @@ impl Stage<'_, '_> {
         }
     }
 
-    /// What a picture of a view looks like on the display, in the blocks that errors are drawn from.
+    /// What a picture of a view looks like on the display, in the blocks that errors are drawn from. For a target it is a
+    /// part of the picture that is made in the end; else the scene could show others.
     pub(super) fn displayed(&self, image: &LinearImage, view: View) -> Displayed {
-        view.in_its_blocks(Displayed::new(image, self.experiment.tone))
+        let displayed = view.in_its_blocks(Displayed::new(image, self.experiment.tone));
+        match self.experiment.target {
+            Some(_) => displayed.as_share(area(self.size_of(view)) / area(self.whole_size())),
+            None => displayed,
+        }
     }
 }

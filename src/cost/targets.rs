@@ -3,89 +3,23 @@
 use std::time::{Duration, Instant};
 
 use super::blocks::{Blocks, Protocol};
-use super::choose::{Forecast, Goal, Target, candidates, floor, forecasts};
-use super::experiment::{Layout, area};
+use super::choose::{Forecast, Goal, Target, floor, forecasts};
+use super::layout::{Layout, area};
 use super::reference::Halved;
+use super::search::{Search, Trial};
 use super::stage::Stage;
-use super::{Choice, Configuration, CostError, ErrorEstimate, Interval, Pictures, Point};
-use crate::accel::{Backend, Precision};
+use super::{Choice, Configuration, CostError, ErrorEstimate, Knob, Pictures, Point};
 use crate::render::Pattern;
 
-/// Parts of the target that foretold settings keep to spare, round by round.
-const MARGINS: [f64; 4] = [0.1, 0.25, 0.4, 0.6];
-/// Settings that are measured in a round.
-const A_ROUND: usize = 3;
-/// Blocks of a measurement: the fewest whose extremes hold a median.
-const BLOCKS: usize = 6;
+/// Blocks by which settings are chosen.
+const CHOOSING_BLOCKS: usize = 2;
+/// Blocks by which what was chosen is measured: the fewest whose extremes hold a median.
+const HELD_OUT_BLOCKS: usize = 6;
 /// Part of the budget that the first settings may take even if it is spent.
-const FIRST_PART: f64 = 0.05;
+const FIRST_PART: f64 = 0.1;
 /// Seeds of the pictures that settings are chosen by, and of those that had no part in it.
 const CHOOSING_SEED: u32 = 10_000;
 const HELD_OUT_SEED: u32 = 20_000;
-
-/// What was measured of settings.
-#[derive(Clone, Copy)]
-struct Trial {
-    rmse: Interval,
-    seconds: Interval,
-    time_ratio: Interval,
-}
-
-impl Trial {
-    fn reaches(&self, goal: Goal) -> bool {
-        match goal {
-            Goal::Error(most) => self.rmse.high <= most,
-            Goal::TimeRatio(most) => self.time_ratio.high <= most,
-        }
-    }
-
-    /// What there should be little of among those that reach a target.
-    fn price(&self, goal: Goal) -> f64 {
-        match goal {
-            Goal::Error(_) => self.time_ratio.value,
-            Goal::TimeRatio(_) => self.rmse.high,
-        }
-    }
-
-    /// By how much a target is missed.
-    fn miss(&self, goal: Goal) -> f64 {
-        match goal {
-            Goal::Error(_) => self.rmse.high,
-            Goal::TimeRatio(_) => self.time_ratio.high,
-        }
-    }
-}
-
-/// Everything that was measured on the way to a target.
-#[derive(Default)]
-struct Search {
-    tried: Vec<(Forecast, Trial)>,
-    /// Those that did not reach it a second time.
-    failed: Vec<Configuration>,
-}
-
-impl Search {
-    fn knows(&self, configuration: &Configuration) -> bool {
-        let mut tried = self.tried.iter();
-        tried.any(|(forecast, _)| forecast.configuration == *configuration)
-    }
-
-    /// The cheapest of those that reached the goal and did not fail since.
-    fn best(&self, goal: Goal) -> Option<Forecast> {
-        let reaching = self.tried.iter().filter(|(forecast, trial)| {
-            trial.reaches(goal) && !self.failed.contains(&forecast.configuration)
-        });
-        let best = reaching.min_by(|a, b| a.1.price(goal).total_cmp(&b.1.price(goal)));
-        best.map(|(forecast, _)| forecast.clone())
-    }
-
-    /// The one that misses the goal least.
-    fn nearest(&self, goal: Goal) -> Option<(Forecast, Trial)> {
-        let all = self.tried.iter();
-        all.min_by(|a, b| a.1.miss(goal).total_cmp(&b.1.miss(goal)))
-            .cloned()
-    }
-}
 
 impl Stage<'_, '_> {
     /// Settings for `target`, and their configuration; `points` and `configurations` are those of a study, the base first.
@@ -105,30 +39,26 @@ impl Stage<'_, '_> {
         let offered = forecasts(points, configurations, |configuration| {
             self.offers(base, configuration)
         });
-        let mut search = Search::default();
-        let chosen = self.search(
-            goal,
-            &offered,
-            (base, of_base.seconds.value),
-            measured,
-            &mut search,
-        )?;
-        // Where nothing else could be measured that was foretold to come near, it is the base; nobody chose it by how it
-        // did.
+        let of_base = &Trial {
+            rmse: of_base.rmse,
+            seconds: of_base.seconds,
+            time_ratio: of_base.time_ratio,
+        };
+        let mut search = Search::new(goal, &offered, of_base);
+        // What does not reach the target is not worth more time than looking for what does.
+        let bearable = self.experiment.budget / (scale * of_base.seconds.value);
+        let chosen = self.search((base, of_base.seconds.value, bearable), measured, &mut search)?;
+        // Where nothing else could be measured it is the base; nobody chose it by how it did.
         let staying = || {
             let forecast = Forecast {
                 configuration: *base,
-                mean_square: of_base.mean_square(),
+                turns: [0; Knob::ALL.len()],
+                mean_square: of_base.rmse.value.powi(2),
                 time_ratio: 1.0,
             };
-            let trial = Trial {
-                rmse: of_base.rmse,
-                seconds: of_base.seconds,
-                time_ratio: of_base.time_ratio,
-            };
-            (forecast, trial)
+            (forecast, *of_base)
         };
-        let (forecast, trial, reached) = match (chosen, search.nearest(goal)) {
+        let (forecast, trial, reached) = match (chosen, search.nearest(bearable)) {
             (Some((forecast, trial)), _) => (forecast, trial, true),
             (None, Some((forecast, trial))) => (forecast, trial, false),
             (None, None) => {
@@ -145,62 +75,52 @@ impl Stage<'_, '_> {
             rmse: trial.rmse,
             seconds: trial.seconds,
             whole_seconds: trial.seconds.map(|seconds| ready + scale * seconds),
-            tried: search.tried.len(),
+            tried: search.count(),
             floor: floor(points, &offered).map(|(square, knob)| (square.sqrt(), knob)),
         };
         Ok((choice, forecast.configuration))
     }
 
-    /// Measures what is foretold to reach the goal, with more and more of it to spare, until something does so twice.
+    /// Measures what is expected to reach the goal until something does so twice, the second time in pictures that had no
+    /// part in the choice.
     fn search(
         &mut self,
-        goal: Goal,
-        offered: &[Forecast],
-        (base, base_seconds): (&Configuration, f64),
+        (base, base_seconds, bearable): (&Configuration, f64, f64),
         measured: (&Layout, &Halved),
         search: &mut Search,
     ) -> Result<Option<(Forecast, Trial)>, CostError> {
-        for margin in MARGINS {
-            let mut fitting = candidates(offered, goal, margin).into_iter();
-            for _ in 0..A_ROUND {
-                // Twice, as what is chosen is measured again.
-                let affordable = |forecast: &Forecast| {
-                    let seconds = 2.0 * BLOCKS as f64 * (1.0 + forecast.time_ratio) * base_seconds;
-                    let is_first = search.tried.is_empty() && seconds <= FIRST_PART * self.experiment.budget;
-                    is_first || self.spent() + seconds <= self.experiment.budget
-                };
-                let next = fitting
-                    .find(|forecast| !search.knows(&forecast.configuration) && affordable(forecast))
-                    .cloned();
-                let Some(forecast) = next else {
-                    break;
-                };
+        loop {
+            let budget = self.experiment.budget;
+            while let Some((place, forecast)) = search.next(bearable, |forecast| {
+                let block = (1.0 + forecast.time_ratio) * base_seconds;
+                let choosing = CHOOSING_BLOCKS as f64 * block;
+                let is_first = search.count() == 0 && choosing <= FIRST_PART * budget;
+                // What is chosen is measured again.
+                let all = choosing + HELD_OUT_BLOCKS as f64 * block;
+                is_first || self.spent() + all <= budget
+            }) {
                 self.build(&forecast.configuration)?;
-                let trial = self.trial(base, &forecast.configuration, measured, CHOOSING_SEED)?;
-                search.tried.push((forecast, trial));
+                let turns = (base, &forecast.configuration);
+                let trial = self.trial(turns, measured, (CHOOSING_BLOCKS, CHOOSING_SEED))?;
+                search.note((place, forecast), trial);
             }
-            while let Some(best) = search.best(goal) {
-                let again = self.trial(base, &best.configuration, measured, HELD_OUT_SEED)?;
-                if again.reaches(goal) {
-                    return Ok(Some((best, again)));
-                }
-                search.failed.push(best.configuration);
+            let Some(best) = search.best_expected() else {
+                return Ok(None);
+            };
+            let turns = (base, &best.configuration);
+            let again = self.trial(turns, measured, (HELD_OUT_BLOCKS, HELD_OUT_SEED))?;
+            if again.reaches(search.goal()) {
+                return Ok(Some((best, again)));
             }
+            search.fail_best();
         }
-        Ok(None)
     }
 
     /// Whether settings may be chosen: hits are trusted no less than in the base, adaptive sampling has a pattern that
     /// goes on, and the scene is there.
     fn offers(&self, base: &Configuration, configuration: &Configuration) -> bool {
-        let trust = |configuration: &Configuration| match configuration.path.backend {
-            Backend::Embree => Precision::ALL
-                .iter()
-                .position(|&p| p == configuration.path.precision),
-            Backend::Bsp | Backend::Brute => Some(Precision::ALL.len()),
-        };
         let settings = &configuration.settings;
-        trust(configuration) >= trust(base)
+        configuration.path.is_trusted_like(&base.path)
             && !(settings.adaptive.is_some() && settings.pattern == Pattern::Regular)
             && self.has_scene(&configuration.change)
     }
@@ -215,15 +135,14 @@ impl Stage<'_, '_> {
     /// Pictures of the base and of `configuration` in turns, of other random numbers than any before.
     fn trial(
         &self,
-        base: &Configuration,
-        configuration: &Configuration,
+        (base, configuration): (&Configuration, &Configuration),
         (layout, reference): (&Layout, &Halved),
-        seed: u32,
+        (count, seed): (usize, u32),
     ) -> Result<Trial, CostError> {
         let mut pictures = Pictures::new(&reference.halves);
         let protocol = Protocol {
-            least: BLOCKS,
-            most: BLOCKS,
+            least: count,
+            most: count,
             deadline: Instant::now() + Duration::from_secs(1),
             seed: u64::from(seed),
         };

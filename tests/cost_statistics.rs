@@ -187,8 +187,8 @@ fn certified_share(repeats: u32) -> f64 {
     let (mut true_count, mut told) = (0, 0);
     for repeat in 0..repeats {
         let halves = Halves {
-            a: take(96, 1_100_000 + repeat),
-            b: take(96, 2_100_000 + repeat),
+            a: take(96, 1_100_000 + repeat).as_share(1.0),
+            b: take(96, 2_100_000 + repeat).as_share(1.0),
         };
         // Targets from the worst to the best, on and off what settings reach.
         let part = f64::from(repeat) / f64::from(repeats);

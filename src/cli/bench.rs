@@ -243,12 +243,8 @@ impl<'s> EmbreeStructures<'s> {
 impl<'s> Structures<'s> {
     fn build(scene: &'s Scene, job: &BenchJob) -> Result<Structures<'s>, Failure> {
         let options = |kernel| AccelOptions {
-            precision: job.tracing.precision,
             kernel,
-            instancing: job.tracing.instancing,
-            threads: job.tracing.threads,
-            isa: job.tracing.isa.clone(),
-            progress: None,
+            ..job.tracing.options()
         };
         let bsp = |kernel| timed(|| BspAccel::build(scene, &options(kernel)));
         let (packet, seconds) = bsp(Kernel::Packet)?;

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::thread;
 
-use crate::accel::{Backend, Instancing, Precision};
+use crate::accel::{AccelOptions, Backend, BuildQuality, Instancing, Precision};
 use crate::cost::{self, HitPath, SceneChange, Settings, SettingsFile};
 use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
@@ -110,6 +110,8 @@ impl StatsTo {
 pub(super) struct Tracing {
     pub(super) precision: Precision,
     pub(super) instancing: Instancing,
+    pub(super) build_quality: BuildQuality,
+    pub(super) compact: bool,
     pub(super) isa: Option<String>,
     /// One or more.
     pub(super) threads: usize,
@@ -124,16 +126,7 @@ impl RenderJob {
         if backend == Backend::Embree && !cfg!(feature = "embree") {
             return Err(crate::accel::AccelError::NoEmbree.into());
         }
-        if backend != Backend::Embree && args.tracing.isa.is_some() {
-            return Err(Failure::Input(format!(
-                "`--isa` is for Embree: leave it out with `--backend {backend}`"
-            )));
-        }
-        if backend != Backend::Embree && args.tracing.instancing != Instancing::Auto {
-            return Err(Failure::Input(format!(
-                "`--instancing` is for Embree: leave it out with `--backend {backend}`"
-            )));
-        }
+        check_backend(&args.tracing, backend)?;
         check_instancing(&args.tracing)?;
         let targets = targets(args)?;
         let stats = args.stats.as_deref().map(StatsTo::of);
@@ -220,6 +213,8 @@ impl RenderJob {
         job.backend = chosen.backend.unwrap_or(job.backend);
         job.tracing.precision = chosen.precision.unwrap_or(job.tracing.precision);
         job.tracing.instancing = chosen.instancing.unwrap_or(job.tracing.instancing);
+        job.tracing.build_quality = chosen.build_quality.unwrap_or(job.tracing.build_quality);
+        job.tracing.compact = chosen.compact.unwrap_or(job.tracing.compact);
         job.change = SceneChange {
             rough_rays: chosen.rough_rays.or(job.change.rough_rays),
             ..chosen.change()
@@ -290,6 +285,22 @@ pub(super) fn effective_precision(backend: Backend, wish: Precision) -> Precisio
     }
 }
 
+/// Refuses what is for Embree alone where another backend finds the hits.
+fn check_backend(args: &TracingArgs, backend: Backend) -> Result<(), Failure> {
+    let of_embree = [
+        ("--isa", args.isa.is_some()),
+        ("--instancing", args.instancing != Instancing::Auto),
+        ("--build-quality", args.build_quality != BuildQuality::default()),
+        ("--compact", args.compact),
+    ];
+    match of_embree.iter().find(|(_, is_given)| *is_given) {
+        Some((flag, _)) if backend != Backend::Embree => Err(Failure::Input(format!(
+            "`{flag}` is for Embree: leave it out with `--backend {backend}`"
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// Refuses a kind of instancing that the precision does not have.
 pub(super) fn check_instancing(args: &TracingArgs) -> Result<(), Failure> {
     if args.instancing.resolved(args.precision) == args.instancing || args.instancing == Instancing::Auto {
@@ -312,8 +323,23 @@ impl Tracing {
         Tracing {
             precision: args.precision,
             instancing: args.instancing,
+            build_quality: args.build_quality,
+            compact: args.compact,
             isa: args.isa.clone(),
             threads,
+        }
+    }
+
+    /// How what finds the hits is built.
+    pub(super) fn options(&self) -> AccelOptions<'static> {
+        AccelOptions {
+            precision: self.precision,
+            instancing: self.instancing,
+            build_quality: self.build_quality,
+            compact: self.compact,
+            threads: self.threads,
+            isa: self.isa.clone(),
+            ..AccelOptions::default()
         }
     }
 
@@ -322,6 +348,8 @@ impl Tracing {
         Tracing::new(&TracingArgs {
             precision: Precision::default(),
             instancing: Instancing::default(),
+            build_quality: BuildQuality::default(),
+            compact: false,
             isa: None,
             threads,
         })
@@ -334,6 +362,8 @@ impl Tracing {
                 backend,
                 precision: self.precision,
                 instancing: self.instancing,
+                build_quality: self.build_quality,
+                compact: self.compact,
             },
             Backend::Bsp | Backend::Brute => HitPath::BSP,
         }

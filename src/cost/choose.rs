@@ -187,6 +187,8 @@ pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configurati
             (result.path.backend, result.path.precision) = (turned.path.backend, turned.path.precision)
         }
         Knob::Instancing => result.path.instancing = turned.path.instancing,
+        Knob::BuildQuality => result.path.build_quality = turned.path.build_quality,
+        Knob::Compactness => result.path.compact = turned.path.compact,
     }
     result
 }
@@ -273,6 +275,7 @@ mod tests {
             level: String::new(),
             settings: BTreeMap::new(),
             build_seconds: 0.0,
+            build_bytes: 0,
             ready_seconds: 0.0,
             seconds: Interval::exact(ratio),
             time_ratio: Interval::exact(ratio),

@@ -5,7 +5,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::accel::{Backend, Instancing, Precision};
+use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::render::{Adaptive, FilterKind, Pattern, Plan, RenderSettings};
 use crate::scene::{Effect, Geometry, LightKind, Scene};
 
@@ -37,11 +37,15 @@ pub enum Knob {
     HitPath,
     /// How Embree is given placed meshes.
     Instancing,
+    /// How much work Embree puts into its trees.
+    BuildQuality,
+    /// Whether Embree saves memory rather than time.
+    Compactness,
 }
 
 impl Knob {
     /// All.
-    pub const ALL: [Knob; 12] = [
+    pub const ALL: [Knob; 14] = [
         Knob::Samples,
         Knob::Pattern,
         Knob::Adaptive,
@@ -54,6 +58,8 @@ impl Knob {
         Knob::TextureFilter,
         Knob::HitPath,
         Knob::Instancing,
+        Knob::BuildQuality,
+        Knob::Compactness,
     ];
 
     /// What reports call it.
@@ -71,6 +77,8 @@ impl Knob {
             Knob::TextureFilter => "texture filter",
             Knob::HitPath => "hit path",
             Knob::Instancing => "instancing",
+            Knob::BuildQuality => "build quality",
+            Knob::Compactness => "compactness",
         }
     }
 
@@ -105,6 +113,10 @@ pub struct HitPath {
     pub precision: Precision,
     /// How it is given placed meshes.
     pub instancing: Instancing,
+    /// How much work it puts into its trees.
+    pub build_quality: BuildQuality,
+    /// Whether it saves memory rather than time.
+    pub compact: bool,
 }
 
 impl HitPath {
@@ -113,6 +125,8 @@ impl HitPath {
         backend: Backend::Bsp,
         precision: Precision::Watertight,
         instancing: Instancing::Auto,
+        build_quality: BuildQuality::Medium,
+        compact: false,
     };
 
     /// What reports call it.
@@ -217,6 +231,12 @@ impl Configuration {
             "instancing",
             (instancing != Instancing::Auto).then(|| instancing.to_string()),
         );
+        let quality = self.path.build_quality;
+        add(
+            "build_quality",
+            (quality != BuildQuality::default()).then(|| quality.to_string()),
+        );
+        add("compact", self.path.compact.then(|| "yes".to_owned()));
         words
     }
 }
@@ -305,6 +325,8 @@ impl Turns<'_> {
             Knob::TextureFilter if self.has(Effect::TextureFilter) => self.texture_filter(),
             Knob::HitPath => self.hit_paths(),
             Knob::Instancing => self.instancings(),
+            Knob::BuildQuality => self.build_qualities(),
+            Knob::Compactness => self.compactness(),
             _ => Vec::new(),
         }
     }
@@ -426,11 +448,6 @@ impl Turns<'_> {
     }
 
     fn hit_paths(&self) -> Vec<Level> {
-        let has_meshes = self
-            .scene
-            .geometries
-            .iter()
-            .any(|geometry| matches!(geometry, Geometry::Mesh(_)));
         let mut paths = Vec::new();
         if cfg!(feature = "embree") {
             // Precisions differ in triangles alone: without any, there is one path through Embree.
@@ -438,18 +455,60 @@ impl Turns<'_> {
                 Backend::Embree => self.base.path.precision,
                 Backend::Bsp | Backend::Brute => Precision::default(),
             };
-            let precisions: &[Precision] = if has_meshes { &Precision::ALL } else { &[own] };
+            let precisions: &[Precision] = if self.has_meshes() {
+                &Precision::ALL
+            } else {
+                &[own]
+            };
             paths.extend(precisions.iter().map(|&precision| HitPath {
                 backend: Backend::Embree,
                 precision,
                 instancing: Instancing::Auto,
+                ..self.base.path
             }));
         }
         paths.push(HitPath::BSP);
+        self.through(paths.into_iter().map(|path| (path.name(), path)))
+    }
+
+    fn through(&self, paths: impl Iterator<Item = (String, HitPath)>) -> Vec<Level> {
         paths
-            .into_iter()
-            .map(|path| (path.name(), Configuration { path, ..*self.base }))
+            .map(|(level, path)| (level, Configuration { path, ..*self.base }))
             .collect()
+    }
+
+    fn has_meshes(&self) -> bool {
+        let mut geometries = self.scene.geometries.iter();
+        geometries.any(|geometry| matches!(geometry, Geometry::Mesh(_)))
+    }
+
+    /// Of Embree's trees over triangles; the highest where Embree makes a difference between it and the next.
+    fn build_qualities(&self) -> Vec<Level> {
+        let path = self.base.path;
+        if path.backend != Backend::Embree || !self.has_meshes() {
+            return Vec::new();
+        }
+        let cuts = path.precision == Precision::Fast;
+        let qualities = BuildQuality::ALL.into_iter();
+        let apart = qualities.filter(|&quality| cuts || quality != BuildQuality::High);
+        self.through(apart.map(|build_quality| {
+            let path = HitPath {
+                build_quality,
+                ..path
+            };
+            (build_quality.to_string(), path)
+        }))
+    }
+
+    /// Of Embree's own triangles: patches are as compact as they can be.
+    fn compactness(&self) -> Vec<Level> {
+        let path = self.base.path;
+        let is_native = path.precision != Precision::Watertight;
+        if path.backend != Backend::Embree || !is_native || !self.has_meshes() {
+            return Vec::new();
+        }
+        let levels = [(false, "loose"), (true, "compact")].into_iter();
+        self.through(levels.map(|(compact, level)| (level.to_owned(), HitPath { compact, ..path })))
     }
 
     fn instancings(&self) -> Vec<Level> {
@@ -469,6 +528,6 @@ impl Turns<'_> {
             instancing: other,
             ..path
         };
-        vec![(other.to_string(), Configuration { path, ..*self.base })]
+        self.through(std::iter::once((other.to_string(), path)))
     }
 }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Configuration, Interval, SceneChange};
-use crate::accel::{Backend, Instancing, Precision};
+use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::render::{MIN_ADAPTIVE_ERROR, Pattern};
 use crate::scene::picture::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
 use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MOST_ROUGH_RAYS};
@@ -65,6 +65,12 @@ pub struct Settings {
     /// How Embree is given placed meshes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instancing: Option<Instancing>,
+    /// How much work Embree puts into its trees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub build_quality: Option<BuildQuality>,
+    /// Whether Embree saves memory rather than time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub compact: Option<bool>,
 }
 
 /// What was measured of settings.
@@ -112,6 +118,8 @@ impl Settings {
             backend: Some(configuration.path.backend),
             precision: Some(configuration.path.precision),
             instancing: Some(configuration.path.instancing),
+            build_quality: Some(configuration.path.build_quality),
+            compact: configuration.path.compact.then_some(true),
         }
     }
 

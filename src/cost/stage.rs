@@ -92,6 +92,8 @@ impl Stage<'_, '_> {
         let options = AccelOptions {
             precision: path.precision,
             instancing: path.instancing,
+            build_quality: path.build_quality,
+            compact: path.compact,
             threads: self.experiment.threads,
             isa: self.experiment.isa.clone(),
             ..AccelOptions::default()

@@ -113,6 +113,9 @@ pub struct Point {
     pub settings: BTreeMap<String, String>,
     /// Seconds to build what finds the hits, once a scene.
     pub build_seconds: f64,
+    /// Bytes of what finds hits, the vertices that it shares with the scene not counted.
+    #[serde(default)]
+    pub build_bytes: u64,
     /// Seconds before the first sample, once a picture of any size: levels of images, tables of lights.
     pub ready_seconds: f64,
     /// Seconds of the samples of a picture.

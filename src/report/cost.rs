@@ -11,7 +11,7 @@ pub(super) const BASE: &str = "base";
 
 /// The columns of [`points_csv`].
 const COLUMNS: &str = "id,knob,level,build,ready,t_med,t_lo,t_hi,ratio,ratio_lo,ratio_hi,rmse,rmse_lo,rmse_hi,bias2,var,rel_mse,flip,max,\
-                       changed,non_finite,rays,front";
+                       changed,non_finite,rays,front,build_bytes";
 
 /// A study in words.
 #[derive(Clone, Copy, Debug)]
@@ -208,13 +208,14 @@ pub fn points_csv(study: &Study) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{id},{},{},{},{},{},{}",
+            "{id},{},{},{},{},{},{},{}",
             quoted(knob_name(point)),
             quoted(&point.level),
             numbers.join(","),
             point.non_finite,
             point.rays,
-            point.on_front
+            point.on_front,
+            point.build_bytes
         );
     }
     text
@@ -271,8 +272,8 @@ mod tests {
         let csv = points_csv(&study);
         let lines: Vec<&str> = csv.lines().collect();
         assert_eq!(lines.len(), 1 + study.points.len());
-        assert_eq!(lines[0].split(',').count(), 23);
-        assert_eq!(lines[1].split(',').count(), 23, "{}", lines[1]);
+        assert_eq!(lines[0].split(',').count(), 24);
+        assert_eq!(lines[1].split(',').count(), 24, "{}", lines[1]);
         assert!(
             lines[1].starts_with("0,base,base,0.1,0,1,0.9,1.1,1,1,1,0.02,"),
             "{}",
@@ -280,6 +281,6 @@ mod tests {
         );
         assert!(lines[2].starts_with("1,samples,\"a,\"\"b\"\"\","), "{}", lines[2]);
         assert!(!csv.contains("NaN") && lines[2].contains(",,"), "{}", lines[2]);
-        assert!(lines[1].ends_with(",1000,true"), "{}", lines[1]);
+        assert!(lines[1].ends_with(",1000,true,5000"), "{}", lines[1]);
     }
 }

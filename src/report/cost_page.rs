@@ -353,6 +353,7 @@ pub(super) mod tests {
             level: level.to_owned(),
             settings: BTreeMap::from([("samples".to_owned(), "<4>".to_owned())]),
             build_seconds: 0.1,
+            build_bytes: 5000,
             ready_seconds: 0.0,
             seconds: Interval {
                 value: ratio,

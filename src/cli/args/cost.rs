@@ -14,7 +14,7 @@ const DEFAULT_BUDGET: f64 = 120.0;
 const COST_HELP: &str = "\
 Every knob that the scene gives a meaning is turned by itself: samples a pixel and how they lie, adaptive sampling,
 depth, cut-off, wavelengths, points of lights, rays into lobes, steps through volumes, the texture filter, what finds
-the hits and how far it may be trusted. Errors are those of values as displayed (black is 0, white 1), held against two
+the hits and how far it may be trusted, and how Embree's trees are built. Errors are those of values as displayed (black is 0, white 1), held against two
 independent halves of a reference, one through Embree and one through the BSP; times are ratios within blocks in which
 every setting takes one turn. Pictures are as large as the budget affords, unless --size says it.
 

@@ -51,9 +51,9 @@ fn levels(scene: &Scene, base: &Configuration, knob: Knob) -> Vec<String> {
 
 #[test]
 fn embrees_trees_are_knobs_where_there_are_triangles_to_put_into_them() {
-    let [meshes, shapes] = ["first_light.gltf", "table_of_shapes.toml"].map(scene);
+    let [meshes, shapes] = ["first_light.gltf", "mirror_room.toml"].map(scene);
     let [fast, robust, watertight] = Precision::ALL.map(|precision| base(embree(precision)));
-    let of = |scene, base, knob| levels(scene, base, knob).join(" ");
+    let of = |scene: &Scene, base: &Configuration, knob| levels(scene, base, knob).join(" ");
     assert_eq!(of(&meshes, &fast, Knob::BuildQuality), "low high");
     assert_eq!(of(&meshes, &robust, Knob::BuildQuality), "low");
     assert_eq!(of(&meshes, &watertight, Knob::BuildQuality), "low");

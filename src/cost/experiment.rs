@@ -403,10 +403,12 @@ impl Stage<'_, '_> {
                     changed_share: metrics[place].changed_share,
                     non_finite: pictures[place].image.non_finite_count() as u64,
                     rays: pictures[place].ledger.total().rays,
+                    geometry: None,
                     on_front: false,
                 }
             })
             .collect();
+        self.count_geometric_errors(layout, &mut points);
         let places: Vec<Place> = points
             .iter()
             .map(|point| Place {
@@ -525,6 +527,7 @@ mod tests {
             changed_share: 0.0,
             non_finite: 0,
             rays: 0,
+            geometry: None,
             on_front: false,
         }
     }

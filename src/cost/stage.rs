@@ -105,6 +105,11 @@ impl Stage<'_, '_> {
         Ok(())
     }
 
+    /// The scene of a configuration.
+    pub(super) fn scene(&self, configuration: &Configuration) -> &Scene {
+        &self.scenes[self.scene_index(&configuration.change)].1
+    }
+
     /// What was built for a configuration.
     pub(super) fn built(&self, configuration: &Configuration) -> &Built<'_> {
         &self.built[&(self.scene_index(&configuration.change), configuration.path)]

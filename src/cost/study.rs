@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::choose::Target;
-use super::{Interval, Knob, Place, knee};
+use super::{GeometricErrors, Interval, Knob, Place, knee};
 
 /// Everything that was measured of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -140,6 +140,9 @@ pub struct Point {
     pub non_finite: u64,
     /// Rays of a picture.
     pub rays: u64,
+    /// What it errs by where hits are found; absent where its knob cannot change which are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub geometry: Option<GeometricErrors>,
     /// Whether no other is known to be both faster and closer.
     pub on_front: bool,
 }

@@ -1,4 +1,4 @@
-//! Rays of a picture through ways of finding hits: what they err by.
+//! Rays of a picture through ways of finding hits and of leaving surfaces that are not right: what they err by.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use whit::accel::{Accel, AccelOptions, Backend, Precision, build};
 use whit::cost::{Answered, GeometricErrors};
 use whit::gltf::{LoadOptions, load};
+use whit::numeric::SpawnPolicy;
 use whit::render::{RecordedRays, RenderSettings, record};
 use whit::scene::Scene;
 
@@ -37,6 +38,27 @@ fn errors(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Geomet
     let reference = exact(scene);
     let deadline = Instant::now() + Duration::from_secs(600);
     Answered::by(&*reference, &right).errors(accel, &left.shadow, deadline)
+}
+
+#[test]
+fn what_starts_where_the_bound_says_sees_every_light_and_what_does_not_shadows_itself() {
+    let scene = scene();
+    let accel = exact(&scene);
+    let by = |spawn| errors(&scene, &*accel, &RenderSettings { spawn, ..settings() });
+    let bounded = by(SpawnPolicy::Bounded);
+    assert_eq!(bounded.camera_rays, 160 * 120);
+    assert!(bounded.shadow_rays > 5000, "{bounded:?}");
+    assert_eq!((bounded.count(), bounded.ties), (0, 0), "{bounded:?}");
+    // Where rounding takes every other point into its surface, about half of the rays meet it.
+    let none = by(SpawnPolicy::None);
+    assert!(none.false_shadows > none.shadow_rays / 100, "{none:?}");
+    // Less than the rounding of coordinates.
+    let little = by(SpawnPolicy::Fixed(1e-9));
+    assert!(little.false_shadows > little.shadow_rays / 100, "{little:?}");
+    // A twentieth of the scene: beyond what is near a surface, on both sides of a shadow's edge.
+    let much = by(SpawnPolicy::Fixed(0.05));
+    assert!(much.false_shadows + much.light_leaks > 0, "{much:?}");
+    assert_eq!((much.leaks, much.false_hits), (0, 0), "camera rays leave nothing");
 }
 
 #[test]

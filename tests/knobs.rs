@@ -6,7 +6,7 @@ use whit::accel::{Backend, BuildQuality, Precision};
 use whit::cost::{Configuration, HitPath, Knob, SceneChange, Settings, knobs, with_knob};
 use whit::gltf::LoadOptions;
 use whit::render::{Plan, RenderSettings};
-use whit::scene::{Camera, Scene};
+use whit::scene::{Camera, Effect, Scene};
 use whit::scene_file;
 
 fn scene(name: &str) -> Scene {
@@ -95,4 +95,28 @@ fn a_knob_is_turned_alone_and_settings_tell_to_where() {
         (settings.build_quality, settings.compact),
         (Some(BuildQuality::Low), Some(true))
     );
+}
+
+#[test]
+fn where_rays_start_matters_where_rays_leave_surfaces() {
+    let shaded = scene("first_light.gltf");
+    let mut base = base(HitPath::BSP);
+    let all = turned(&shaded, &base, Knob::SpawnPoints);
+    let names: Vec<&str> = all.iter().map(|(level, _)| level.as_str()).collect();
+    assert_eq!(names, ["none", "fixed:0.0000001", "fixed:0.00001", "fixed:0.001"]);
+    for (level, configuration) in &all {
+        assert_eq!(with_knob(&base, Knob::SpawnPoints, configuration), *configuration);
+        assert_eq!(configuration.words()["spawn"], *level);
+        assert_eq!(
+            Settings::of(configuration).spawn,
+            Some(configuration.settings.spawn)
+        );
+    }
+    // Without lights and mirrors no ray leaves anything.
+    let mut dark = shaded.clone();
+    dark.lights.clear();
+    for effect in [Effect::Shadow, Effect::Reflection, Effect::Refraction] {
+        base.settings.effects.removed = base.settings.effects.removed.with(effect);
+    }
+    assert!(turned(&dark, &base, Knob::SpawnPoints).is_empty());
 }

@@ -3,6 +3,7 @@
 mod compare;
 mod compare_stats;
 mod cost;
+mod leaving;
 mod verify;
 
 use std::fmt;
@@ -15,6 +16,7 @@ use clap::{Args as ArgGroup, Parser, Subcommand};
 pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
+pub(super) use leaving::LeavingArgs;
 pub(super) use verify::VerifyArgs;
 
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
@@ -135,8 +137,11 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     pub(super) tracing: TracingArgs,
 
+    #[command(flatten)]
+    pub(super) leaving: LeavingArgs,
+
     /// Take the settings from a file that `whit cost --out` wrote, in place of flags
-    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "build_quality", "compact", "rough_rays"])]
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "build_quality", "compact", "spawn", "rough_rays"])]
     pub(super) settings: Option<PathBuf>,
 
     /// Choose the fastest settings whose RMSE as displayed (black is 0, white 1) is at most this, by pieces of the

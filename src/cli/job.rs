@@ -9,6 +9,7 @@ use std::thread;
 use crate::accel::{AccelOptions, Backend, BuildQuality, Instancing, Precision};
 use crate::cost::{self, HitPath, SceneChange, Settings, SettingsFile};
 use crate::image::{ImageFormat, ToneMap, check_writable};
+use crate::numeric::SpawnPolicy;
 use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
@@ -40,6 +41,8 @@ pub(super) struct RenderJob {
     pub(super) change: SceneChange,
     /// The weight under which no ray is followed.
     cutoff: Option<f32>,
+    /// Where rays start that leave surfaces.
+    spawn: SpawnPolicy,
     pub(super) seed: u32,
     /// What settings are looked for.
     pub(super) aim: Option<Aim>,
@@ -183,6 +186,7 @@ impl RenderJob {
                 ..SceneChange::default()
             },
             cutoff: None,
+            spawn: args.leaving.spawn,
             seed: args.seed,
             aim,
             stats,
@@ -220,6 +224,7 @@ impl RenderJob {
             ..chosen.change()
         };
         job.cutoff = chosen.cutoff;
+        job.spawn = chosen.spawn.unwrap_or(job.spawn);
         job
     }
 
@@ -259,6 +264,7 @@ impl RenderJob {
             cost_aovs,
             effects: self.effects,
             seed: self.seed,
+            spawn: self.spawn,
             ledger: self.stats.is_some() || cost_aovs,
             ..settings(&picture)?
         };

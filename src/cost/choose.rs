@@ -189,6 +189,7 @@ pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configurati
         Knob::Instancing => result.path.instancing = turned.path.instancing,
         Knob::BuildQuality => result.path.build_quality = turned.path.build_quality,
         Knob::Compactness => result.path.compact = turned.path.compact,
+        Knob::SpawnPoints => settings.spawn = from.spawn,
     }
     result
 }

@@ -15,7 +15,7 @@ use super::experiment::{Layout, area};
 use super::stage::Stage;
 use super::{Configuration, HitPath, Interval, Knob, Point};
 use crate::accel::{Accel, LANES, RayOrder, RayPacket};
-use crate::numeric::Ray;
+use crate::numeric::{Ray, SpawnPolicy};
 use crate::render::{RecordedRays, RenderSettings, record};
 use crate::scene::Effect;
 
@@ -98,7 +98,7 @@ impl Knob {
     pub const fn changes_hits(self) -> bool {
         matches!(
             self,
-            Knob::HitPath | Knob::Instancing | Knob::BuildQuality | Knob::Compactness
+            Knob::HitPath | Knob::Instancing | Knob::BuildQuality | Knob::Compactness | Knob::SpawnPoints
         )
     }
 }
@@ -298,14 +298,20 @@ impl Stage<'_, '_> {
         // Recorded on one thread, then answered by each.
         let a_ray = base.seconds.value * self.experiment.threads as f64 / samples;
         let rays = 0.5 * seconds / (a_ray * (1 + counted.len()) as f64);
-        let recorded = self.recorded(configuration, rays.clamp(LEAST_RAYS, MOST_RAYS));
+        let lists = (1 + self.scene(configuration).lights.len()) as f64;
+        let rays = rays.clamp(LEAST_RAYS, MOST_RAYS / lists.min(MOST_RAYS / LEAST_RAYS));
+        let recorded = self.recorded(&left_rightly(configuration), rays);
         let reference = &*self.built(&configuration.through(HitPath::BSP)).accel;
         let right = Answered::by(reference, &recorded);
         let share = Duration::from_secs_f64(0.5 * seconds / counted.len() as f64);
         for place in counted {
             self.say("geometry");
-            let accel = &*self.built(&layout.contestants[place].configuration).accel;
-            let errors = right.errors(accel, &recorded.shadow, Instant::now() + share);
+            let configuration = &layout.contestants[place].configuration;
+            let accel = &*self.built(configuration).accel;
+            let own =
+                (left_rightly(configuration) != *configuration).then(|| self.recorded(configuration, rays));
+            let shadow = own.as_ref().map_or(&recorded.shadow, |own| &own.shadow);
+            let errors = right.errors(accel, shadow, Instant::now() + share);
             points[place].geometry = Some(errors);
         }
     }
@@ -336,6 +342,13 @@ impl Stage<'_, '_> {
         let reference = &*self.built(&configuration.through(HitPath::BSP)).accel;
         record(scene, self.experiment.camera, reference, &settings)
     }
+}
+
+/// The same with surfaces left as it is right.
+fn left_rightly(configuration: &Configuration) -> Configuration {
+    let mut left = *configuration;
+    left.settings.spawn = SpawnPolicy::Bounded;
+    left
 }
 
 #[cfg(test)]

@@ -6,8 +6,13 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
+use crate::numeric::SpawnPolicy;
 use crate::render::{Adaptive, FilterKind, Pattern, Plan, RenderSettings};
 use crate::scene::{Effect, Geometry, LightKind, Scene};
+
+/// Parts of the scene's size by which rays start off surfaces, in place of a bound on the error: what is usual, and what is
+/// too little and too much of it.
+const FIXED_OFFSETS: [f64; 3] = [1e-7, 1e-5, 1e-3];
 
 /// Something that trades error for seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -41,11 +46,13 @@ pub enum Knob {
     BuildQuality,
     /// Whether Embree saves memory rather than time.
     Compactness,
+    /// Where rays start that leave surfaces.
+    SpawnPoints,
 }
 
 impl Knob {
     /// All.
-    pub const ALL: [Knob; 14] = [
+    pub const ALL: [Knob; 15] = [
         Knob::Samples,
         Knob::Pattern,
         Knob::Adaptive,
@@ -60,6 +67,7 @@ impl Knob {
         Knob::Instancing,
         Knob::BuildQuality,
         Knob::Compactness,
+        Knob::SpawnPoints,
     ];
 
     /// What reports call it.
@@ -79,6 +87,7 @@ impl Knob {
             Knob::Instancing => "instancing",
             Knob::BuildQuality => "build quality",
             Knob::Compactness => "compactness",
+            Knob::SpawnPoints => "spawn points",
         }
     }
 
@@ -236,6 +245,11 @@ impl Configuration {
             "build_quality",
             (quality != BuildQuality::default()).then(|| quality.to_string()),
         );
+        let spawn = settings.spawn;
+        add(
+            "spawn",
+            (spawn != SpawnPolicy::default()).then(|| spawn.to_string()),
+        );
         add("compact", self.path.compact.then(|| "yes".to_owned()));
         words
     }
@@ -327,6 +341,7 @@ impl Turns<'_> {
             Knob::Instancing => self.instancings(),
             Knob::BuildQuality => self.build_qualities(),
             Knob::Compactness => self.compactness(),
+            Knob::SpawnPoints if self.has_rays_from_surfaces() => self.spawn_points(),
             _ => Vec::new(),
         }
     }
@@ -480,6 +495,20 @@ impl Turns<'_> {
     fn has_meshes(&self) -> bool {
         let mut geometries = self.scene.geometries.iter();
         geometries.any(|geometry| matches!(geometry, Geometry::Mesh(_)))
+    }
+
+    fn has_rays_from_surfaces(&self) -> bool {
+        let sending = [Effect::Shadow, Effect::Reflection, Effect::Refraction];
+        sending.into_iter().any(|effect| self.has(effect))
+    }
+
+    fn spawn_points(&self) -> Vec<Level> {
+        let fixed = FIXED_OFFSETS.map(SpawnPolicy::Fixed).into_iter();
+        [SpawnPolicy::Bounded, SpawnPolicy::None]
+            .into_iter()
+            .chain(fixed)
+            .map(|spawn| (spawn.to_string(), self.set(|settings| settings.spawn = spawn)))
+            .collect()
     }
 
     /// Of Embree's trees over triangles; the highest where Embree makes a difference between it and the next.

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Configuration, Interval, SceneChange};
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
+use crate::numeric::SpawnPolicy;
 use crate::render::{MIN_ADAPTIVE_ERROR, Pattern};
 use crate::scene::picture::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
 use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MOST_ROUGH_RAYS};
@@ -71,6 +72,9 @@ pub struct Settings {
     /// Whether Embree saves memory rather than time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub compact: Option<bool>,
+    /// Where rays start that leave surfaces.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spawn: Option<SpawnPolicy>,
 }
 
 /// What was measured of settings.
@@ -120,6 +124,7 @@ impl Settings {
             instancing: Some(configuration.path.instancing),
             build_quality: Some(configuration.path.build_quality),
             compact: configuration.path.compact.then_some(true),
+            spawn: Some(settings.spawn),
         }
     }
 
@@ -238,6 +243,7 @@ mod tests {
             ("[settings]\n\nsampels = 3\n", "line 3"),
             ("[settings]\npattern = \"spiral\"\n", "line 2"),
             ("", "settings"),
+            ("[settings]\nspawn = \"fixed:2\"\n", "fixed:0.0001"),
             ("{", "line 1"),
         ] {
             let error = SettingsFile::parse(text).unwrap_err();

@@ -9,6 +9,7 @@ use super::reference::Halved;
 use super::stage::Stage;
 use super::{Choice, Configuration, CostError, ErrorEstimate, Interval, Pictures, Point};
 use crate::accel::{Backend, Precision};
+use crate::numeric::SpawnPolicy;
 use crate::render::Pattern;
 
 /// Parts of the target that foretold settings keep to spare, round by round.
@@ -200,7 +201,9 @@ impl Stage<'_, '_> {
             Backend::Bsp | Backend::Brute => Some(Precision::ALL.len()),
         };
         let settings = &configuration.settings;
+        let keeps_spawn = [base.settings.spawn, SpawnPolicy::Bounded].contains(&settings.spawn);
         trust(configuration) >= trust(base)
+            && keeps_spawn
             && !(settings.adaptive.is_some() && settings.pattern == Pattern::Regular)
             && self.has_scene(&configuration.change)
     }

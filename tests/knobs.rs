@@ -120,3 +120,22 @@ fn where_rays_start_matters_where_rays_leave_surfaces() {
     }
     assert!(turned(&dark, &base, Knob::SpawnPoints).is_empty());
 }
+
+#[test]
+fn the_bsp_in_f32_is_a_path_where_there_are_triangles() {
+    let [meshes, shapes] = ["first_light.gltf", "mirror_room.toml"].map(scene);
+    let exact = base(HitPath::BSP);
+    let of = |scene: &Scene, base: &Configuration| levels(scene, base, Knob::HitPath);
+    assert!(of(&meshes, &exact).contains(&"bsp f32".to_owned()));
+    assert!(!of(&shapes, &exact).contains(&"bsp f32".to_owned()));
+    let rounded = base(HitPath {
+        precision: Precision::Fast,
+        ..HitPath::BSP
+    });
+    // From there, what asks f64 is another.
+    let all = of(&meshes, &rounded);
+    assert!(
+        all.contains(&"bsp".to_owned()) && !all.contains(&"bsp f32".to_owned()),
+        "{all:?}"
+    );
+}

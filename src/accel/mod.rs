@@ -96,11 +96,11 @@ impl fmt::Display for Backend {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
-    /// Rays may slip through edges.
+    /// Rays may slip through edges; of the BSP, f32 alone decides about triangles.
     Fast,
     /// Edges are closed; rays aimed exactly at a vertex may slip through.
     Robust,
-    /// Nothing slips through. The BSP and brute force always are.
+    /// Nothing slips through. Brute force always is, and the BSP unless it is [`Precision::Fast`].
     #[default]
     Watertight,
 }

@@ -256,7 +256,8 @@ pub(super) struct FrameArgs {
 /// How hits are found.
 #[derive(Clone, Debug, ArgGroup)]
 pub(super) struct TracingArgs {
-    /// How far triangle hits may be trusted; the BSP and brute force are always watertight
+    /// How far triangle hits may be trusted; the BSP is watertight unless fast, where f32 alone decides, and brute force
+    /// always is
     #[arg(long, default_value_t = Precision::default())]
     pub(super) precision: Precision,
 

@@ -246,7 +246,12 @@ impl<'s> Structures<'s> {
             kernel,
             ..job.tracing.options()
         };
-        let bsp = |kernel| timed(|| BspAccel::build(scene, &options(kernel)));
+        // The referee of answers, whatever Embree is asked for.
+        let exact = |kernel| AccelOptions {
+            precision: Precision::Watertight,
+            ..options(kernel)
+        };
+        let bsp = |kernel| timed(|| BspAccel::build(scene, &exact(kernel)));
         let (packet, seconds) = bsp(Kernel::Packet)?;
         let mut structures = Structures {
             #[cfg(feature = "embree")]

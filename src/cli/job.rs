@@ -283,11 +283,11 @@ impl RenderJob {
     }
 }
 
-/// The precision that triangle hits really get: the BSP and brute force know only one.
+/// The precision that triangle hits really get: the BSP knows two, brute force one.
 pub(super) fn effective_precision(backend: Backend, wish: Precision) -> Precision {
-    match backend {
-        Backend::Embree => wish,
-        Backend::Bsp | Backend::Brute => Precision::Watertight,
+    match (backend, wish) {
+        (Backend::Embree, _) | (Backend::Bsp, Precision::Fast) => wish,
+        (Backend::Bsp | Backend::Brute, _) => Precision::Watertight,
     }
 }
 
@@ -371,7 +371,10 @@ impl Tracing {
                 build_quality: self.build_quality,
                 compact: self.compact,
             },
-            Backend::Bsp | Backend::Brute => HitPath::BSP,
+            Backend::Bsp | Backend::Brute => HitPath {
+                precision: effective_precision(backend, self.precision),
+                ..HitPath::BSP
+            },
         }
     }
 

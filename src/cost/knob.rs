@@ -116,9 +116,9 @@ impl fmt::Display for Knob {
 /// What finds the hits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct HitPath {
-    /// Embree, or the BSP in f64.
+    /// Embree, or the BSP.
     pub backend: Backend,
-    /// How far Embree's hits of triangles may be trusted.
+    /// How far its hits of triangles may be trusted; the BSP knows fast, in f32, and else is exact.
     pub precision: Precision,
     /// How it is given placed meshes.
     pub instancing: Instancing,
@@ -140,9 +140,10 @@ impl HitPath {
 
     /// What reports call it.
     pub fn name(&self) -> String {
-        match self.backend {
-            Backend::Embree => self.precision.to_string(),
-            backend => backend.to_string(),
+        match (self.backend, self.precision) {
+            (Backend::Embree, precision) => precision.to_string(),
+            (Backend::Bsp, Precision::Fast) => "bsp f32".to_owned(),
+            (backend, _) => backend.to_string(),
         }
     }
 }
@@ -481,6 +482,12 @@ impl Turns<'_> {
                 instancing: Instancing::Auto,
                 ..self.base.path
             }));
+        }
+        if self.has_meshes() {
+            paths.push(HitPath {
+                precision: Precision::Fast,
+                ..HitPath::BSP
+            });
         }
         paths.push(HitPath::BSP);
         self.through(paths.into_iter().map(|path| (path.name(), path)))

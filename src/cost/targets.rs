@@ -198,6 +198,7 @@ impl Stage<'_, '_> {
             Backend::Embree => Precision::ALL
                 .iter()
                 .position(|&p| p == configuration.path.precision),
+            Backend::Bsp if configuration.path.precision == Precision::Fast => Some(0),
             Backend::Bsp | Backend::Brute => Some(Precision::ALL.len()),
         };
         let settings = &configuration.settings;

@@ -7,7 +7,7 @@ use whit::accel::{Accel, AccelOptions, Backend, Precision, build};
 use whit::cost::{Answered, GeometricErrors};
 use whit::gltf::{LoadOptions, load};
 use whit::numeric::SpawnPolicy;
-use whit::render::{RecordedRays, RenderSettings, record};
+use whit::render::{HitPoint, RecordedRays, RenderSettings, record};
 use whit::scene::Scene;
 
 fn scene() -> Scene {
@@ -73,4 +73,17 @@ fn watertight_paths_err_nowhere() {
         let errors = errors(&scene, &*accel, &settings());
         assert_eq!(errors.count(), 0, "{backend}: {errors:?}");
     }
+}
+
+#[test]
+fn points_where_the_parameter_says_are_not_within_the_bound() {
+    let scene = scene();
+    let accel = exact(&scene);
+    let reported = RenderSettings {
+        hit_points: HitPoint::Reported,
+        ..settings()
+    };
+    let errors = errors(&scene, &*accel, &reported);
+    assert!(errors.false_shadows > 0, "{errors:?}");
+    assert_eq!((errors.leaks, errors.false_hits), (0, 0), "{errors:?}");
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use whit::accel::{Backend, BuildQuality, Precision};
 use whit::cost::{Configuration, HitPath, Knob, SceneChange, Settings, knobs, with_knob};
 use whit::gltf::LoadOptions;
-use whit::render::{Plan, RenderSettings};
+use whit::render::{HitPoint, Plan, RenderSettings};
 use whit::scene::{Camera, Effect, Scene};
 use whit::scene_file;
 
@@ -112,13 +112,27 @@ fn where_rays_start_matters_where_rays_leave_surfaces() {
             Some(configuration.settings.spawn)
         );
     }
+    let points = turned(&shaded, &base, Knob::HitRefinement);
+    assert_eq!(points.len(), 1);
+    let (level, configuration) = &points[0];
+    assert_eq!(
+        with_knob(&base, Knob::HitRefinement, configuration),
+        *configuration
+    );
+    assert_eq!(
+        (level.as_str(), configuration.words()["hit_points"].as_str()),
+        ("reported", "reported")
+    );
+    assert_eq!(Settings::of(configuration).hit_points, Some(HitPoint::Reported));
     // Without lights and mirrors no ray leaves anything.
     let mut dark = shaded.clone();
     dark.lights.clear();
     for effect in [Effect::Shadow, Effect::Reflection, Effect::Refraction] {
         base.settings.effects.removed = base.settings.effects.removed.with(effect);
     }
-    assert!(turned(&dark, &base, Knob::SpawnPoints).is_empty());
+    for knob in [Knob::SpawnPoints, Knob::HitRefinement] {
+        assert!(turned(&dark, &base, knob).is_empty(), "{knob}");
+    }
 }
 
 #[test]

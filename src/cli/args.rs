@@ -141,7 +141,7 @@ pub(super) struct RenderArgs {
     pub(super) leaving: LeavingArgs,
 
     /// Take the settings from a file that `whit cost --out` wrote, in place of flags
-    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "build_quality", "compact", "spawn", "rough_rays"])]
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "build_quality", "compact", "spawn", "hit_points", "rough_rays"])]
     pub(super) settings: Option<PathBuf>,
 
     /// Choose the fastest settings whose RMSE as displayed (black is 0, white 1) is at most this, by pieces of the

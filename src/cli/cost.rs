@@ -94,6 +94,7 @@ fn measure(
         base: Configuration {
             settings: RenderSettings {
                 spawn: args.leaving.spawn,
+                hit_points: args.leaving.hit_points,
                 ..settings(&picture)?
             },
             path: tracing.path(backend),

@@ -190,6 +190,7 @@ pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configurati
         Knob::BuildQuality => result.path.build_quality = turned.path.build_quality,
         Knob::Compactness => result.path.compact = turned.path.compact,
         Knob::SpawnPoints => settings.spawn = from.spawn,
+        Knob::HitRefinement => settings.hit_points = from.hit_points,
     }
     result
 }

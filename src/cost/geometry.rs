@@ -16,7 +16,7 @@ use super::stage::Stage;
 use super::{Configuration, HitPath, Interval, Knob, Point};
 use crate::accel::{Accel, LANES, RayOrder, RayPacket};
 use crate::numeric::{Ray, SpawnPolicy};
-use crate::render::{RecordedRays, RenderSettings, record};
+use crate::render::{HitPoint, RecordedRays, RenderSettings, record};
 use crate::scene::Effect;
 
 /// What rounding may move a ray by, of its direction's length and of its origin's largest coordinate: sixteen roundings of
@@ -98,7 +98,12 @@ impl Knob {
     pub const fn changes_hits(self) -> bool {
         matches!(
             self,
-            Knob::HitPath | Knob::Instancing | Knob::BuildQuality | Knob::Compactness | Knob::SpawnPoints
+            Knob::HitPath
+                | Knob::Instancing
+                | Knob::BuildQuality
+                | Knob::Compactness
+                | Knob::SpawnPoints
+                | Knob::HitRefinement
         )
     }
 }
@@ -348,6 +353,7 @@ impl Stage<'_, '_> {
 fn left_rightly(configuration: &Configuration) -> Configuration {
     let mut left = *configuration;
     left.settings.spawn = SpawnPolicy::Bounded;
+    left.settings.hit_points = HitPoint::Refined;
     left
 }
 

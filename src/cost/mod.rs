@@ -8,6 +8,7 @@
 
 pub mod blocks;
 mod choose;
+mod configuration;
 mod error;
 mod experiment;
 mod front;
@@ -22,11 +23,12 @@ mod study;
 mod targets;
 
 pub use choose::{Forecast, Goal, Target, candidates, forecasts, with_knob};
+pub use configuration::{Configuration, HitPath, SceneChange};
 pub use error::{Displayed, ErrorEstimate, Halves, Pictures};
 pub use experiment::{CostError, Experiment, Findings, Gauge, Watcher, run};
 pub use front::{Place, front, knee};
 pub use geometry::{Answered, GeometricErrors};
-pub use knob::{Configuration, HitPath, Knob, SceneChange, knobs};
+pub use knob::{Knob, knobs};
 pub use settings::{Measured, Settings, SettingsFile};
 pub use slope::slope;
 pub use statistics::Interval;

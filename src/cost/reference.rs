@@ -8,7 +8,7 @@ use super::{Check, Configuration, CostError, Halves, HitPath, Knob, Pictures, Po
 use crate::accel::{Backend, Precision};
 use crate::image::LinearImage;
 use crate::numeric::SpawnPolicy;
-use crate::render::{Pattern, Plan, RenderSettings};
+use crate::render::{HitPoint, Pattern, Plan, RenderSettings};
 use crate::scene::Effect;
 use crate::scene::picture::{MAX_DEPTH, MAX_WAVELENGTHS};
 
@@ -41,6 +41,7 @@ pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
             weight_cutoff: (settings.weight_cutoff / 8.0).min(1.0 / 4096.0),
             wavelengths: settings.wavelengths.max(32),
             spawn: SpawnPolicy::Bounded,
+            hit_points: HitPoint::Refined,
             effects,
             ..settings
         },

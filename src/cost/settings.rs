@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Configuration, Interval, SceneChange};
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::numeric::SpawnPolicy;
-use crate::render::{MIN_ADAPTIVE_ERROR, Pattern};
+use crate::render::{HitPoint, MIN_ADAPTIVE_ERROR, Pattern};
 use crate::scene::picture::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
 use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MOST_ROUGH_RAYS};
 
@@ -75,6 +75,9 @@ pub struct Settings {
     /// Where rays start that leave surfaces.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spawn: Option<SpawnPolicy>,
+    /// Where on surfaces hits lie.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hit_points: Option<HitPoint>,
 }
 
 /// What was measured of settings.
@@ -125,6 +128,7 @@ impl Settings {
             build_quality: Some(configuration.path.build_quality),
             compact: configuration.path.compact.then_some(true),
             spawn: Some(settings.spawn),
+            hit_points: Some(settings.hit_points),
         }
     }
 

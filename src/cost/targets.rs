@@ -10,7 +10,7 @@ use super::stage::Stage;
 use super::{Choice, Configuration, CostError, ErrorEstimate, Interval, Pictures, Point};
 use crate::accel::{Backend, Precision};
 use crate::numeric::SpawnPolicy;
-use crate::render::Pattern;
+use crate::render::{HitPoint, Pattern};
 
 /// Parts of the target that foretold settings keep to spare, round by round.
 const MARGINS: [f64; 4] = [0.1, 0.25, 0.4, 0.6];
@@ -205,6 +205,7 @@ impl Stage<'_, '_> {
         let keeps_spawn = [base.settings.spawn, SpawnPolicy::Bounded].contains(&settings.spawn);
         trust(configuration) >= trust(base)
             && keeps_spawn
+            && [base.settings.hit_points, HitPoint::Refined].contains(&settings.hit_points)
             && !(settings.adaptive.is_some() && settings.pattern == Pattern::Regular)
             && self.has_scene(&configuration.change)
     }

@@ -64,6 +64,7 @@ pub use sample::{SampledTile, TileSample, render_sample, tile_count};
 pub use sampler::{Purpose, sample_2d};
 pub use samples::{SampleAovs, SampleCounts};
 pub use subsurface::{SubsurfaceStats, subsurface_bytes};
+pub use surface::HitPoint;
 
 pub use crate::scene::picture::{FilterKind, Pattern};
 
@@ -131,6 +132,8 @@ pub struct RenderSettings {
     pub weight_cutoff: f32,
     /// Where rays start that leave surfaces.
     pub spawn: SpawnPolicy,
+    /// Where on surfaces hits lie.
+    pub hit_points: HitPoint,
     /// Whether marches through volumes leap over what is empty. It changes no bit of the picture.
     pub skip_empty: SkipEmpty,
     /// Effects that are wanted other than the scene calls for.
@@ -158,6 +161,7 @@ impl Default for RenderSettings {
             wavelengths: DEFAULT_WAVELENGTHS,
             weight_cutoff: 1.0 / 512.0,
             spawn: SpawnPolicy::default(),
+            hit_points: HitPoint::default(),
             skip_empty: SkipEmpty::default(),
             effects: EffectOverrides::default(),
             ledger: false,

@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 use multiversion::multiversion;
+use serde::{Deserialize, Serialize};
 
 use super::RenderSettings;
 use super::gather::{Gathered, MeshView};
@@ -27,6 +28,17 @@ use crate::shading::ray_cone::triangle_curvature;
 use crate::shading::{MaterialPacket, TextureSet};
 use crate::shape::Shape;
 
+/// Where on a surface a hit lies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum HitPoint {
+    /// Worked out in f64 from the primitive: of a triangle from its corners, of a shape from its equation.
+    #[default]
+    Refined,
+    /// Along the ray at the f32 parameter that the backend reports, in f32.
+    Reported,
+}
+
 /// The scene, seen from its hits: one entry an instance.
 pub(super) struct SurfaceScene<'s> {
     scene: &'s Scene,
@@ -35,6 +47,7 @@ pub(super) struct SurfaceScene<'s> {
     pub(super) effects: EffectSet,
     /// By how much rays start off a surface; absent where that is a bound on its error.
     offset: Option<f64>,
+    hit_points: HitPoint,
 }
 
 pub(super) struct InstanceView<'s> {
@@ -99,6 +112,7 @@ impl<'s> SurfaceScene<'s> {
             views: views.collect(),
             effects,
             offset: None,
+            hit_points: HitPoint::Refined,
         }
     }
 
@@ -116,7 +130,11 @@ impl<'s> SurfaceScene<'s> {
             SpawnPolicy::Bounded => None,
             policy => policy.offset(size()),
         };
-        SurfaceScene { offset, ..self }
+        SurfaceScene {
+            offset,
+            hit_points: settings.hit_points,
+            ..self
+        }
     }
 
     #[inline(always)]
@@ -168,6 +186,9 @@ impl<'s> SurfaceScene<'s> {
         }
         if gathered.odd {
             self.place_odd_lanes(packet, gathered, points);
+        }
+        if self.hit_points == HitPoint::Reported {
+            points.report(packet);
         }
         points.spawn();
         match only {

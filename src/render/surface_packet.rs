@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
+use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, shifted_point, spawn_point};
 
 /// Sixteen points to shade, in world space. Lanes without a hit may hold anything, NaN included.
@@ -69,6 +70,17 @@ impl SurfacePacket {
     /// The bound on the distance between the point of lane `l` and the surface that a traversal sees.
     pub(super) fn error(&self, l: usize) -> f64 {
         self.error[l]
+    }
+
+    /// Puts all hits where their parameters along the rays say.
+    #[inline(always)]
+    pub(super) fn report(&mut self, packet: &RayPacket) {
+        for axis in 0..3 {
+            for l in 0..LANES {
+                let way = packet.t_far[l] * packet.direction[axis][l];
+                self.p[axis][l] = f64::from(packet.origin[axis][l] + way);
+            }
+        }
     }
 
     /// Works out where rays start that leave on the side of `ng`.

@@ -15,7 +15,7 @@ const COST_HELP: &str = "\
 Every knob that the scene gives a meaning is turned by itself: samples a pixel and how they lie, adaptive sampling,
 depth, cut-off, wavelengths, points of lights, rays into lobes, steps through volumes, the texture filter, what finds
 the hits and how far it may be trusted, how Embree's trees are built,
-and where rays start that leave surfaces. What finds the hits is held against f64 by itself too: leaks, false hits, false
+where hits lie and where rays start that leave them. What finds the hits is held against f64 by itself too: leaks, false hits, false
 shadows and light leaks. Errors are those of values as displayed (black is 0, white 1), held against two
 independent halves of a reference, one through Embree and one through the BSP; times are ratios within blocks in which
 every setting takes one turn. Pictures are as large as the budget affords, unless --size says it.

@@ -45,9 +45,23 @@ fn a_mirror_scene_has_its_knobs_and_more_samples_are_closer() {
         "light-samples",
         "rough-rays",
         "instancing",
+        "build-quality",
+        "compactness",
     ] {
         assert!(points(&study, knob).is_empty(), "{knob}");
     }
+    let errors = |point: &Value, kind: &str| point["geometry"][kind].as_u64();
+    assert!(errors(&all[0], "camera_rays") > Some(0) && all[0]["build_bytes"].as_u64() > Some(0));
+    assert_eq!(errors(&all[0], "false_shadows"), Some(0), "by the bound");
+    assert!(
+        points(&study, "samples")
+            .iter()
+            .all(|point| point["geometry"].is_null())
+    );
+    let spawn = points(&study, "spawn-points");
+    let none = spawn.iter().find(|point| point["level"] == "none").unwrap();
+    assert!(errors(none, "false_shadows") > Some(0), "{none}");
+    assert_eq!(points(&study, "hit-refinement").len(), 1);
     let rmse = |point: &Value| point["rmse"]["value"].as_f64().unwrap();
     let samples = points(&study, "samples");
     let (first, last) = (samples[0], samples[samples.len() - 1]);

@@ -46,6 +46,7 @@ fn point(knob: Option<Knob>, level: &str, time: f64, error: f64) -> Point {
         level: level.to_owned(),
         settings,
         build_seconds: 0.02,
+        build_bytes: 1_500_000,
         ready_seconds: 0.0,
         seconds: around(0.8 * time, 0.08),
         time_ratio: around(time, 0.02),
@@ -58,6 +59,7 @@ fn point(knob: Option<Knob>, level: &str, time: f64, error: f64) -> Point {
         changed_share: (20.0 * rmse).min(1.0),
         non_finite: 0,
         rays: (1_234_567.0 * time) as u64,
+        geometry: None,
         on_front: false,
     }
 }

@@ -47,6 +47,16 @@ const ALLOWED: &[(&str, &str, &str)] = &[
     ),
     ("cli/bench.rs", "1e-6", "rays in millions"),
     (
+        "cost/knob.rs",
+        "1e-7",
+        "a place of a knob that shows what such offsets do",
+    ),
+    (
+        "cost/knob.rs",
+        "1e-5",
+        "a place of a knob that shows what such offsets do",
+    ),
+    (
         "numeric/motion.rs",
         "1e-9",
         "an iteration's step, of a matrix whose scale was taken out",

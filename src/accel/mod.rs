@@ -22,6 +22,7 @@ pub mod embree;
 pub mod extents;
 mod packet;
 mod planes;
+mod quality;
 mod shapes;
 
 use std::fmt;
@@ -30,6 +31,7 @@ use serde::{Deserialize, Serialize};
 
 pub use contents::Contents;
 pub use packet::{ACTIVE, Hit, LANES, NO_HIT, RayPacket};
+pub use quality::BuildQuality;
 
 use crate::scene::Scene;
 
@@ -94,11 +96,11 @@ impl fmt::Display for Backend {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
-    /// Rays may slip through edges.
+    /// Rays may slip through edges; of the BSP, f32 alone decides about triangles.
     Fast,
     /// Edges are closed; rays aimed exactly at a vertex may slip through.
     Robust,
-    /// Nothing slips through. The BSP and brute force always are.
+    /// Nothing slips through. Brute force always is, and the BSP unless it is [`Precision::Fast`].
     #[default]
     Watertight,
 }
@@ -181,6 +183,10 @@ pub struct AccelOptions<'a> {
     pub kernel: Kernel,
     /// How Embree is given placed meshes; nothing to the other backends.
     pub instancing: Instancing,
+    /// How much work Embree puts into its trees; nothing to the other backends.
+    pub build_quality: BuildQuality,
+    /// Whether Embree is to save memory rather than time; nothing to the other backends.
+    pub compact: bool,
     /// Threads that build; 0 takes one a processor.
     pub threads: usize,
     /// Instruction set that Embree is held to (`sse2`, `sse4.2`, `avx`, `avx2`, `avx512`); its own choice if absent.

@@ -3,6 +3,7 @@
 mod compare;
 mod compare_stats;
 mod cost;
+mod leaving;
 mod verify;
 
 use std::fmt;
@@ -15,9 +16,10 @@ use clap::{Args as ArgGroup, Parser, Subcommand};
 pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
+pub(super) use leaving::LeavingArgs;
 pub(super) use verify::VerifyArgs;
 
-use crate::accel::{Backend, Instancing, Precision};
+use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::image::ImageFormat;
 use crate::render::{FilterKind, MIN_ADAPTIVE_ERROR, Pattern, PixelFilter};
 use crate::scene::picture::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
@@ -135,8 +137,11 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     pub(super) tracing: TracingArgs,
 
+    #[command(flatten)]
+    pub(super) leaving: LeavingArgs,
+
     /// Take the settings from a file that `whit cost --out` wrote, in place of flags
-    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "rough_rays"])]
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "build_quality", "compact", "spawn", "hit_points", "rough_rays"])]
     pub(super) settings: Option<PathBuf>,
 
     /// Choose the fastest settings whose RMSE as displayed (black is 0, white 1) is at most this, by pieces of the
@@ -251,13 +256,22 @@ pub(super) struct FrameArgs {
 /// How hits are found.
 #[derive(Clone, Debug, ArgGroup)]
 pub(super) struct TracingArgs {
-    /// How far triangle hits may be trusted; the BSP and brute force are always watertight
+    /// How far triangle hits may be trusted; the BSP is watertight unless fast, where f32 alone decides, and brute force
+    /// always is
     #[arg(long, default_value_t = Precision::default())]
     pub(super) precision: Precision,
 
     /// How Embree is given placed meshes; auto is the faster one that gives the precision asked for
     #[arg(long, value_enum, default_value_t = Instancing::default())]
     pub(super) instancing: Instancing,
+
+    /// How much work Embree puts into its trees; high is medium unless --precision is fast
+    #[arg(long, value_enum, default_value_t = BuildQuality::default())]
+    pub(super) build_quality: BuildQuality,
+
+    /// Let Embree save memory rather than time
+    #[arg(long)]
+    pub(super) compact: bool,
 
     /// Instruction set that Embree is held to, so that results repeat on other machines [default: Embree's choice]
     #[arg(long, value_parser = ["sse2", "sse4.2", "avx", "avx2", "avx512"])]

@@ -243,14 +243,15 @@ impl<'s> EmbreeStructures<'s> {
 impl<'s> Structures<'s> {
     fn build(scene: &'s Scene, job: &BenchJob) -> Result<Structures<'s>, Failure> {
         let options = |kernel| AccelOptions {
-            precision: job.tracing.precision,
             kernel,
-            instancing: job.tracing.instancing,
-            threads: job.tracing.threads,
-            isa: job.tracing.isa.clone(),
-            progress: None,
+            ..job.tracing.options()
         };
-        let bsp = |kernel| timed(|| BspAccel::build(scene, &options(kernel)));
+        // The referee of answers, whatever Embree is asked for.
+        let exact = |kernel| AccelOptions {
+            precision: Precision::Watertight,
+            ..options(kernel)
+        };
+        let bsp = |kernel| timed(|| BspAccel::build(scene, &exact(kernel)));
         let (packet, seconds) = bsp(Kernel::Packet)?;
         let mut structures = Structures {
             #[cfg(feature = "embree")]

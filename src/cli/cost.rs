@@ -10,6 +10,7 @@ use crate::cost::{
 };
 use crate::image::metrics::{self, Viewing};
 use crate::image::{ImageFormat, ToneMap, check_writable, write};
+use crate::render::RenderSettings;
 use crate::report::cost::{CostText, points_csv};
 use crate::report::{cost_page, difference, memory};
 use crate::scene::EffectSet;
@@ -91,7 +92,11 @@ fn measure(
         scene: &scene,
         camera,
         base: Configuration {
-            settings: settings(&picture)?,
+            settings: RenderSettings {
+                spawn: args.leaving.spawn,
+                hit_points: args.leaving.hit_points,
+                ..settings(&picture)?
+            },
             path: tracing.path(backend),
             change: SceneChange::default(),
         },

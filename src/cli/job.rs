@@ -4,21 +4,23 @@
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::thread;
 
-use crate::accel::{Backend, Instancing, Precision};
-use crate::cost::{self, HitPath, SceneChange, Settings, SettingsFile};
+use crate::accel::Backend;
+use crate::cost::{self, SceneChange, Settings, SettingsFile};
 use crate::image::{ImageFormat, ToneMap, check_writable};
-use crate::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings};
+use crate::numeric::SpawnPolicy;
+use crate::render::{Adaptive, FilterKind, HitPoint, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
 use crate::scene::{Camera, Effect, EffectOverrides, Scene};
 use crate::scene_file::Output;
 
-use super::args::{Aov, FrameArgs, RenderArgs, TracingArgs};
+use super::args::{Aov, FrameArgs, RenderArgs};
 use super::failure::Failure;
 use super::progress::Verbosity;
 use super::scene;
+use super::tracing::check_backend;
+pub(super) use super::tracing::{Tracing, check_instancing, effective_precision};
 
 /// Everything that `whit render` is to do.
 #[derive(Clone, Debug)]
@@ -40,6 +42,10 @@ pub(super) struct RenderJob {
     pub(super) change: SceneChange,
     /// The weight under which no ray is followed.
     cutoff: Option<f32>,
+    /// Where rays start that leave surfaces.
+    spawn: SpawnPolicy,
+    /// Where on surfaces hits lie.
+    hit_points: HitPoint,
     pub(super) seed: u32,
     /// What settings are looked for.
     pub(super) aim: Option<Aim>,
@@ -105,16 +111,6 @@ impl StatsTo {
     }
 }
 
-/// How hits are found, whatever finds them.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Tracing {
-    pub(super) precision: Precision,
-    pub(super) instancing: Instancing,
-    pub(super) isa: Option<String>,
-    /// One or more.
-    pub(super) threads: usize,
-}
-
 impl RenderJob {
     /// Checks all that can be checked without opening a scene.
     pub(super) fn new(args: &RenderArgs) -> Result<RenderJob, Failure> {
@@ -124,16 +120,7 @@ impl RenderJob {
         if backend == Backend::Embree && !cfg!(feature = "embree") {
             return Err(crate::accel::AccelError::NoEmbree.into());
         }
-        if backend != Backend::Embree && args.tracing.isa.is_some() {
-            return Err(Failure::Input(format!(
-                "`--isa` is for Embree: leave it out with `--backend {backend}`"
-            )));
-        }
-        if backend != Backend::Embree && args.tracing.instancing != Instancing::Auto {
-            return Err(Failure::Input(format!(
-                "`--instancing` is for Embree: leave it out with `--backend {backend}`"
-            )));
-        }
+        check_backend(&args.tracing, backend)?;
         check_instancing(&args.tracing)?;
         let targets = targets(args)?;
         let stats = args.stats.as_deref().map(StatsTo::of);
@@ -190,6 +177,8 @@ impl RenderJob {
                 ..SceneChange::default()
             },
             cutoff: None,
+            spawn: args.leaving.spawn,
+            hit_points: args.leaving.hit_points,
             seed: args.seed,
             aim,
             stats,
@@ -220,11 +209,15 @@ impl RenderJob {
         job.backend = chosen.backend.unwrap_or(job.backend);
         job.tracing.precision = chosen.precision.unwrap_or(job.tracing.precision);
         job.tracing.instancing = chosen.instancing.unwrap_or(job.tracing.instancing);
+        job.tracing.build_quality = chosen.build_quality.unwrap_or(job.tracing.build_quality);
+        job.tracing.compact = chosen.compact.unwrap_or(job.tracing.compact);
         job.change = SceneChange {
             rough_rays: chosen.rough_rays.or(job.change.rough_rays),
             ..chosen.change()
         };
         job.cutoff = chosen.cutoff;
+        job.spawn = chosen.spawn.unwrap_or(job.spawn);
+        job.hit_points = chosen.hit_points.unwrap_or(job.hit_points);
         job
     }
 
@@ -264,6 +257,8 @@ impl RenderJob {
             cost_aovs,
             effects: self.effects,
             seed: self.seed,
+            spawn: self.spawn,
+            hit_points: self.hit_points,
             ledger: self.stats.is_some() || cost_aovs,
             ..settings(&picture)?
         };
@@ -279,77 +274,6 @@ impl RenderJob {
             settings,
             tone: ToneMap { exposure_ev },
         })
-    }
-}
-
-/// The precision that triangle hits really get: the BSP and brute force know only one.
-pub(super) fn effective_precision(backend: Backend, wish: Precision) -> Precision {
-    match backend {
-        Backend::Embree => wish,
-        Backend::Bsp | Backend::Brute => Precision::Watertight,
-    }
-}
-
-/// Refuses a kind of instancing that the precision does not have.
-pub(super) fn check_instancing(args: &TracingArgs) -> Result<(), Failure> {
-    if args.instancing.resolved(args.precision) == args.instancing || args.instancing == Instancing::Auto {
-        return Ok(());
-    }
-    Err(Failure::Input(format!(
-        "`--instancing {}` is not for `--precision {}`, whose placed meshes are met through callbacks: choose `--precision \
-         fast` or `robust`",
-        args.instancing, args.precision
-    )))
-}
-
-impl Tracing {
-    /// Resolves the number of threads.
-    pub(super) fn new(args: &TracingArgs) -> Tracing {
-        let threads = match args.threads {
-            0 => thread::available_parallelism().map_or(1, usize::from),
-            n => n as usize,
-        };
-        Tracing {
-            precision: args.precision,
-            instancing: args.instancing,
-            isa: args.isa.clone(),
-            threads,
-        }
-    }
-
-    /// The usual ways, on `threads` threads; 0 takes one a processor.
-    pub(super) fn of_threads(threads: u32) -> Tracing {
-        Tracing::new(&TracingArgs {
-            precision: Precision::default(),
-            instancing: Instancing::default(),
-            isa: None,
-            threads,
-        })
-    }
-
-    /// How a study begins to find hits.
-    pub(super) fn path(&self, backend: Backend) -> HitPath {
-        match backend {
-            Backend::Embree => HitPath {
-                backend,
-                precision: self.precision,
-                instancing: self.instancing,
-            },
-            Backend::Bsp | Backend::Brute => HitPath::BSP,
-        }
-    }
-
-    /// The threads that everything runs on.
-    pub(super) fn pool(&self) -> Result<rayon::ThreadPool, Failure> {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(self.threads)
-            .build()
-            .map_err(|error| {
-                Failure::Work(format!(
-                    "could not start {} threads: {error}; use fewer `--threads`",
-                    self.threads
-                ))
-            })
     }
 }
 

@@ -23,6 +23,7 @@ mod progress;
 mod render;
 mod replay;
 mod scene;
+mod tracing;
 mod verify;
 
 use clap::Parser;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::accel::{self, Accel, AccelOptions, Backend};
+use crate::accel::{self, Accel, AccelOptions, Backend, Precision};
 use crate::image::{self, ImageFormat, LinearImage, ToneMap, check_writable};
 use crate::render::{self, Monitor, RenderSettings};
 use crate::report::own::OwnReport;
@@ -118,7 +118,11 @@ fn check(
     };
     let camera = choose_camera(scene, path, None)?;
     let backends = [Backend::default(), Backend::Bsp];
-    let second = accel::build(scene, backends[1], options)?;
+    let exact = AccelOptions {
+        precision: Precision::Watertight,
+        ..options.clone()
+    };
+    let second = accel::build(scene, backends[1], &exact)?;
     let first = match backends[0] {
         Backend::Bsp => accel::build(scene, Backend::Brute, options)?,
         backend => accel::build(scene, backend, options)?,

@@ -209,14 +209,9 @@ fn load(job: &RenderJob, target: &Target) -> Result<SceneFile, Failure> {
 }
 
 fn build<'s>(job: &RenderJob, scene: &'s Scene, progress: &Progress) -> Result<Box<dyn Accel + 's>, Failure> {
-    let tracing = &job.tracing;
     let options = AccelOptions {
-        precision: tracing.precision,
-        instancing: tracing.instancing,
-        threads: tracing.threads,
-        isa: tracing.isa.clone(),
         progress: Some(&|fraction| progress.fraction(fraction)),
-        ..AccelOptions::default()
+        ..job.tracing.options()
     };
     let accel = accel::build(scene, job.backend, &options)?;
     interrupt::check()?;

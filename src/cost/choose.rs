@@ -260,6 +260,10 @@ pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configurati
             (result.path.backend, result.path.precision) = (turned.path.backend, turned.path.precision)
         }
         Knob::Instancing => result.path.instancing = turned.path.instancing,
+        Knob::BuildQuality => result.path.build_quality = turned.path.build_quality,
+        Knob::Compactness => result.path.compact = turned.path.compact,
+        Knob::SpawnPoints => settings.spawn = from.spawn,
+        Knob::HitRefinement => settings.hit_points = from.hit_points,
     }
     result
 }
@@ -317,6 +321,7 @@ mod tests {
             level: String::new(),
             settings: BTreeMap::new(),
             build_seconds: 0.0,
+            build_bytes: 0,
             ready_seconds: 0.0,
             seconds: Interval::exact(ratio),
             time_ratio: Interval::exact(ratio),
@@ -329,6 +334,7 @@ mod tests {
             changed_share: 0.0,
             non_finite: 0,
             rays: 0,
+            geometry: None,
             on_front: false,
         }
     }

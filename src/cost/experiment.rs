@@ -271,6 +271,7 @@ impl Stage<'_, '_> {
                     level: contestant.level.clone(),
                     settings: contestant.configuration.words(),
                     build_seconds: self.built(&contestant.configuration).seconds,
+                    build_bytes: self.built(&contestant.configuration).accel.report().bytes,
                     ready_seconds: pictures[place].ready_seconds,
                     seconds: measured.blocks.seconds(place),
                     time_ratio: measured.blocks.ratio(place, 0),
@@ -283,10 +284,12 @@ impl Stage<'_, '_> {
                     changed_share: metrics[place].changed_share,
                     non_finite: pictures[place].image.non_finite_count() as u64,
                     rays: pictures[place].ledger.total().rays,
+                    geometry: None,
                     on_front: false,
                 }
             })
             .collect();
+        self.count_geometric_errors(layout, &mut points);
         let places: Vec<Place> = points
             .iter()
             .map(|point| Place {
@@ -382,6 +385,7 @@ mod tests {
             level: String::new(),
             settings: std::collections::BTreeMap::new(),
             build_seconds: 0.0,
+            build_bytes: 0,
             ready_seconds: 0.0,
             seconds: time,
             time_ratio: time,
@@ -398,6 +402,7 @@ mod tests {
             changed_share: 0.0,
             non_finite: 0,
             rays: 0,
+            geometry: None,
             on_front: false,
         }
     }

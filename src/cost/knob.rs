@@ -1,13 +1,18 @@
 //! What can be turned, and how far.
 
-use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::accel::{Backend, Instancing, Precision};
-use crate::render::{Adaptive, FilterKind, Pattern, Plan, RenderSettings};
+use super::configuration::{Configuration, HitPath, SceneChange, cutoff_name, pattern_name, step_name};
+use crate::accel::{Backend, BuildQuality, Instancing, Precision};
+use crate::numeric::SpawnPolicy;
+use crate::render::{Adaptive, FilterKind, HitPoint, Pattern, Plan, RenderSettings};
 use crate::scene::{Effect, Geometry, LightKind, Scene};
+
+/// Parts of the scene's size by which rays start off surfaces, in place of a bound on the error: what is usual, and what is
+/// too little and too much of it.
+const FIXED_OFFSETS: [f64; 3] = [1e-7, 1e-5, 1e-3];
 
 /// Something that trades error for seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -37,11 +42,19 @@ pub enum Knob {
     HitPath,
     /// How Embree is given placed meshes.
     Instancing,
+    /// How much work Embree puts into its trees.
+    BuildQuality,
+    /// Whether Embree saves memory rather than time.
+    Compactness,
+    /// Where rays start that leave surfaces.
+    SpawnPoints,
+    /// Whether hits are worked out again in f64.
+    HitRefinement,
 }
 
 impl Knob {
     /// All.
-    pub const ALL: [Knob; 12] = [
+    pub const ALL: [Knob; 16] = [
         Knob::Samples,
         Knob::Pattern,
         Knob::Adaptive,
@@ -54,6 +67,10 @@ impl Knob {
         Knob::TextureFilter,
         Knob::HitPath,
         Knob::Instancing,
+        Knob::BuildQuality,
+        Knob::Compactness,
+        Knob::SpawnPoints,
+        Knob::HitRefinement,
     ];
 
     /// What reports call it.
@@ -71,6 +88,10 @@ impl Knob {
             Knob::TextureFilter => "texture filter",
             Knob::HitPath => "hit path",
             Knob::Instancing => "instancing",
+            Knob::BuildQuality => "build quality",
+            Knob::Compactness => "compactness",
+            Knob::SpawnPoints => "spawn points",
+            Knob::HitRefinement => "hit refinement",
         }
     }
 
@@ -93,167 +114,6 @@ impl Knob {
 impl fmt::Display for Knob {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(self.name())
-    }
-}
-
-/// What finds the hits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct HitPath {
-    /// Embree, or the BSP in f64.
-    pub backend: Backend,
-    /// How far Embree's hits of triangles may be trusted.
-    pub precision: Precision,
-    /// How it is given placed meshes.
-    pub instancing: Instancing,
-}
-
-impl HitPath {
-    /// The path of every hit in f64.
-    pub const BSP: HitPath = HitPath {
-        backend: Backend::Bsp,
-        precision: Precision::Watertight,
-        instancing: Instancing::Auto,
-    };
-
-    /// Whether its hits may be trusted at least as far as those of `other`.
-    pub fn is_trusted_like(&self, other: &HitPath) -> bool {
-        let trust = |path: &HitPath| match path.backend {
-            Backend::Embree => Precision::ALL
-                .iter()
-                .position(|&precision| precision == path.precision),
-            Backend::Bsp | Backend::Brute => Some(Precision::ALL.len()),
-        };
-        trust(self) >= trust(other)
-    }
-
-    /// What reports call it.
-    pub fn name(&self) -> String {
-        match self.backend {
-            Backend::Embree => self.precision.to_string(),
-            backend => backend.to_string(),
-        }
-    }
-}
-
-/// What a configuration changes of the scene itself.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SceneChange {
-    /// Points of each extended light, in place of the lights' own.
-    pub light_samples: Option<u32>,
-    /// Rays into lobes, in place of the materials' own.
-    pub rough_rays: Option<u32>,
-    /// Steps through volumes are so many times as long as the volumes' own.
-    pub step_factor: f64,
-}
-
-impl Default for SceneChange {
-    fn default() -> SceneChange {
-        SceneChange {
-            light_samples: None,
-            rough_rays: None,
-            step_factor: 1.0,
-        }
-    }
-}
-
-impl SceneChange {
-    /// Changes the scene.
-    pub fn apply(&self, scene: &mut Scene) {
-        if let Some(count) = self.light_samples {
-            for light in &mut scene.lights {
-                if let LightKind::Area { samples, .. } = &mut light.kind {
-                    *samples = count;
-                }
-            }
-        }
-        if let Some(rays) = self.rough_rays {
-            scene.set_rough_rays(rays);
-        }
-        if self.step_factor != 1.0 {
-            scene.scale_march_steps(self.step_factor);
-        }
-    }
-}
-
-/// A way of rendering a scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Configuration {
-    /// What picture is made.
-    pub settings: RenderSettings,
-    /// What finds the hits.
-    pub path: HitPath,
-    /// What is changed of the scene.
-    pub change: SceneChange,
-}
-
-impl Configuration {
-    /// The same with hits found by `path`.
-    #[must_use]
-    pub fn through(self, path: HitPath) -> Configuration {
-        Configuration { path, ..self }
-    }
-
-    /// The names and values of everything that knobs turn.
-    pub fn words(&self) -> BTreeMap<String, String> {
-        let settings = &self.settings;
-        let mut words = BTreeMap::from([
-            ("samples".to_owned(), settings.spp.to_string()),
-            ("pattern".to_owned(), pattern_name(settings.pattern).to_owned()),
-            ("depth".to_owned(), settings.depth.to_string()),
-            ("cutoff".to_owned(), cutoff_name(settings.weight_cutoff)),
-            ("wavelengths".to_owned(), settings.wavelengths.to_string()),
-            ("path".to_owned(), self.path.name()),
-        ]);
-        let mut add = |name: &str, value: Option<String>| {
-            words.extend(value.map(|value| (name.to_owned(), value)));
-        };
-        add(
-            "adaptive",
-            settings.adaptive.map(|adaptive| adaptive.error.to_string()),
-        );
-        add(
-            "light_samples",
-            self.change.light_samples.map(|count| count.to_string()),
-        );
-        add(
-            "rough_rays",
-            self.change.rough_rays.map(|count| count.to_string()),
-        );
-        let factor = self.change.step_factor;
-        add("march_step", (factor != 1.0).then(|| step_name(factor)));
-        let unfiltered = settings.effects.removed.has(Effect::TextureFilter);
-        add("texture_filter", unfiltered.then(|| "off".to_owned()));
-        let instancing = self.path.instancing;
-        add(
-            "instancing",
-            (instancing != Instancing::Auto).then(|| instancing.to_string()),
-        );
-        words
-    }
-}
-
-fn pattern_name(pattern: Pattern) -> &'static str {
-    match pattern {
-        Pattern::Regular => "regular",
-        Pattern::Jittered => "jittered",
-        Pattern::Sobol => "sobol",
-        Pattern::R2 => "r2",
-    }
-}
-
-fn cutoff_name(cutoff: f32) -> String {
-    if cutoff > 0.0 {
-        format!("1/{}", (1.0 / cutoff).round())
-    } else {
-        "none".to_owned()
-    }
-}
-
-fn step_name(factor: f64) -> String {
-    if factor < 1.0 {
-        format!("1/{} of the scene's", 1.0 / factor)
-    } else {
-        format!("{factor} times the scene's")
     }
 }
 
@@ -338,6 +198,10 @@ impl Turns<'_> {
             Knob::TextureFilter if self.has(Effect::TextureFilter) => self.texture_filter(),
             Knob::HitPath => self.hit_paths(),
             Knob::Instancing => self.instancings(),
+            Knob::BuildQuality => self.build_qualities(),
+            Knob::Compactness => self.compactness(),
+            Knob::SpawnPoints if self.has_rays_from_surfaces() => self.spawn_points(),
+            Knob::HitRefinement if self.has_rays_from_surfaces() => self.hit_points(),
             _ => Vec::new(),
         }
     }
@@ -459,11 +323,6 @@ impl Turns<'_> {
     }
 
     fn hit_paths(&self) -> Vec<Level> {
-        let has_meshes = self
-            .scene
-            .geometries
-            .iter()
-            .any(|geometry| matches!(geometry, Geometry::Mesh(_)));
         let mut paths = Vec::new();
         if cfg!(feature = "embree") {
             // Precisions differ in triangles alone: without any, there is one path through Embree.
@@ -471,18 +330,87 @@ impl Turns<'_> {
                 Backend::Embree => self.base.path.precision,
                 Backend::Bsp | Backend::Brute => Precision::default(),
             };
-            let precisions: &[Precision] = if has_meshes { &Precision::ALL } else { &[own] };
+            let precisions: &[Precision] = if self.has_meshes() {
+                &Precision::ALL
+            } else {
+                &[own]
+            };
             paths.extend(precisions.iter().map(|&precision| HitPath {
                 backend: Backend::Embree,
                 precision,
                 instancing: Instancing::Auto,
+                ..self.base.path
             }));
         }
+        if self.has_meshes() {
+            paths.push(HitPath {
+                precision: Precision::Fast,
+                ..HitPath::BSP
+            });
+        }
         paths.push(HitPath::BSP);
+        self.through(paths.into_iter().map(|path| (path.name(), path)))
+    }
+
+    fn through(&self, paths: impl Iterator<Item = (String, HitPath)>) -> Vec<Level> {
         paths
-            .into_iter()
-            .map(|path| (path.name(), Configuration { path, ..*self.base }))
+            .map(|(level, path)| (level, Configuration { path, ..*self.base }))
             .collect()
+    }
+
+    fn has_meshes(&self) -> bool {
+        let mut geometries = self.scene.geometries.iter();
+        geometries.any(|geometry| matches!(geometry, Geometry::Mesh(_)))
+    }
+
+    fn has_rays_from_surfaces(&self) -> bool {
+        let sending = [Effect::Shadow, Effect::Reflection, Effect::Refraction];
+        sending.into_iter().any(|effect| self.has(effect))
+    }
+
+    fn spawn_points(&self) -> Vec<Level> {
+        let fixed = FIXED_OFFSETS.map(SpawnPolicy::Fixed).into_iter();
+        [SpawnPolicy::Bounded, SpawnPolicy::None]
+            .into_iter()
+            .chain(fixed)
+            .map(|spawn| (spawn.to_string(), self.set(|settings| settings.spawn = spawn)))
+            .collect()
+    }
+
+    fn hit_points(&self) -> Vec<Level> {
+        [(HitPoint::Refined, "refined"), (HitPoint::Reported, "reported")]
+            .into_iter()
+            .map(|(point, level)| (level.to_owned(), self.set(|settings| settings.hit_points = point)))
+            .collect()
+    }
+
+    /// Of Embree's trees over triangles; the highest where Embree makes a difference between it and the next.
+    fn build_qualities(&self) -> Vec<Level> {
+        let path = self.base.path;
+        if path.backend != Backend::Embree || !self.has_meshes() {
+            return Vec::new();
+        }
+        let cuts = path.precision == Precision::Fast;
+        let qualities = BuildQuality::ALL.into_iter();
+        let apart = qualities.filter(|&quality| cuts || quality != BuildQuality::High);
+        self.through(apart.map(|build_quality| {
+            let path = HitPath {
+                build_quality,
+                ..path
+            };
+            (build_quality.to_string(), path)
+        }))
+    }
+
+    /// Of Embree's own triangles: patches are as compact as they can be.
+    fn compactness(&self) -> Vec<Level> {
+        let path = self.base.path;
+        let is_native = path.precision != Precision::Watertight;
+        if path.backend != Backend::Embree || !is_native || !self.has_meshes() {
+            return Vec::new();
+        }
+        let levels = [(false, "loose"), (true, "compact")].into_iter();
+        self.through(levels.map(|(compact, level)| (level.to_owned(), HitPath { compact, ..path })))
     }
 
     fn instancings(&self) -> Vec<Level> {
@@ -502,6 +430,6 @@ impl Turns<'_> {
             instancing: other,
             ..path
         };
-        vec![(other.to_string(), Configuration { path, ..*self.base })]
+        self.through(std::iter::once((other.to_string(), path)))
     }
 }

@@ -90,7 +90,7 @@ fn contestants(experiment: &Experiment, plan: &Plan, base_spp: u32, reach: &Reac
     let mut knobs = knobs(experiment.scene, plan, &base, reach);
     // What may not be chosen is not measured.
     if experiment.target.is_some() {
-        knobs.retain(|(_, _, turned)| turned.path.is_trusted_like(&base.path));
+        knobs.retain(|(_, _, turned)| turned.is_trusted_like(&base));
     }
     for (_, _, configuration) in &mut knobs {
         if let Some(adaptive) = &mut configuration.settings.adaptive {

@@ -8,9 +8,11 @@
 
 pub mod blocks;
 mod choose;
+mod configuration;
 mod error;
 mod experiment;
 mod front;
+mod geometry;
 mod knob;
 mod layout;
 mod reference;
@@ -23,10 +25,12 @@ mod study;
 mod targets;
 
 pub use choose::{Forecast, Goal, Target, forecasts, with_knob};
+pub use configuration::{Configuration, HitPath, SceneChange};
 pub use error::{Displayed, ErrorEstimate, Halves, Pictures};
 pub use experiment::{CostError, Experiment, Findings, Gauge, Watcher, run};
 pub use front::{Place, front, knee};
-pub use knob::{Configuration, HitPath, Knob, Reach, SceneChange, knobs};
+pub use geometry::{Answered, GeometricErrors};
+pub use knob::{Knob, Reach, knobs};
 pub use settings::{Measured, Settings, SettingsFile};
 pub use slope::slope;
 pub use statistics::Interval;

@@ -8,7 +8,8 @@ use super::stage::Stage;
 use super::{Check, Configuration, CostError, Halves, HitPath, Knob, Pictures, SceneChange, Study, Target};
 use crate::accel::{Backend, Precision};
 use crate::image::LinearImage;
-use crate::render::{Pattern, Plan, RenderSettings};
+use crate::numeric::SpawnPolicy;
+use crate::render::{HitPoint, Pattern, Plan, RenderSettings};
 use crate::scene::Effect;
 use crate::scene::picture::{MAX_DEPTH, MAX_WAVELENGTHS};
 
@@ -40,6 +41,8 @@ pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
             depth: (3 * settings.depth).min(MAX_DEPTH / 2).max(settings.depth),
             weight_cutoff: (settings.weight_cutoff / 8.0).min(1.0 / 4096.0),
             wavelengths: settings.wavelengths.max(32),
+            spawn: SpawnPolicy::Bounded,
+            hit_points: HitPoint::Refined,
             effects,
             ..settings
         },

@@ -3,8 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Configuration, Interval, SceneChange};
-use crate::accel::{Backend, Instancing, Precision};
-use crate::render::{MIN_ADAPTIVE_ERROR, Pattern};
+use crate::accel::{Backend, BuildQuality, Instancing, Precision};
+use crate::numeric::SpawnPolicy;
+use crate::render::{HitPoint, MIN_ADAPTIVE_ERROR, Pattern};
 use crate::scene::picture::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
 use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MOST_ROUGH_RAYS};
 
@@ -65,6 +66,18 @@ pub struct Settings {
     /// How Embree is given placed meshes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instancing: Option<Instancing>,
+    /// How much work Embree puts into its trees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub build_quality: Option<BuildQuality>,
+    /// Whether Embree saves memory rather than time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub compact: Option<bool>,
+    /// Where rays start that leave surfaces.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spawn: Option<SpawnPolicy>,
+    /// Where on surfaces hits lie.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hit_points: Option<HitPoint>,
 }
 
 /// What was measured of settings.
@@ -112,6 +125,10 @@ impl Settings {
             backend: Some(configuration.path.backend),
             precision: Some(configuration.path.precision),
             instancing: Some(configuration.path.instancing),
+            build_quality: Some(configuration.path.build_quality),
+            compact: configuration.path.compact.then_some(true),
+            spawn: Some(settings.spawn),
+            hit_points: Some(settings.hit_points),
         }
     }
 
@@ -230,6 +247,7 @@ mod tests {
             ("[settings]\n\nsampels = 3\n", "line 3"),
             ("[settings]\npattern = \"spiral\"\n", "line 2"),
             ("", "settings"),
+            ("[settings]\nspawn = \"fixed:2\"\n", "fixed:0.0001"),
             ("{", "line 1"),
         ] {
             let error = SettingsFile::parse(text).unwrap_err();

@@ -93,6 +93,8 @@ impl Stage<'_, '_> {
         let options = AccelOptions {
             precision: path.precision,
             instancing: path.instancing,
+            build_quality: path.build_quality,
+            compact: path.compact,
             threads: self.experiment.threads,
             isa: self.experiment.isa.clone(),
             ..AccelOptions::default()
@@ -102,6 +104,11 @@ impl Stage<'_, '_> {
         let seconds = start.elapsed().as_secs_f64();
         self.built.insert((scene, path), Built { accel, seconds });
         Ok(())
+    }
+
+    /// The scene of a configuration.
+    pub(super) fn scene(&self, configuration: &Configuration) -> &Scene {
+        &self.scenes[self.scene_index(&configuration.change)].1
     }
 
     /// What was built for a configuration.

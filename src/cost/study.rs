@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::choose::Target;
-use super::{Interval, Knob, Place, knee};
+use super::{GeometricErrors, Interval, Knob, Place, knee};
 
 /// Everything that was measured of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -113,6 +113,9 @@ pub struct Point {
     pub settings: BTreeMap<String, String>,
     /// Seconds to build what finds the hits, once a scene.
     pub build_seconds: f64,
+    /// Bytes of what finds hits, the vertices that it shares with the scene not counted.
+    #[serde(default)]
+    pub build_bytes: u64,
     /// Seconds before the first sample, once a picture of any size: levels of images, tables of lights.
     pub ready_seconds: f64,
     /// Seconds of the samples of a picture.
@@ -137,6 +140,9 @@ pub struct Point {
     pub non_finite: u64,
     /// Rays of a picture.
     pub rays: u64,
+    /// What it errs by where hits are found; absent where its knob cannot change which are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub geometry: Option<GeometricErrors>,
     /// Whether no other is known to be both faster and closer.
     pub on_front: bool,
 }

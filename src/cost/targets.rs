@@ -120,7 +120,7 @@ impl Stage<'_, '_> {
     /// goes on, and the scene is there.
     fn offers(&self, base: &Configuration, configuration: &Configuration) -> bool {
         let settings = &configuration.settings;
-        configuration.path.is_trusted_like(&base.path)
+        configuration.is_trusted_like(base)
             && !(settings.adaptive.is_some() && settings.pattern == Pattern::Regular)
             && self.has_scene(&configuration.change)
     }

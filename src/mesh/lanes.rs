@@ -6,6 +6,9 @@
 
 /// An instruction set that can be relied on.
 pub trait Isa: Copy {
+    /// Whether kernels ask f64 where f32 cannot decide, as they do but for [`Rounded`].
+    const IS_EXACT: bool = true;
+
     /// Bit `i` says whether `a[i] <= b[i]`; false for NaN.
     fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
 
@@ -100,6 +103,34 @@ impl Isa for AnyIsa {
             out[i] = table[(index[i] as usize).min(N - 1)];
         }
         out
+    }
+}
+
+/// An instruction set on which kernels leave what f32 cannot decide to its rounding.
+#[derive(Clone, Copy, Debug)]
+pub struct Rounded<I>(pub I);
+
+impl<I: Isa> Isa for Rounded<I> {
+    const IS_EXACT: bool = false;
+
+    #[inline(always)]
+    fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+        self.0.le(a, b)
+    }
+
+    #[inline(always)]
+    fn lt<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+        self.0.lt(a, b)
+    }
+
+    #[inline(always)]
+    fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+        self.0.eq(a, b)
+    }
+
+    #[inline(always)]
+    fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
+        self.0.pick(table, index)
     }
 }
 

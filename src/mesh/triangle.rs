@@ -12,7 +12,8 @@
 //!
 //! A hit that is as near the start of its ray as its own error is asked about again in f64, see [`start`].
 //!
-//! [`Shear::intersect`] is the reference; the forms for eight triangles and for sixteen rays give the same bits.
+//! [`Shear::intersect`] is the reference; the forms for eight triangles and for sixteen rays give the same bits. On a
+//! [`Rounded`](super::lanes::Rounded) instruction set they ask no f64: what that costs in errors is measured elsewhere.
 
 #[cfg(feature = "embree")]
 mod shared;
@@ -365,8 +366,14 @@ fn edge_test<I: Isa, const N: usize>(
         greatest[i] = max(max(u[i], v[i]), w[i]);
         smallest[i] = min(min(u[i].abs(), v[i].abs()), w[i].abs());
     }
-    let inside = isa.lt(&zero, &least) | isa.lt(&greatest, &zero);
-    let on_edge = isa.eq(&smallest, &zero);
+    // In f32 alone, edges belong to both triangles that share them.
+    let (inside, on_edge) = match I::IS_EXACT {
+        true => (
+            isa.lt(&zero, &least) | isa.lt(&greatest, &zero),
+            isa.eq(&smallest, &zero),
+        ),
+        false => (isa.le(&zero, &least) | isa.le(&greatest, &zero), 0),
+    };
     let mut hits = LaneHits {
         mask: 0,
         t: zero,
@@ -389,8 +396,10 @@ fn edge_test<I: Isa, const N: usize>(
     if hits.mask != 0 {
         hits.u = div(&v, &det);
         hits.v = div(&w, &det);
-        let rows = [&a, &b, &c].map(|[x, y, z]| [x, y, z]);
-        unsettled |= hits.mask & may_be_behind(isa, rows, &sz, &det, [t_near, &hits.t]);
+        if I::IS_EXACT {
+            let rows = [&a, &b, &c].map(|[x, y, z]| [x, y, z]);
+            unsettled |= hits.mask & may_be_behind(isa, rows, &sz, &det, [t_near, &hits.t]);
+        }
     }
     EdgeTest { hits, unsettled }
 }

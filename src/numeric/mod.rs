@@ -10,6 +10,7 @@ pub mod noise;
 mod random;
 pub mod roots;
 mod spawn;
+mod spawn_policy;
 mod transform;
 pub mod warp;
 mod wide;
@@ -18,6 +19,7 @@ pub use bounds::Bounds;
 pub use motion::{Motion, MotionError};
 pub use random::Random;
 pub use spawn::{SpawnError, spawn_point, triangle_spawn_bound, triangle_spawn_error};
+pub use spawn_policy::{SpawnPolicy, shifted_point};
 pub use transform::{Ray, SingularMatrix, inverse, object_ray, transform_normal};
 pub use wide::Wide;
 

@@ -34,6 +34,7 @@ mod shape_point;
 mod soft;
 mod subsurface;
 mod surface;
+mod surface_packet;
 mod surroundings;
 mod texturing;
 mod tinted;
@@ -63,12 +64,13 @@ pub use sample::{SampledTile, TileSample, render_sample, tile_count};
 pub use sampler::{Purpose, sample_2d};
 pub use samples::{SampleAovs, SampleCounts};
 pub use subsurface::{SubsurfaceStats, subsurface_bytes};
+pub use surface::HitPoint;
 
 pub use crate::scene::picture::{FilterKind, Pattern};
 
 use crate::accel::{Accel, RayOrder, RayPacket};
 use crate::image::LinearImage;
-use crate::numeric::{LANES, Lanes, Ray};
+use crate::numeric::{LANES, Lanes, Ray, SpawnPolicy};
 use crate::optics::{Body, MediaStack, SpectralSampler};
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
 use crate::scene::{
@@ -128,6 +130,10 @@ pub struct RenderSettings {
     pub wavelengths: u32,
     /// A reflected ray is not traced if its weight in every channel is under this.
     pub weight_cutoff: f32,
+    /// Where rays start that leave surfaces.
+    pub spawn: SpawnPolicy,
+    /// Where on surfaces hits lie.
+    pub hit_points: HitPoint,
     /// Whether marches through volumes leap over what is empty. It changes no bit of the picture.
     pub skip_empty: SkipEmpty,
     /// Effects that are wanted other than the scene calls for.
@@ -154,6 +160,8 @@ impl Default for RenderSettings {
             depth: DEFAULT_DEPTH,
             wavelengths: DEFAULT_WAVELENGTHS,
             weight_cutoff: 1.0 / 512.0,
+            spawn: SpawnPolicy::default(),
+            hit_points: HitPoint::default(),
             skip_empty: SkipEmpty::default(),
             effects: EffectOverrides::default(),
             ledger: false,
@@ -435,7 +443,7 @@ impl<'s> Frame<'s> {
             accel,
             settings: *settings,
             view,
-            surfaces: SurfaceScene::new(scene, &plan),
+            surfaces: SurfaceScene::new(scene, &plan).left_as(settings),
             pixel_size: [settings.width, settings.height].map(|size| 1.0 / f64::from(size)),
             layout,
             shape,

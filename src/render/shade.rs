@@ -11,7 +11,7 @@ use super::outcome::Traced;
 use super::soft::Arrivals;
 use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
-use crate::numeric::{LANES, Lanes, Lanes3, spawn_point};
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light, LightKind};
 use crate::shading::{MaterialPacket, direct_of, entering, illuminate, lecture_direct, mirror, through};
 
@@ -282,11 +282,7 @@ fn start_behind(lit: &Lit, wi: &Lanes3<f32>, feeler: &mut RayPacket) {
     }
     for l in 0..LANES {
         if (feeler.active[l] != 0) & (above(surfaces, wi, l) < 0.0) {
-            let origin = spawn_point(
-                surfaces.point(l),
-                -surfaces.geometric_normal(l),
-                surfaces.error(l),
-            );
+            let origin = surfaces.leave(l, -surfaces.geometric_normal(l));
             (0..3).for_each(|axis| feeler.origin[axis][l] = origin[axis]);
         }
     }

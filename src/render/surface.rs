@@ -9,21 +9,35 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 use multiversion::multiversion;
+use serde::{Deserialize, Serialize};
 
+use super::RenderSettings;
 use super::gather::{Gathered, MeshView};
 use super::meter::Moment;
 use super::plan::Plan;
 use super::shape_point::world_point;
+pub(super) use super::surface_packet::SurfacePacket;
+use super::surface_packet::lane;
 use super::texturing::{Chart, Widths};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{
-    LANES, Lanes, Lanes3, SpawnError, spawn_point, transform_normal, triangle_spawn_bound,
-    triangle_spawn_error,
+    LANES, Lanes3, SpawnError, SpawnPolicy, transform_normal, triangle_spawn_bound, triangle_spawn_error,
 };
 use crate::scene::{Effect, EffectSet, Geometry, Material, Pose, Scene};
 use crate::shading::ray_cone::triangle_curvature;
 use crate::shading::{MaterialPacket, TextureSet};
 use crate::shape::Shape;
+
+/// Where on a surface a hit lies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum HitPoint {
+    /// Worked out in f64 from the primitive: of a triangle from its corners, of a shape from its equation.
+    #[default]
+    Refined,
+    /// Along the ray at the f32 parameter that the backend reports, in f32.
+    Reported,
+}
 
 /// The scene, seen from its hits: one entry an instance.
 pub(super) struct SurfaceScene<'s> {
@@ -31,6 +45,9 @@ pub(super) struct SurfaceScene<'s> {
     textures: TextureSet<'s>,
     views: Vec<InstanceView<'s>>,
     pub(super) effects: EffectSet,
+    /// By how much rays start off a surface; absent where that is a bound on its error.
+    offset: Option<f64>,
+    hit_points: HitPoint,
 }
 
 pub(super) struct InstanceView<'s> {
@@ -48,28 +65,6 @@ enum Kind<'s> {
     /// Shared by all instances of the mesh.
     Mesh(Arc<MeshView<'s>>),
     Shape(&'s Shape),
-}
-
-/// Sixteen points to shade, in world space. Lanes without a hit may hold anything, NaN included.
-pub(super) struct SurfacePacket {
-    /// Lanes that have hit something.
-    pub(super) hit: Lanes<bool>,
-    /// Whether the ray came from the outside: the side that triangles show their front to.
-    pub(super) front: Lanes<bool>,
-    /// Geometric normals on the side that the ray came from, to f64 accuracy, of lanes that are no plain triangles.
-    exact_normal: [DVec3; LANES],
-    /// The points.
-    pub(super) p: Lanes3<f64>,
-    /// Unit geometric normals on the side that the ray came from.
-    pub(super) ng: Lanes3<f32>,
-    /// Unit shading normals on that side.
-    pub(super) ns: Lanes3<f32>,
-    /// Unit vectors to where the ray came from.
-    pub(super) wo: Lanes3<f32>,
-    /// Where rays start that leave on the side of `ng`.
-    pub(super) origin: Lanes3<f32>,
-    /// Bounds on the distance between `p` and the surface that a traversal sees, along `ng`.
-    error: Lanes<f64>,
 }
 
 /// Working memory for the surfaces of one packet after another.
@@ -116,6 +111,29 @@ impl<'s> SurfaceScene<'s> {
             textures: TextureSet::of_effects(scene, effects),
             views: views.collect(),
             effects,
+            offset: None,
+            hit_points: HitPoint::Refined,
+        }
+    }
+
+    /// The same, which rays leave as these settings say.
+    pub(super) fn left_as(self, settings: &RenderSettings) -> SurfaceScene<'s> {
+        let size = || {
+            let bounds = self.scene.bounds();
+            if bounds.is_empty() {
+                0.0
+            } else {
+                bounds.extent().length()
+            }
+        };
+        let offset = match settings.spawn {
+            SpawnPolicy::Bounded => None,
+            policy => policy.offset(size()),
+        };
+        SurfaceScene {
+            offset,
+            hit_points: settings.hit_points,
+            ..self
         }
     }
 
@@ -160,9 +178,17 @@ impl<'s> SurfaceScene<'s> {
             },
             None => self.gather_by_lane(packet, gathered),
         }
-        triangle_surfaces(packet, gathered, points);
+        points.offset = self.offset;
+        // Once a packet, so that rays by the bound pay for no other rule, nor others for the bound.
+        match self.offset {
+            None => triangle_surfaces::<true>(packet, gathered, points),
+            Some(_) => triangle_surfaces::<false>(packet, gathered, points),
+        }
         if gathered.odd {
             self.place_odd_lanes(packet, gathered, points);
+        }
+        if self.hit_points == HitPoint::Reported {
+            points.report(packet);
         }
         points.spawn();
         match only {
@@ -367,62 +393,13 @@ impl Surfaces {
     pub(super) fn new(effects: EffectSet) -> Surfaces {
         Surfaces {
             gathered: Gathered::new(),
-            points: SurfacePacket {
-                hit: [false; LANES],
-                front: [true; LANES],
-                exact_normal: [DVec3::ZERO; LANES],
-                p: [[0.0; LANES]; 3],
-                ng: [[0.0; LANES]; 3],
-                ns: [[0.0; LANES]; 3],
-                wo: [[0.0; LANES]; 3],
-                origin: [[0.0; LANES]; 3],
-                error: [0.0; LANES],
-            },
+            points: SurfacePacket::new(),
             materials: MaterialPacket {
                 effects,
                 ..MaterialPacket::BLACK
             },
             filled_for: None,
             texturing: Moment::Unknown,
-        }
-    }
-}
-
-impl SurfacePacket {
-    /// The unit shading normal of lane `l` on the side that the ray came from.
-    pub(super) fn shading_normal(&self, l: usize) -> DVec3 {
-        lane(&self.ns, l).as_dvec3().normalize()
-    }
-
-    /// Whether the shading normal of lane `l` is another than the geometric one.
-    fn ns_differs(&self, l: usize) -> bool {
-        (0..3).any(|axis| self.ns[axis][l] != self.ng[axis][l])
-    }
-
-    /// The point of lane `l`.
-    pub(super) fn point(&self, l: usize) -> DVec3 {
-        DVec3::new(self.p[0][l], self.p[1][l], self.p[2][l])
-    }
-
-    /// The unit geometric normal of lane `l` on the side that the ray came from.
-    pub(super) fn geometric_normal(&self, l: usize) -> DVec3 {
-        lane(&self.ng, l).as_dvec3()
-    }
-
-    /// The bound on the distance between the point of lane `l` and the surface that a traversal sees.
-    pub(super) fn error(&self, l: usize) -> f64 {
-        self.error[l]
-    }
-
-    /// Works out where rays start that leave on the side of `ng`.
-    #[inline(always)]
-    fn spawn(&mut self) {
-        for l in 0..LANES {
-            let p = DVec3::new(self.p[0][l], self.p[1][l], self.p[2][l]);
-            let origin = spawn_point(p, lane(&self.ng, l).as_dvec3(), self.error[l]);
-            for axis in 0..3 {
-                self.origin[axis][l] = origin[axis];
-            }
         }
     }
 }
@@ -474,7 +451,11 @@ fn ranges(packet: &RayPacket) -> [[u32; 2]; 2] {
 
 /// Points and normals of triangles that are stored in world space, all lanes at once.
 #[inline(always)]
-fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut SurfacePacket) {
+fn triangle_surfaces<const BOUNDED: bool>(
+    packet: &RayPacket,
+    gathered: &Gathered,
+    surfaces: &mut SurfacePacket,
+) {
     let [a, b, c] = &gathered.corners;
     let [na, nb, nc] = &gathered.normals;
     let d = &packet.direction;
@@ -506,9 +487,11 @@ fn triangle_surfaces(packet: &RayPacket, gathered: &Gathered, surfaces: &mut Sur
         surfaces.front[l] = front;
         let facing = if front { 1.0 } else { -1.0 };
         let ng = n * (facing / n.dot(n).sqrt());
-        let v0 = lane(a, l);
-        let bound = triangle_spawn_bound(v0, lane(b, l) - v0, lane(c, l) - v0);
-        surfaces.error[l] = bound.dot(ng.abs()).into();
+        if BOUNDED {
+            let v0 = lane(a, l);
+            let bound = triangle_spawn_bound(v0, lane(b, l) - v0, lane(c, l) - v0);
+            surfaces.error[l] = bound.dot(ng.abs()).into();
+        }
         let (u, v) = (packet.u[l], packet.v[l]);
         let w = 1.0 - u - v;
         let mut ns = [0.0; 3];
@@ -577,11 +560,6 @@ fn placed_shape(packet: &RayPacket, l: usize, shape: &Shape, pose: &Pose) -> Pla
         ns: None,
         error: point.error,
     }
-}
-
-#[inline(always)]
-fn lane(v: &Lanes3<f32>, l: usize) -> Vec3 {
-    Vec3::new(v[0][l], v[1][l], v[2][l])
 }
 
 #[cfg(test)]

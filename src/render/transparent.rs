@@ -15,7 +15,7 @@ use super::rough::{Microfacet, Way};
 use super::surface::{SurfacePacket, Surfaces};
 use super::travel::{Travel, TravelPacket};
 use crate::accel::{NO_HIT, RayPacket};
-use crate::numeric::{LANES, Lanes3, Ray, spawn_point};
+use crate::numeric::{LANES, Lanes3, Ray};
 use crate::optics::{
     Body, Crossing, LINE_D, MediaStack, Passage, Polarised, dielectric, reflect, refract, thin_slab,
 };
@@ -380,7 +380,7 @@ impl Outcome<'_, '_> {
         let (points, l) = (meeting.points, meeting.l);
         let ng = points.geometric_normal(l);
         let side = if travel.direction.dot(ng) < 0.0 { -ng } else { ng };
-        let origin = spawn_point(points.point(l), side, points.error(l));
+        let origin = points.leave(l, side);
         let sent = Sent {
             ray: Ray::new(origin, travel.direction.as_vec3()),
             pixel: meeting.pixel,

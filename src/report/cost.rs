@@ -3,6 +3,7 @@
 use std::fmt;
 use std::fmt::Write;
 
+use super::cost_geometry;
 use super::words::{range, significant, times};
 use crate::cost::{Choice, Curve, Interval, Point, Study, Target};
 
@@ -11,7 +12,7 @@ pub(super) const BASE: &str = "base";
 
 /// The columns of [`points_csv`].
 const COLUMNS: &str = "id,knob,level,build,ready,t_med,t_lo,t_hi,ratio,ratio_lo,ratio_hi,rmse,rmse_lo,rmse_hi,bias2,var,rel_mse,flip,max,\
-                       changed,non_finite,rays,front";
+                       changed,non_finite,rays,front,build_bytes,camera_rays,shadow_rays,leaks,false_hits,false_shadows,light_leaks,ties";
 
 /// A study in words.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +45,9 @@ impl fmt::Display for CostText<'_> {
         }
         for curve in &study.curves {
             writeln!(f, "{}", price_line(study, curve))?;
+        }
+        for line in cost_geometry::lines(study) {
+            writeln!(f, "{line}")?;
         }
         if let Some(choice) = &study.choice {
             for line in choice_lines(choice) {
@@ -208,16 +212,35 @@ pub fn points_csv(study: &Study) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{id},{},{},{},{},{},{}",
+            "{id},{},{},{},{},{},{},{},{}",
             quoted(knob_name(point)),
             quoted(&point.level),
             numbers.join(","),
             point.non_finite,
             point.rays,
-            point.on_front
+            point.on_front,
+            point.build_bytes,
+            geometry(point).join(",")
         );
     }
     text
+}
+
+/// Rays and errors of geometry, empty where none were counted.
+fn geometry(point: &Point) -> [String; 7] {
+    let Some(errors) = &point.geometry else {
+        return Default::default();
+    };
+    let counts = [
+        errors.camera_rays,
+        errors.shadow_rays,
+        errors.leaks,
+        errors.false_hits,
+        errors.false_shadows,
+        errors.light_leaks,
+        errors.ties,
+    ];
+    counts.map(|count| count.to_string())
 }
 
 /// With all digits.
@@ -271,8 +294,8 @@ mod tests {
         let csv = points_csv(&study);
         let lines: Vec<&str> = csv.lines().collect();
         assert_eq!(lines.len(), 1 + study.points.len());
-        assert_eq!(lines[0].split(',').count(), 23);
-        assert_eq!(lines[1].split(',').count(), 23, "{}", lines[1]);
+        assert_eq!(lines[0].split(',').count(), 31);
+        assert_eq!(lines[1].split(',').count(), 31, "{}", lines[1]);
         assert!(
             lines[1].starts_with("0,base,base,0.1,0,1,0.9,1.1,1,1,1,0.02,"),
             "{}",
@@ -280,6 +303,6 @@ mod tests {
         );
         assert!(lines[2].starts_with("1,samples,\"a,\"\"b\"\"\","), "{}", lines[2]);
         assert!(!csv.contains("NaN") && lines[2].contains(",,"), "{}", lines[2]);
-        assert!(lines[1].ends_with(",1000,true"), "{}", lines[1]);
+        assert!(lines[1].ends_with(",1000,true,5000,,,,,,,"), "{}", lines[1]);
     }
 }

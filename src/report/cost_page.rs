@@ -5,6 +5,7 @@ use std::path::Path;
 use super::compare_page::viewer;
 use super::cost::{choice_lines, error_ratio, knob_name, no_price, price_words};
 use super::cost_charts;
+use super::cost_geometry;
 use super::machine;
 use super::page::{self, Cell, Column, Table, View, escape, figure, picture};
 use super::words::{percent, range, significant, times};
@@ -64,6 +65,7 @@ pub fn page(study: &Study, facts: &Facts, pictures: &Pictures) -> std::io::Resul
         body += "<h2 id=\"prices\">Prices</h2>\n";
         body += &prices(study);
     }
+    body += &cost_geometry::section(study);
     body += "<h2 id=\"pictures\">Pictures of the base</h2>\n";
     body += &viewer(pictures, facts.tone)?;
     body += &worst_tiles(pictures, facts.tone)?;
@@ -353,6 +355,7 @@ pub(super) mod tests {
             level: level.to_owned(),
             settings: BTreeMap::from([("samples".to_owned(), "<4>".to_owned())]),
             build_seconds: 0.1,
+            build_bytes: 5000,
             ready_seconds: 0.0,
             seconds: Interval {
                 value: ratio,
@@ -369,6 +372,7 @@ pub(super) mod tests {
             changed_share: 0.25,
             non_finite: 0,
             rays: 1000,
+            geometry: None,
             on_front: true,
         }
     }

@@ -8,6 +8,7 @@ pub mod compare;
 pub mod compare_page;
 pub mod cost;
 mod cost_charts;
+mod cost_geometry;
 pub mod cost_page;
 pub mod difference;
 pub mod extents;

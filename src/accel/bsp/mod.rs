@@ -24,8 +24,10 @@ mod wide;
 
 use super::extents::{Spheres, spheres_of_shapes};
 use super::planes::Planes;
-use super::{Accel, AccelError, AccelOptions, AccelPart, AccelReport, Kernel, LANES, RayOrder, RayPacket};
-use crate::mesh::lanes::{Isa, Work, dispatch};
+use super::{
+    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Kernel, LANES, Precision, RayOrder, RayPacket,
+};
+use crate::mesh::lanes::{Isa, Rounded, Work, dispatch};
 use crate::scene::Scene;
 use levels::{Layout, Levels};
 use reference::PlaneTree;
@@ -35,6 +37,8 @@ use wide::WideTree;
 /// The BSP trees of a scene.
 pub struct BspAccel<'s> {
     walker: Walker<'s>,
+    /// How far hits of triangles may be trusted: at [`Precision::Fast`] f32 decides, else f64 where f32 cannot.
+    precision: Precision,
     report: AccelReport,
 }
 
@@ -85,7 +89,14 @@ impl<'s> BspAccel<'s> {
             Kernel::Single => Walker::Single(levels),
             Kernel::Packet => Walker::Packet(levels),
         };
-        Ok(BspAccel { walker, report })
+        if options.precision == Precision::Fast {
+            report.summary += ", triangles in f32";
+        }
+        Ok(BspAccel {
+            walker,
+            precision: options.precision,
+            report,
+        })
     }
 
     /// How many instances have a sphere.
@@ -102,6 +113,7 @@ impl<'s> BspAccel<'s> {
         let report = report(&levels);
         Ok(BspAccel {
             walker: Walker::Reference(levels),
+            precision: Precision::Watertight,
             report,
         })
     }
@@ -110,8 +122,8 @@ impl<'s> BspAccel<'s> {
 impl Accel for BspAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
         match &self.walker {
-            Walker::Single(levels) => trace(levels, packets, Question::Nearest, None),
-            Walker::Packet(levels) => trace(levels, packets, Question::Nearest, Some(order)),
+            Walker::Single(levels) => self.trace(levels, packets, Question::Nearest, None),
+            Walker::Packet(levels) => self.trace(levels, packets, Question::Nearest, Some(order)),
             Walker::Reference(levels) => {
                 for_each_lane(packets, |packet, lane| {
                     if let Some(hit) = levels.nearest(&packet.ray(lane)) {
@@ -128,8 +140,8 @@ impl Accel for BspAccel<'_> {
 
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
         match &self.walker {
-            Walker::Single(levels) => trace(levels, packets, Question::Any, None),
-            Walker::Packet(levels) => trace(levels, packets, Question::Any, Some(order)),
+            Walker::Single(levels) => self.trace(levels, packets, Question::Any, None),
+            Walker::Packet(levels) => self.trace(levels, packets, Question::Any, Some(order)),
             Walker::Reference(levels) => {
                 for_each_lane(packets, |packet, lane| {
                     if levels.is_blocked(&packet.ray(lane)) {
@@ -163,6 +175,25 @@ impl Work for Batch<'_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) {
+        self.ask(isa);
+    }
+}
+
+/// A batch whose triangles are left to f32.
+struct RoundedBatch<'a, 's>(Batch<'a, 's>);
+
+impl Work for RoundedBatch<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) {
+        self.0.ask(Rounded(isa));
+    }
+}
+
+impl Batch<'_, '_> {
+    #[inline(always)]
+    fn ask(self, isa: impl Isa) {
         let Batch { levels, packets, .. } = self;
         // A kernel for each question, so that what only the other one needs is not in it.
         match (self.order, self.question) {
@@ -176,13 +207,25 @@ impl Work for Batch<'_, '_> {
     }
 }
 
-fn trace(levels: &Levels<WideTree>, packets: &mut [RayPacket], question: Question, order: Option<RayOrder>) {
-    dispatch(Batch {
-        levels,
-        packets,
-        question,
-        order,
-    });
+impl BspAccel<'_> {
+    fn trace(
+        &self,
+        levels: &Levels<WideTree>,
+        packets: &mut [RayPacket],
+        question: Question,
+        order: Option<RayOrder>,
+    ) {
+        let batch = Batch {
+            levels,
+            packets,
+            question,
+            order,
+        };
+        match self.precision {
+            Precision::Fast => dispatch(RoundedBatch(batch)),
+            Precision::Robust | Precision::Watertight => dispatch(batch),
+        }
+    }
 }
 
 fn for_each_lane(packets: &mut [RayPacket], mut ask: impl FnMut(&mut RayPacket, usize)) {

@@ -209,7 +209,7 @@ mod tests {
     use embree_sys as sys;
 
     use super::*;
-    use crate::accel::Contents;
+    use crate::accel::{BuildQuality, Contents};
     use crate::gltf::LoadOptions;
 
     /// Objects that are asked by callbacks, and records and holders of the build.
@@ -243,8 +243,31 @@ mod tests {
 
     #[test]
     fn scenes_have_no_flag_but_the_one_that_closes_edges() {
-        assert_eq!(scene::flags(Precision::Fast), sys::RTC_SCENE_FLAG_NONE);
-        assert_eq!(scene::flags(Precision::Robust), sys::RTC_SCENE_FLAG_ROBUST);
+        let at = |precision| AccelOptions {
+            precision,
+            ..AccelOptions::default()
+        };
+        assert_eq!(scene::flags(&at(Precision::Fast)), sys::RTC_SCENE_FLAG_NONE);
+        assert_eq!(scene::flags(&at(Precision::Robust)), sys::RTC_SCENE_FLAG_ROBUST);
+    }
+
+    #[test]
+    fn compact_trees_take_less_memory_and_quickly_built_ones_are_others() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/first_light.gltf");
+        let scene = crate::gltf::load(&path, &LoadOptions::default()).unwrap();
+        let bytes = |compact, build_quality| {
+            let options = AccelOptions {
+                precision: Precision::Robust,
+                compact,
+                build_quality,
+                threads: 1,
+                ..AccelOptions::default()
+            };
+            EmbreeAccel::build(&scene, &options).unwrap().report().bytes
+        };
+        let usual = bytes(false, BuildQuality::Medium);
+        assert!(bytes(true, BuildQuality::Medium) < usual);
+        assert_ne!(bytes(false, BuildQuality::Low), usual);
     }
 
     #[test]

@@ -18,7 +18,7 @@ use super::plan::{Given, Placed, Plan, Triangles, placed_mesh, primitive_count, 
 use super::progress::{Progress, Stage, on_progress};
 use super::user::{self, UserGeometry};
 use crate::accel::bsp::in_pool;
-use crate::accel::{AccelError, AccelOptions, Instancing, Precision, RayOrder};
+use crate::accel::{AccelError, AccelOptions, BuildQuality, Instancing, Precision, RayOrder};
 use crate::mesh::{Mesh, Slab};
 use crate::scene::{Instance, Scene};
 
@@ -108,7 +108,7 @@ pub(super) fn build<'s>(
     let patches = in_pool(options.threads, || plan.patches());
     let users = UserGeometry::pair((scene, plan.reach()), parts, patches, instancing).map(Arc::new);
 
-    let mut world = EmbreeScene::new(device, options.precision)?;
+    let mut world = EmbreeScene::new(device, options)?;
     for (instance, given) in plan.native() {
         world.attach_mesh(device, given, *instance)?;
     }
@@ -144,7 +144,7 @@ fn build_placed<'s>(
     progress: &mut Progress,
 ) -> Result<Vec<Option<user::Part<'s>>>, AccelError> {
     let mut build = |placed: Placed<'s>| {
-        let scene = EmbreeScene::new(device, options.precision)?;
+        let scene = EmbreeScene::new(device, options)?;
         let (triangles, bounds) = in_pool(options.threads, || placed.triangles());
         let stage = progress.stage(placed.triangle_count());
         let patches = match triangles {
@@ -198,15 +198,27 @@ fn attach_instances(
 }
 
 /// What Embree is told of a scene: nothing that it need not know.
-pub(super) fn flags(precision: Precision) -> sys::RTCSceneFlags {
-    match precision {
+pub(super) fn flags(options: &AccelOptions) -> sys::RTCSceneFlags {
+    let trusted = match options.precision {
         Precision::Fast => sys::RTC_SCENE_FLAG_NONE,
         Precision::Robust | Precision::Watertight => sys::RTC_SCENE_FLAG_ROBUST,
+    };
+    match options.compact {
+        true => trusted | sys::RTC_SCENE_FLAG_COMPACT,
+        false => trusted,
+    }
+}
+
+fn quality(options: &AccelOptions) -> sys::RTCBuildQuality {
+    match options.build_quality {
+        BuildQuality::Low => sys::RTC_BUILD_QUALITY_LOW,
+        BuildQuality::Medium => sys::RTC_BUILD_QUALITY_MEDIUM,
+        BuildQuality::High => sys::RTC_BUILD_QUALITY_HIGH,
     }
 }
 
 impl<'s> EmbreeScene<'s> {
-    fn new(device: &Device, precision: Precision) -> Result<EmbreeScene<'s>, AccelError> {
+    fn new(device: &Device, options: &AccelOptions) -> Result<EmbreeScene<'s>, AccelError> {
         // SAFETY: the device is live.
         let handle = unsafe { sys::rtcNewScene(device.handle()) };
         if handle.is_null() {
@@ -219,9 +231,9 @@ impl<'s> EmbreeScene<'s> {
             arrays: PhantomData,
         };
         // SAFETY: the scene is live and not yet committed.
-        unsafe { sys::rtcSetSceneFlags(handle, flags(precision)) };
+        unsafe { sys::rtcSetSceneFlags(handle, flags(options)) };
         // SAFETY: as above.
-        unsafe { sys::rtcSetSceneBuildQuality(handle, sys::RTC_BUILD_QUALITY_MEDIUM) };
+        unsafe { sys::rtcSetSceneBuildQuality(handle, quality(options)) };
         device.check("set up a scene")?;
         Ok(scene)
     }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args as ArgGroup;
 
-use super::{ImageSize, TracingArgs};
+use super::{ImageSize, LeavingArgs, TracingArgs};
 use crate::accel::Backend;
 use crate::render::MIN_ADAPTIVE_ERROR;
 
@@ -14,7 +14,9 @@ const DEFAULT_BUDGET: f64 = 120.0;
 const COST_HELP: &str = "\
 Every knob that the scene gives a meaning is turned by itself: samples a pixel and how they lie, adaptive sampling,
 depth, cut-off, wavelengths, points of lights, rays into lobes, steps through volumes, the texture filter, what finds
-the hits and how far it may be trusted. Errors are those of values as displayed (black is 0, white 1), held against two
+the hits and how far it may be trusted, how Embree's trees are built,
+where hits lie and where rays start that leave them. What finds the hits is held against f64 by itself too: leaks, false hits, false
+shadows and light leaks. Errors are those of values as displayed (black is 0, white 1), held against two
 independent halves of a reference, one through Embree and one through the BSP; times are ratios within blocks in which
 every setting takes one turn. Pictures are as large as the budget affords, unless --size says it.
 
@@ -63,6 +65,9 @@ pub(in crate::cli) struct CostArgs {
 
     #[command(flatten)]
     pub(in crate::cli) tracing: TracingArgs,
+
+    #[command(flatten)]
+    pub(in crate::cli) leaving: LeavingArgs,
 
     /// Folder to write the report into; it is made if it is not there
     #[arg(long, value_name = "DIR")]

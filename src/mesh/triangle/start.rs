@@ -78,7 +78,7 @@ mod tests {
     use super::super::tests::{Random, leaving};
     use super::super::{PACK, ShearLanes, TrianglePack, dominant_axis};
     use super::*;
-    use crate::mesh::lanes::AnyIsa;
+    use crate::mesh::lanes::{AnyIsa, Rounded};
 
     /// A triangle in the cube [-1, 1]³, so many times as long as high.
     fn sliver(random: &mut Random, aspect: f64) -> [Vec3; 3] {
@@ -112,6 +112,31 @@ mod tests {
             }
             assert_eq!(met, 0, "{aspect} times as long as high");
         }
+    }
+
+    #[test]
+    fn in_f32_alone_slivers_are_met_again_and_edges_belong_to_both_sides() {
+        let mut random = Random(23);
+        let mut met = 0;
+        for _ in 0..20_000 {
+            let corners = sliver(&mut random, 1e4);
+            let Some(ray) = leaving(corners, &mut random) else {
+                continue;
+            };
+            let mut pack = TrianglePack::EMPTY;
+            pack.set(3, corners);
+            let hits = Shear::new(&ray).intersect_pack(Rounded(AnyIsa), &pack, 0.0, f32::INFINITY);
+            met += u32::from(hits.mask == 1 << 3);
+        }
+        assert!(met > 0);
+        let mut pack = TrianglePack::EMPTY;
+        let [a, b, c, d] =
+            [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]].map(|[x, y]| Vec3::new(x, y, 2.0));
+        pack.set(0, [a, b, c]);
+        pack.set(5, [b, a, d]);
+        let ray = crate::numeric::Ray::new(Vec3::new(0.5, 0.5, 0.0), Vec3::Z);
+        let hits = Shear::new(&ray).intersect_pack(Rounded(AnyIsa), &pack, 0.0, f32::INFINITY);
+        assert_eq!((hits.mask, hits.t[0], hits.t[5]), (1 | 1 << 5, 2.0, 2.0));
     }
 
     #[test]

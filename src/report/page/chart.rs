@@ -21,7 +21,7 @@ const LETTER: [f64; 2] = [6.4, 11.0];
 /// Colours that the style knows.
 const COLORS: usize = 6;
 
-/// Colour and shape of a series: twelve numbers look different, and no two of one colour have one shape.
+/// Colour and shape of a series: twenty-four numbers look different, and no two of one colour have one shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
     /// What all else is held against: a ring.
@@ -44,7 +44,7 @@ impl Look {
         let r = MARK;
         match self {
             Look::Base => circle(x, y, 1.6 * r),
-            Look::Number(number) => match number % 4 {
+            Look::Number(number) => match (number + number / 12) % 4 {
                 0 => circle(x, y, r),
                 1 => format!(
                     "M{:.1} {:.1}h{w:.1}v{w:.1}h-{w:.1}z",
@@ -418,8 +418,8 @@ mod tests {
     }
 
     #[test]
-    fn twelve_series_look_different() {
-        let looks: Vec<_> = (0..12)
+    fn twenty_four_series_look_different() {
+        let looks: Vec<_> = (0..24)
             .map(Look::Number)
             .map(|look| (look.class(), look.path(0.0, 0.0)))
             .collect();

@@ -52,7 +52,11 @@ fn spheres(count: usize) -> Scene {
 
 /// The same spheres as Embree's own primitives.
 fn native<'s>(device: &Device, points: &'s Slab<[f32; 4]>) -> EmbreeScene<'s> {
-    let scene = EmbreeScene::new(device, Precision::Robust).unwrap();
+    let robust = AccelOptions {
+        precision: Precision::Robust,
+        ..AccelOptions::default()
+    };
+    let scene = EmbreeScene::new(device, &robust).unwrap();
     let geometry = NewGeometry::of_kind(device, sys::RTC_GEOMETRY_TYPE_SPHERE_POINT).unwrap();
     geometry.set_array(points, sys::RTC_BUFFER_TYPE_VERTEX, sys::RTC_FORMAT_FLOAT4);
     geometry.attach(&scene, 0);

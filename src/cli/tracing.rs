@@ -1,0 +1,130 @@
+//! How hits are found: what finds them, how far they may be trusted, on how many threads.
+
+use std::thread;
+
+use crate::accel::{AccelOptions, Backend, BuildQuality, Instancing, Precision};
+use crate::cost::HitPath;
+
+use super::args::TracingArgs;
+use super::failure::Failure;
+
+/// How hits are found, whatever finds them.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Tracing {
+    pub(super) precision: Precision,
+    pub(super) instancing: Instancing,
+    pub(super) build_quality: BuildQuality,
+    pub(super) compact: bool,
+    pub(super) isa: Option<String>,
+    /// One or more.
+    pub(super) threads: usize,
+}
+
+impl Tracing {
+    /// Resolves the number of threads.
+    pub(super) fn new(args: &TracingArgs) -> Tracing {
+        let threads = match args.threads {
+            0 => thread::available_parallelism().map_or(1, usize::from),
+            n => n as usize,
+        };
+        Tracing {
+            precision: args.precision,
+            instancing: args.instancing,
+            build_quality: args.build_quality,
+            compact: args.compact,
+            isa: args.isa.clone(),
+            threads,
+        }
+    }
+
+    /// How what finds the hits is built.
+    pub(super) fn options(&self) -> AccelOptions<'static> {
+        AccelOptions {
+            precision: self.precision,
+            instancing: self.instancing,
+            build_quality: self.build_quality,
+            compact: self.compact,
+            threads: self.threads,
+            isa: self.isa.clone(),
+            ..AccelOptions::default()
+        }
+    }
+
+    /// The usual ways, on `threads` threads; 0 takes one a processor.
+    pub(super) fn of_threads(threads: u32) -> Tracing {
+        Tracing::new(&TracingArgs {
+            precision: Precision::default(),
+            instancing: Instancing::default(),
+            build_quality: BuildQuality::default(),
+            compact: false,
+            isa: None,
+            threads,
+        })
+    }
+
+    /// How a study begins to find hits.
+    pub(super) fn path(&self, backend: Backend) -> HitPath {
+        match backend {
+            Backend::Embree => HitPath {
+                backend,
+                precision: self.precision,
+                instancing: self.instancing,
+                build_quality: self.build_quality,
+                compact: self.compact,
+            },
+            Backend::Bsp | Backend::Brute => HitPath {
+                precision: effective_precision(backend, self.precision),
+                ..HitPath::BSP
+            },
+        }
+    }
+
+    /// The threads that everything runs on.
+    pub(super) fn pool(&self) -> Result<rayon::ThreadPool, Failure> {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(self.threads)
+            .build()
+            .map_err(|error| {
+                Failure::Work(format!(
+                    "could not start {} threads: {error}; use fewer `--threads`",
+                    self.threads
+                ))
+            })
+    }
+}
+
+/// The precision that triangle hits really get: the BSP knows two, brute force one.
+pub(super) fn effective_precision(backend: Backend, wish: Precision) -> Precision {
+    match (backend, wish) {
+        (Backend::Embree, _) | (Backend::Bsp, Precision::Fast) => wish,
+        (Backend::Bsp | Backend::Brute, _) => Precision::Watertight,
+    }
+}
+
+/// Refuses what is for Embree alone where another backend finds the hits.
+pub(super) fn check_backend(args: &TracingArgs, backend: Backend) -> Result<(), Failure> {
+    let of_embree = [
+        ("--isa", args.isa.is_some()),
+        ("--instancing", args.instancing != Instancing::Auto),
+        ("--build-quality", args.build_quality != BuildQuality::default()),
+        ("--compact", args.compact),
+    ];
+    match of_embree.iter().find(|(_, is_given)| *is_given) {
+        Some((flag, _)) if backend != Backend::Embree => Err(Failure::Input(format!(
+            "`{flag}` is for Embree: leave it out with `--backend {backend}`"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a kind of instancing that the precision does not have.
+pub(super) fn check_instancing(args: &TracingArgs) -> Result<(), Failure> {
+    if args.instancing.resolved(args.precision) == args.instancing || args.instancing == Instancing::Auto {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "`--instancing {}` is not for `--precision {}`, whose placed meshes are met through callbacks: choose `--precision \
+         fast` or `robust`",
+        args.instancing, args.precision
+    )))
+}

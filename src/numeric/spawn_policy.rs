@@ -1,0 +1,122 @@
+//! Rules for where a new ray starts, the one that is right and those that show what it is worth.
+
+use std::fmt;
+use std::str::FromStr;
+
+use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+
+/// Where a ray starts that leaves a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
+pub enum SpawnPolicy {
+    /// Off it by a bound on the rounding error, as [`spawn_point`](super::spawn_point) has it.
+    #[default]
+    Bounded,
+    /// Off it by this part of the scene's size, above 0 and at most 1, wherever it is.
+    Fixed(f64),
+    /// Where the hit was found, rounded to f32.
+    None,
+}
+
+impl SpawnPolicy {
+    /// How far off the surface along its normal, in a scene whose box has a diagonal of `size`; absent for a bound, which
+    /// differs from point to point.
+    pub fn offset(self, size: f64) -> Option<f64> {
+        match self {
+            SpawnPolicy::Bounded => None,
+            SpawnPolicy::Fixed(part) => Some(part * size),
+            SpawnPolicy::None => Some(0.0),
+        }
+    }
+}
+
+impl fmt::Display for SpawnPolicy {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            SpawnPolicy::Bounded => f.write_str("bounded"),
+            SpawnPolicy::Fixed(part) => write!(f, "fixed:{part}"),
+            SpawnPolicy::None => f.write_str("none"),
+        }
+    }
+}
+
+impl FromStr for SpawnPolicy {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<SpawnPolicy, String> {
+        let part = |digits: &str| {
+            let part: f64 = digits.parse().ok()?;
+            (part > 0.0 && part <= 1.0).then_some(SpawnPolicy::Fixed(part))
+        };
+        let policy = match text {
+            "bounded" => Some(SpawnPolicy::Bounded),
+            "none" => Some(SpawnPolicy::None),
+            _ => text.strip_prefix("fixed:").and_then(part),
+        };
+        policy.ok_or_else(|| {
+            "give `bounded`, `none` or `fixed:` and a part of the scene's size above 0 and at most 1, as in fixed:0.0001"
+                .into()
+        })
+    }
+}
+
+impl From<SpawnPolicy> for String {
+    fn from(policy: SpawnPolicy) -> String {
+        policy.to_string()
+    }
+}
+
+impl TryFrom<String> for SpawnPolicy {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<SpawnPolicy, String> {
+        text.parse()
+    }
+}
+
+/// The f32 origin of a ray that leaves `p` by `offset` along `normal`, rounded to nearest.
+#[inline(always)]
+pub fn shifted_point(p: DVec3, normal: DVec3, offset: f64) -> Vec3 {
+    (p + normal * offset).as_vec3()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_policy_is_read_as_it_is_written() {
+        for policy in [
+            SpawnPolicy::Bounded,
+            SpawnPolicy::None,
+            SpawnPolicy::Fixed(0.001),
+            SpawnPolicy::Fixed(1e-7),
+        ] {
+            assert_eq!(policy.to_string().parse(), Ok(policy));
+        }
+        for text in [
+            "",
+            "fixed",
+            "fixed:",
+            "fixed:0",
+            "fixed:2",
+            "fixed:nan",
+            "0.1",
+            "Bounded",
+        ] {
+            assert!(
+                text.parse::<SpawnPolicy>().unwrap_err().contains("fixed:0.0001"),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_fixed_offset_goes_with_the_scene_and_a_bound_does_not() {
+        assert_eq!(SpawnPolicy::Fixed(0.01).offset(200.0), Some(2.0));
+        assert_eq!(SpawnPolicy::None.offset(200.0), Some(0.0));
+        assert_eq!(SpawnPolicy::Bounded.offset(200.0), None);
+        assert_eq!(shifted_point(DVec3::ONE, DVec3::Z, 0.5), Vec3::new(1.0, 1.0, 1.5));
+    }
+}

@@ -1,0 +1,201 @@
+//! Errors of geometry on the page of accuracy against time, and in words: rays that leak and shadows that should not be.
+
+use super::cost::{BASE, knob_name};
+use super::memory;
+use super::page::{Cell, Chart, Column, LogAxis, Look, Series, Spot, Table};
+use super::words::{range, significant, times};
+use crate::cost::{GeometricErrors, Interval, Knob, Point, Study};
+
+/// What the axes show.
+const SECONDS: &str = "seconds a picture";
+const WRONG: &str = "wrong answers in a million rays";
+/// Width and height of the chart.
+const SIZE: [f64; 2] = [700.0, 300.0];
+
+/// Points of which geometric errors were counted.
+fn counted(study: &Study) -> impl Iterator<Item = (&Point, &GeometricErrors)> {
+    let points = study.points.iter();
+    points.filter_map(|point| Some((point, point.geometry.as_ref()?)))
+}
+
+/// The section of the page; empty where nothing was counted.
+pub(super) fn section(study: &Study) -> String {
+    if counted(study).next().is_none() {
+        return String::new();
+    }
+    format!(
+        "<h2 id=\"geometry\">Errors of geometry</h2>\n\
+         <p>The same rays of the scene’s own picture, answered by every way of finding hits and held against the BSP, which \
+         decides in f64 where f32 cannot. An answer is wrong where no ray beside it, as near as rounding in f32, gets it; \
+         else it is a tie, as at an outline. Crosses are intervals that hold the true share 95 times of 100; at the foot \
+         nothing was wrong.</p>\n{}{}",
+        chart(study).html(),
+        table(study)
+    )
+}
+
+fn chart(study: &Study) -> Chart<'static> {
+    let all = |of: &dyn Fn(&Point, &GeometricErrors) -> Interval| {
+        let spots = counted(study).map(|(point, errors)| of(point, errors));
+        spots.collect::<Vec<_>>()
+    };
+    let of_knob = |knob: Option<Knob>| {
+        let points = counted(study).filter(move |(point, _)| point.knob == knob);
+        points.map(|(point, errors)| spot(point, errors)).collect()
+    };
+    let turned = Knob::ALL.into_iter().enumerate().map(|(number, knob)| Series {
+        name: knob.name(),
+        look: Look::Number(number),
+        spots: of_knob(Some(knob)),
+    });
+    let base = Series {
+        name: BASE,
+        look: Look::Base,
+        spots: of_knob(None),
+    };
+    Chart {
+        size: SIZE,
+        x: LogAxis::around(SECONDS, &all(&|point, _| point.seconds)),
+        y: LogAxis::around(WRONG, &all(&|_, errors| a_million(errors))),
+        lines: Vec::new(),
+        series: turned
+            .chain([base])
+            .filter(|series| !series.spots.is_empty())
+            .collect(),
+    }
+}
+
+fn a_million(errors: &GeometricErrors) -> Interval {
+    errors.share().map(|share| 1e6 * share)
+}
+
+fn spot(point: &Point, errors: &GeometricErrors) -> Spot {
+    let wrong = a_million(errors);
+    let name = match point.knob {
+        Some(knob) => format!("{knob} {}", point.level),
+        None => BASE.to_owned(),
+    };
+    let words = format!(
+        "{name}\n{} s\n{} of {} rays are wrong, {} in a million ({})\n{}",
+        significant(point.seconds.value, 3),
+        errors.count(),
+        errors.rays(),
+        significant(wrong.value, 3),
+        range(wrong, 3),
+        kinds(errors)
+    );
+    Spot {
+        x: point.seconds,
+        y: wrong,
+        label: point.level.clone(),
+        words,
+    }
+}
+
+fn kinds(errors: &GeometricErrors) -> String {
+    format!(
+        "{} leaks, {} false hits, {} false shadows, {} light leaks",
+        errors.leaks, errors.false_hits, errors.false_shadows, errors.light_leaks
+    )
+}
+
+fn table(study: &Study) -> String {
+    let mut table = Table::new(&[
+        Column::Words("knob"),
+        Column::Words("level"),
+        Column::Numbers("time"),
+        Column::Numbers("built in"),
+        Column::Numbers("memory"),
+        Column::Numbers("camera rays"),
+        Column::Numbers("leaks"),
+        Column::Numbers("false hits"),
+        Column::Numbers("shadow rays"),
+        Column::Numbers("false shadows"),
+        Column::Numbers("light leaks"),
+        Column::Numbers("ties"),
+    ]);
+    for (point, errors) in counted(study) {
+        let cells = [
+            Cell::text(knob_name(point)),
+            Cell::text(&point.level),
+            Cell::text(&times(point.time_ratio.value)),
+            Cell::text(&format!("{} s", significant(point.build_seconds, 2))),
+            Cell::text(&memory::in_words(point.build_bytes)),
+            Cell::count(errors.camera_rays),
+            Cell::count(errors.leaks),
+            Cell::count(errors.false_hits),
+            Cell::count(errors.shadow_rays),
+            Cell::count(errors.false_shadows),
+            Cell::count(errors.light_leaks),
+            Cell::count(errors.ties),
+        ];
+        table.row(("", knob_name(point)), &cells);
+    }
+    table.html("wide dense geometry")
+}
+
+/// A line for each way of finding hits that gave wrong answers, or one that says that none did; none where nothing was
+/// counted.
+pub(super) fn lines(study: &Study) -> Vec<String> {
+    let wrong = counted(study).filter(|(_, errors)| errors.count() > 0);
+    let mut lines: Vec<String> = wrong
+        .map(|(point, errors)| {
+            let name = match point.knob {
+                Some(knob) => format!("{knob} {}", point.level),
+                None => BASE.to_owned(),
+            };
+            format!("geometry: {name}: {} of {} rays", kinds(errors), errors.rays())
+        })
+        .collect();
+    if lines.is_empty()
+        && let Some((_, errors)) = counted(study).max_by_key(|(_, errors)| errors.rays())
+    {
+        lines.push(format!(
+            "geometry: no ray of up to {} was answered wrongly through any path",
+            errors.rays()
+        ));
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::cost_page::tests::study;
+
+    #[test]
+    fn errors_are_told_where_they_were_counted_and_nowhere_else() {
+        let mut study = study();
+        assert_eq!((section(&study), lines(&study).len()), (String::new(), 0));
+        let none = GeometricErrors {
+            camera_rays: 600,
+            shadow_rays: 400,
+            ..GeometricErrors::default()
+        };
+        study.points[0].geometry = Some(none);
+        assert_eq!(
+            lines(&study),
+            ["geometry: no ray of up to 1000 was answered wrongly through any path"]
+        );
+        study.points[1].geometry = Some(GeometricErrors {
+            leaks: 3,
+            false_shadows: 7,
+            ..none
+        });
+        assert_eq!(
+            lines(&study),
+            ["geometry: samples 16: 3 leaks, 0 false hits, 7 false shadows, 0 light leaks of 1000 rays"]
+        );
+        let html = section(&study);
+        // 10 of 1000.
+        assert!(
+            html.contains("1.00e4 in a million") || html.contains("10000 in a million"),
+            "{html}"
+        );
+        assert!(
+            html.contains("id=\"geometry\"") && !html.contains("NaN"),
+            "{html}"
+        );
+        assert_eq!(html.matches("class=\"point\"").count(), 2, "{html}");
+    }
+}

@@ -10,11 +10,17 @@ use cli_program::{fails_with, first_light, names_in, whit};
 #[test]
 fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
     let folder = tempfile::tempdir().unwrap();
-    let json = folder.path().join("bench.json").display().to_string();
+    let [json, html] =
+        ["bench.json", "bench.html"].map(|name| folder.path().join(name).display().to_string());
     let flags = ["--size", "48x32", "--repeat", "2", "--json", &json];
-    let run = whit(&[&["bench", &first_light()], &flags[..]].concat());
+    let page = ["--html", &html, "--date", "2026-01-02"];
+    let run = whit(&[&["bench", &first_light()], &flags[..], &page].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stdout.contains("Mrays/s"), "{}", run.stdout);
+    let page = fs::read_to_string(&html).unwrap();
+    for words in ["first_light", "<dd>2026-01-02</dd>", "million rays a second"] {
+        assert!(page.contains(words), "{words}");
+    }
     let rows: serde_json::Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
     let mut measured = BTreeSet::new();
     for row in rows.as_array().unwrap() {
@@ -27,6 +33,8 @@ fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
         assert!(row["build_seconds"].is_f64() && row["bytes"].is_u64(), "{row}");
         assert!(row["mrays_per_s_min"].as_f64() <= row["mrays_per_s_max"].as_f64());
         assert_eq!(row["mismatches"], 0, "{row}");
+        assert!(row["triangles"].as_u64().unwrap() > 0, "{row}");
+        assert_eq!(row["scaling"], serde_json::json!([]), "{row}");
         assert_eq!(row["embree"].is_object(), row["backend"] == "embree", "{row}");
         assert_eq!(row["frame"].is_object(), cfg!(feature = "embree"), "{row}");
         measured.insert(format!(
@@ -38,7 +46,12 @@ fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
     }
     let mut ways = vec!["bsp single", "bsp packet", "bsp batch"];
     if cfg!(feature = "embree") {
-        ways.extend(["embree raw", "embree single", "embree packet"]);
+        ways.extend([
+            "embree raw",
+            "embree raw-single",
+            "embree single",
+            "embree packet",
+        ]);
     }
     for rays in ["camera", "shadow", "reflection", "random"] {
         for way in &ways {
@@ -154,6 +167,62 @@ fn a_scene_file_says_which_frame_is_measured_and_flags_override_it() {
 }
 
 #[test]
+fn a_sweep_measures_meshes_of_its_own_on_one_thread_and_more_and_says_where_lines_cross() {
+    let folder = tempfile::tempdir().unwrap();
+    let [json, html] = ["a.json", "a.html"].map(|name| folder.path().join(name).display().to_string());
+    let flags = ["--size", "32x24", "--repeat", "1", "--threads", "2", "--scaling"];
+    let files = ["--json", &json, "--html", &html];
+    let sweep = ["bench", "--sweep", "--most-triangles", "2000"];
+    let run = whit(&[&sweep, &flags[..], &files].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let rows: serde_json::Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    let mut measured = BTreeSet::new();
+    for row in rows.as_array().unwrap() {
+        assert_eq!(row["mismatches"], 0, "{row}");
+        for (list, key) in [("scaling", "mrays_per_s"), ("build_scaling", "build_seconds")] {
+            let all = row[list].as_array().unwrap();
+            let threads: Vec<_> = all
+                .iter()
+                .map(|scaled| scaled["threads"].as_u64().unwrap())
+                .collect();
+            assert_eq!(threads, [1, 2], "{row}");
+            assert!(
+                all.iter().all(|scaled| scaled[key].as_f64().unwrap() > 0.0),
+                "{row}"
+            );
+        }
+        measured.insert((row["triangles"].as_u64().unwrap(), row["rays"].as_str().unwrap()));
+    }
+    // 12 · 9² and 12 · 13² of the sphere, and 2 of the ground.
+    let sizes = [974, 2030].map(|size| ["camera", "random", "reflection", "shadow"].map(|kind| (size, kind)));
+    assert_eq!(Vec::from_iter(measured), sizes.concat());
+    assert!(run.stdout.contains("efficiency"), "{}", run.stdout);
+    assert!(
+        run.stdout.contains("bumpy sphere, 2 000 triangles"),
+        "{}",
+        run.stdout
+    );
+    let page = fs::read_to_string(&html).unwrap();
+    assert!(page.contains("Over the size of the mesh") && page.contains("Dashed:"));
+    for told in [
+        "where the lines cross",
+        "camera rays, packets",
+        "builds a second",
+        "triangles a byte",
+    ] {
+        assert_eq!(
+            run.stdout.contains(told),
+            cfg!(feature = "embree"),
+            "{told} in {}",
+            run.stdout
+        );
+    }
+    let same = whit(&["compare-stats", &json, &json]);
+    assert_eq!(same.code, 0, "{}", same.stderr);
+    assert!(same.stdout.contains("0 regressed") && same.stdout.contains("0 unclear"));
+}
+
+#[test]
 fn bad_input_ends_in_one_sentence_before_anything_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let there = |name: &str| folder.path().join(name).display().to_string();
@@ -167,6 +236,28 @@ fn bad_input_ends_in_one_sentence_before_anything_is_written() {
         "there is no folder",
         &["bench", &first_light(), "--json", &there("no/a.json")],
     );
+    fails_with(
+        2,
+        "there is no folder",
+        &["bench", &first_light(), "--html", &there("no/a.html")],
+    );
     fails_with(2, "1..=1000", &["bench", &first_light(), "--repeat", "0"]);
+    fails_with(2, "SCENE", &["bench"]);
+    fails_with(2, "--sweep", &["bench", &first_light(), "--sweep"]);
+    fails_with(
+        2,
+        "1000..=300000000",
+        &["bench", "--sweep", "--most-triangles", "5"],
+    );
+    fails_with(
+        2,
+        "--sweep",
+        &["bench", &first_light(), "--most-triangles", "5000"],
+    );
+    fails_with(
+        2,
+        "--extents",
+        &["bench", &first_light(), "--extents", "--html", &there("a.html")],
+    );
     assert_eq!(names_in(folder.path()), Vec::<String>::new());
 }

@@ -1,5 +1,6 @@
 //! What may be typed: the flags and their ranges. Nothing below this room knows a flag.
 
+mod bench;
 mod compare;
 mod compare_stats;
 mod cost;
@@ -13,6 +14,7 @@ use std::sync::LazyLock;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
+pub(super) use bench::{BenchArgs, DEFAULT_BENCH_SPP, LEAST_TRIANGLES};
 pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
@@ -40,10 +42,6 @@ const DEFAULT_SIZE: ImageSize = ImageSize {
 };
 /// More threads than any machine that this is likely to meet.
 const MAX_THREADS: i64 = 1024;
-/// Samples a pixel of a benchmark where neither says it: every ray is kept, in about 100 bytes.
-pub(super) const DEFAULT_BENCH_SPP: u32 = 1;
-/// Most repetitions of a benchmark.
-const MAX_REPEAT: i64 = 1000;
 
 /// Seconds in which most scenes' prices are told to a few percent.
 const DEFAULT_BUDGET: f64 = 30.0;
@@ -352,46 +350,6 @@ pub(super) struct PriceArgs {
     /// Threads; 0 takes one a processor
     #[arg(long, requires = "prices", value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     pub(super) threads: u32,
-}
-
-const BENCH_HELP: &str = "\
-The rays of the frame itself (camera, shadow, reflection) are recorded, uniformly random ones added, and all replayed
-on one thread, every variant in turn within each repetition. Modes: raw is a bare loop over the Embree library's
-packet calls; single and packet are the rays asked one by one or 16 at a time; batch hands 64 packets over at once.
-Where a scene has placed meshes, Embree is measured with both kinds of --instancing, the chosen one first.
-
-Example:
-  whit bench scene.glb --size 512x512 --repeat 3 --json bench.json";
-
-/// Flags of `whit bench`.
-#[derive(Debug, ArgGroup)]
-#[command(after_help = BENCH_HELP)]
-pub(super) struct BenchArgs {
-    /// Scenes: scene files (.toml) and glTF (.glb, .gltf)
-    #[arg(required = true, value_name = "SCENE")]
-    pub(super) scenes: Vec<PathBuf>,
-
-    #[command(flatten)]
-    pub(super) frame: FrameArgs,
-
-    /// Samples a pixel
-    #[arg(long, value_name = "N", help = or_scene("Samples a pixel", DEFAULT_BENCH_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
-    pub(super) spp: Option<u32>,
-
-    #[command(flatten)]
-    pub(super) tracing: TracingArgs,
-
-    /// Repetitions; medians and extremes are over them
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=MAX_REPEAT))]
-    pub(super) repeat: u32,
-
-    /// Measure extents instead: the tests that boxes and spheres around objects save, and the time
-    #[arg(long)]
-    pub(super) extents: bool,
-
-    /// Write the measurements as JSON
-    #[arg(long, value_name = "FILE")]
-    pub(super) json: Option<PathBuf>,
 }
 
 /// Width and height in pixels, at least 1 each and at most [`ImageSize::MAX_PIXELS`] together.

@@ -1,22 +1,20 @@
 //! `whit bench`: Embree against the BSP on the same recorded rays.
 
+mod structures;
+mod sweep;
+mod times;
+
 use std::path::Path;
-use std::time::Instant;
 
 use rayon::ThreadPool;
 use serde::Serialize;
 
-use crate::accel::bsp::BspAccel;
-#[cfg(feature = "embree")]
-use crate::accel::embree::EmbreeAccel;
-use crate::accel::{
-    Accel, AccelError, AccelOptions, AccelReport, Backend, Instancing, Kernel, Precision, RayPacket,
-};
+use crate::accel::{AccelError, Instancing, RayPacket};
 use crate::image::check_writable;
 use crate::numeric::LANES;
-use crate::render::{self, Ledger, Monitor, RenderSettings};
-use crate::report::bench::{BenchRow, BenchTable, FrameTime, Mode, RayKind, Spread};
-use crate::report::memory;
+use crate::render::RenderSettings;
+use crate::report::bench::{BenchRow, BenchTable, Scaled, ScaledBuild, Spread};
+use crate::report::{bench_page, crossing, memory};
 use crate::scene::{Camera, EffectSet, Scene};
 use crate::scene_file::{Output, SceneFile};
 
@@ -26,8 +24,10 @@ use super::interrupt;
 use super::job::{Tracing, check_instancing, choose_camera, settings, wish};
 use super::output;
 use super::progress::{Progress, Verbosity};
-use super::replay::{Differences, Engine, RaySet, differences, replay_seconds};
+use super::replay::{Differences, RaySet, differences};
 use super::scene;
+use structures::{Contestant, Structures};
+use times::{Frame, Seconds, Times};
 
 /// Everything that `whit bench` is to do with each scene.
 pub(super) struct BenchJob {
@@ -35,19 +35,28 @@ pub(super) struct BenchJob {
     wish: Output,
     pub(super) tracing: Tracing,
     pub(super) repeat: u32,
+    /// Every number of threads whose speed is wanted, fewest first; empty if none is.
+    scaling: Vec<ThreadPool>,
 }
 
 impl BenchJob {
     /// What the arguments mean.
-    pub(super) fn new(args: &BenchArgs) -> BenchJob {
-        BenchJob {
+    pub(super) fn new(args: &BenchArgs) -> Result<BenchJob, Failure> {
+        let tracing = Tracing::new(&args.tracing);
+        let counts = match args.scaling {
+            true => thread_counts(tracing.threads),
+            false => Vec::new(),
+        };
+        let pool = |threads| Tracing::of_threads(threads).pool();
+        Ok(BenchJob {
             wish: Output {
                 spp: args.spp,
                 ..wish(&args.frame)
             },
-            tracing: Tracing::new(&args.tracing),
+            tracing,
             repeat: args.repeat,
-        }
+            scaling: counts.into_iter().map(pool).collect::<Result<_, _>>()?,
+        })
     }
 
     /// The frame of a scene that says `output` of its picture.
@@ -70,12 +79,23 @@ impl BenchJob {
     }
 }
 
+/// 1, 2, 4 and so on, and `most`.
+fn thread_counts(most: usize) -> Vec<u32> {
+    let most = u32::try_from(most).unwrap_or(u32::MAX).max(1);
+    let mut counts: Vec<u32> = (0..32)
+        .map(|power| 1 << power)
+        .take_while(|&count| count < most)
+        .collect();
+    counts.push(most);
+    counts
+}
+
 /// Measures what the arguments ask for.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if args.extents {
         return super::extents::run(args);
     }
-    if let Some(path) = &args.json {
+    for path in [&args.json, &args.html].into_iter().flatten() {
         check_writable(path)?;
     }
     let asks_embree = args.tracing.isa.is_some() || args.tracing.instancing != Instancing::Auto;
@@ -83,7 +103,75 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         return Err(AccelError::NoEmbree.into());
     }
     check_instancing(&args.tracing)?;
-    measure_scenes(args, bench_scene, |rows| BenchTable(rows).to_string())
+    let subjects = match args.sweep {
+        true => sweep::sizes(args.most_triangles)
+            .into_iter()
+            .map(Subject::Made)
+            .collect(),
+        false => Subject::files(args),
+    };
+    let reporter = Reporter {
+        table: |rows: &[BenchRow]| BenchTable(rows).to_string(),
+        write: |rows: &[BenchRow]| write(args, rows),
+    };
+    let rows = measure_scenes(args, &subjects, bench_scene, reporter)?;
+    if args.sweep {
+        output::print(&crossing::text(&rows))?;
+    }
+    Ok(())
+}
+
+/// Writes the files that were asked for.
+fn write(args: &BenchArgs, rows: &[BenchRow]) -> Result<(), Failure> {
+    write_json(args, rows)?;
+    let Some(path) = &args.html else { return Ok(()) };
+    let facts = bench_page::Facts {
+        is_sweep: args.sweep,
+        repeat: args.repeat,
+        date: args.date.as_deref(),
+    };
+    interrupt::finish_first(|| output::write_text(path, &bench_page::page(rows, &facts)))
+}
+
+/// Writes all rows as JSON if that is asked for.
+pub(super) fn write_json(args: &BenchArgs, rows: &[impl Serialize]) -> Result<(), Failure> {
+    match &args.json {
+        Some(path) => interrupt::finish_first(|| output::write_json(path, &rows)),
+        None => Ok(()),
+    }
+}
+
+/// Where a scene that is measured comes from.
+pub(super) enum Subject<'a> {
+    /// It is loaded.
+    File(&'a Path),
+    /// It is made, of about so many triangles.
+    Made(u64),
+}
+
+impl<'a> Subject<'a> {
+    /// The scenes that the arguments name.
+    pub(super) fn files(args: &'a BenchArgs) -> Vec<Subject<'a>> {
+        args.scenes.iter().map(|path| Subject::File(path)).collect()
+    }
+
+    /// As the rows tell it.
+    fn name(&self) -> String {
+        match self {
+            Subject::File(path) => path.display().to_string(),
+            Subject::Made(triangles) => sweep::name(*triangles),
+        }
+    }
+
+    fn scene(&self) -> Result<(Scene, Output), Failure> {
+        match self {
+            Subject::File(path) => {
+                let SceneFile { scene, output, .. } = scene::load(path, EffectSet::NONE)?;
+                Ok((scene, output))
+            }
+            Subject::Made(triangles) => Ok((sweep::scene(*triangles)?, Output::default())),
+        }
+    }
 }
 
 /// A scene that is to be measured.
@@ -95,21 +183,36 @@ pub(super) struct BenchScene<'s> {
     pub(super) settings: RenderSettings,
 }
 
-/// Measures each scene by `measure` and prints its rows as `table` puts them; writes all rows as JSON if that is asked
-/// for.
-pub(super) fn measure_scenes<Row: Serialize>(
+/// What becomes of rows.
+pub(super) struct Reporter<Table, Write> {
+    /// Those of a scene, for the terminal.
+    pub(super) table: Table,
+    /// Takes all that there are so far, so that later trouble loses nothing.
+    pub(super) write: Write,
+}
+
+/// Measures each scene by `measure` and reports its rows; returns those of all.
+pub(super) fn measure_scenes<Row>(
     args: &BenchArgs,
+    subjects: &[Subject],
     measure: impl Fn(&BenchJob, BenchScene, &ThreadPool, &Progress) -> Result<Vec<Row>, Failure>,
-    table: impl Fn(&[Row]) -> String,
-) -> Result<(), Failure> {
-    let job = BenchJob::new(args);
+    reporter: Reporter<impl Fn(&[Row]) -> String, impl Fn(&[Row]) -> Result<(), Failure>>,
+) -> Result<Vec<Row>, Failure> {
+    let job = BenchJob::new(args)?;
     let pool = job.tracing.pool()?;
     let progress = Progress::new(Verbosity::Normal);
     let mut rows = Vec::new();
-    for path in &args.scenes {
-        let name = path.display().to_string();
+    for subject in subjects {
+        let name = subject.name();
+        if let Subject::Made(triangles) = subject
+            && let Some(words) = sweep::lacks_memory(*triangles)
+        {
+            progress.warn(&words);
+            break;
+        }
         progress.phase(&name, "load");
-        let SceneFile { scene, output, .. } = pool.install(|| scene::load(path, EffectSet::NONE))?;
+        let (scene, output) = pool.install(|| subject.scene())?;
+        let path = Path::new(&name);
         let bench_scene = BenchScene {
             path,
             name: &name,
@@ -121,15 +224,12 @@ pub(super) fn measure_scenes<Row: Serialize>(
             progress.warn(&format!("{name}: {warning}"));
         }
         let of_scene = measure(&job, bench_scene, &pool, &progress)?;
-        progress.suspend(|| output::print(&table(&of_scene)))?;
+        progress.suspend(|| output::print(&(reporter.table)(&of_scene)))?;
         rows.extend(of_scene);
-        // After each scene, so that later trouble loses nothing.
-        if let Some(path) = &args.json {
-            interrupt::finish_first(|| output::write_json(path, &rows))?;
-        }
+        (reporter.write)(&rows)?;
     }
     progress.clear();
-    Ok(())
+    Ok(rows)
 }
 
 /// The rows of one scene.
@@ -147,7 +247,7 @@ fn bench_scene(
         settings,
     } = bench_scene;
     progress.phase(name, "build");
-    let structures = pool.install(|| Structures::build(scene, job))?;
+    let structures = Structures::build(scene, job, pool)?;
     let contestants = structures.contestants();
     progress.phase(name, "record");
     let frame = Frame {
@@ -158,317 +258,9 @@ fn bench_scene(
     };
     let sets = frame.ray_sets();
     progress.phase(name, "replay");
-    let times = Times::measure(&contestants, &sets, &frame, job.repeat, progress)?;
+    let times = Times::measure(&contestants, &sets, &frame, job, progress)?;
     progress.phase(name, "compare");
     rows(job, path, &contestants, &sets, &times, &frame)
-}
-
-/// The acceleration structures of a scene, once for each way of asking that needs its own.
-struct Structures<'s> {
-    /// With the precision and the kind of instancing that were chosen, with the other kind where the scene has placed
-    /// meshes, and with the other precisions.
-    #[cfg(feature = "embree")]
-    embree: Vec<EmbreeStructures<'s>>,
-    bsp: [BspAccel<'s>; 2],
-    /// Of every build of the first of these.
-    bsp_seconds: Vec<f64>,
-}
-
-/// Embree's structures for one precision and one kind of instancing, which is absent where nothing is placed.
-#[cfg(feature = "embree")]
-struct EmbreeStructures<'s> {
-    precision: Precision,
-    instancing: Option<Instancing>,
-    packet: EmbreeAccel<'s>,
-    /// How it is built, and what each time took.
-    options: AccelOptions<'s>,
-    seconds: Vec<f64>,
-    /// Absent for precisions that were not chosen.
-    single: Option<EmbreeAccel<'s>>,
-}
-
-#[cfg(feature = "embree")]
-impl<'s> EmbreeStructures<'s> {
-    fn build_packet(scene: &'s Scene, options: AccelOptions<'s>) -> Result<EmbreeStructures<'s>, Failure> {
-        let (packet, seconds) = timed(|| EmbreeAccel::build(scene, &options))?;
-        Ok(EmbreeStructures {
-            precision: options.precision,
-            instancing: (packet.placed_mesh_count() > 0).then_some(options.instancing),
-            single: None,
-            packet,
-            options,
-            seconds: vec![seconds],
-        })
-    }
-
-    fn build(scene: &'s Scene, options: AccelOptions<'s>) -> Result<EmbreeStructures<'s>, Failure> {
-        let single = AccelOptions {
-            kernel: Kernel::Single,
-            ..options.clone()
-        };
-        Ok(EmbreeStructures {
-            single: Some(timed(|| EmbreeAccel::build(scene, &single))?.0),
-            ..EmbreeStructures::build_packet(scene, options)?
-        })
-    }
-
-    /// All that a scene is measured with.
-    fn all(scene: &'s Scene, wish: &AccelOptions<'s>) -> Result<Vec<EmbreeStructures<'s>>, Failure> {
-        let at = |precision: Precision| AccelOptions {
-            precision,
-            instancing: wish.instancing.resolved(precision),
-            ..wish.clone()
-        };
-        let chosen = at(wish.precision);
-        let first = EmbreeStructures::build(scene, chosen.clone())?;
-        let other = chosen.instancing.other();
-        let has_other = first.instancing.is_some() && other.resolved(wish.precision) == other;
-        let mut built = vec![first];
-        if has_other {
-            let instancing = other;
-            built.push(EmbreeStructures::build(
-                scene,
-                AccelOptions { instancing, ..chosen },
-            )?);
-        }
-        for precision in Precision::ALL {
-            if precision != wish.precision {
-                built.push(EmbreeStructures::build_packet(scene, at(precision))?);
-            }
-        }
-        Ok(built)
-    }
-}
-
-impl<'s> Structures<'s> {
-    fn build(scene: &'s Scene, job: &BenchJob) -> Result<Structures<'s>, Failure> {
-        let options = |kernel| AccelOptions {
-            kernel,
-            ..job.tracing.options()
-        };
-        // The referee of answers, whatever Embree is asked for.
-        let exact = |kernel| AccelOptions {
-            precision: Precision::Watertight,
-            ..options(kernel)
-        };
-        let bsp = |kernel| timed(|| BspAccel::build(scene, &exact(kernel)));
-        let (packet, seconds) = bsp(Kernel::Packet)?;
-        let mut structures = Structures {
-            #[cfg(feature = "embree")]
-            embree: EmbreeStructures::all(scene, &options(Kernel::Packet))?,
-            bsp: [packet, bsp(Kernel::Single)?.0],
-            bsp_seconds: vec![seconds],
-        };
-        // All in turn, so that whatever else the machine does hits all alike.
-        for _ in 1..job.repeat {
-            #[cfg(feature = "embree")]
-            for built in &mut structures.embree {
-                let again = timed(|| EmbreeAccel::build(scene, &built.options))?;
-                built.seconds.push(again.1);
-            }
-            structures.bsp_seconds.push(bsp(Kernel::Packet)?.1);
-        }
-        Ok(structures)
-    }
-
-    /// Every way of asking, the referee of answers first.
-    fn contestants(&self) -> Vec<Contestant<'_>> {
-        let mut contestants = Vec::new();
-        #[cfg(feature = "embree")]
-        for built in &self.embree {
-            let packet = &built.packet;
-            let embree = |mode, engine| Contestant {
-                backend: Backend::Embree,
-                instancing: built.instancing,
-                precision: built.precision,
-                mode,
-                engine,
-                build_seconds: Spread::of(&built.seconds),
-                report: packet.report(),
-            };
-            contestants.push(embree(Mode::Packet, Engine::Accel(packet)));
-            if let Some(single) = &built.single {
-                contestants.push(embree(Mode::Raw, Engine::Raw(packet)));
-                contestants.push(embree(Mode::Single, Engine::Accel(single)));
-            }
-        }
-        let [packet, single] = &self.bsp;
-        let bsp = |mode, accel| Contestant {
-            backend: Backend::Bsp,
-            instancing: None,
-            precision: Precision::Watertight,
-            mode,
-            engine: Engine::Accel(accel),
-            build_seconds: Spread::of(&self.bsp_seconds),
-            report: packet.report(),
-        };
-        contestants.push(bsp(Mode::Packet, packet));
-        contestants.push(bsp(Mode::Single, single));
-        contestants.push(bsp(Mode::Batch, packet));
-        contestants
-    }
-
-    /// What the frame is rendered with.
-    fn first(&self) -> &dyn Accel {
-        #[cfg(feature = "embree")]
-        let first = &self.embree[0].packet;
-        #[cfg(not(feature = "embree"))]
-        let first = &self.bsp[0];
-        first
-    }
-}
-
-/// What `work` built and its wall-clock seconds.
-fn timed<T>(work: impl FnOnce() -> Result<T, AccelError>) -> Result<(T, f64), Failure> {
-    let start = Instant::now();
-    let built = work()?;
-    interrupt::check()?;
-    Ok((built, start.elapsed().as_secs_f64()))
-}
-
-/// One way of asking for hits.
-struct Contestant<'a> {
-    backend: Backend,
-    instancing: Option<Instancing>,
-    precision: Precision,
-    mode: Mode,
-    engine: Engine<'a>,
-    build_seconds: Spread,
-    report: AccelReport,
-}
-
-impl<'a> Contestant<'a> {
-    /// Whose answers this one's are held against: the first one's. Raw calls, of which only distances are compared, bit
-    /// by bit, are held against the packets that they are the bare form of.
-    fn referee<'c>(&self, contestants: &'c [Contestant<'a>]) -> &'c Contestant<'a> {
-        let is_referee = |other: &&Contestant| {
-            self.mode != Mode::Raw || (other.backend, other.instancing) == (self.backend, self.instancing)
-        };
-        contestants.iter().find(is_referee).unwrap_or(&contestants[0])
-    }
-
-    /// Whether whole frames are rendered with it: with the first one, and with Embree at each other precision.
-    fn has_frames(&self, contestants: &[Contestant<'a>]) -> bool {
-        let first = &contestants[0];
-        let is_rung = self.backend == Backend::Embree && self.precision != first.precision;
-        std::ptr::eq(self, first) || is_rung
-    }
-}
-
-/// The picture whose rays are replayed.
-struct Frame<'a> {
-    scene: &'a Scene,
-    camera: &'a Camera,
-    settings: RenderSettings,
-    accel: &'a dyn Accel,
-}
-
-impl Frame<'_> {
-    /// The frame's own rays and random ones, a set each; kinds without rays are left out.
-    fn ray_sets(&self) -> Vec<RaySet> {
-        let recorded = render::record(self.scene, self.camera, self.accel, &self.settings);
-        let pixel_count = self.settings.width as usize * self.settings.height as usize;
-        let mut sets = vec![
-            RaySet::new(RayKind::Camera, recorded.camera),
-            RaySet::new(RayKind::Shadow, recorded.shadow),
-            RaySet::new(RayKind::Reflection, recorded.reflection),
-            RaySet::random(&self.scene.bounds(), pixel_count),
-        ];
-        sets.retain(|set| set.ray_count > 0);
-        sets
-    }
-
-    /// What one render of the frame takes, on the current thread pool.
-    fn ledger(&self, accel: &dyn Accel) -> Result<Ledger, Failure> {
-        let monitor = Monitor {
-            progress: &|_| {},
-            cancel: &interrupt::CANCELLED,
-        };
-        let settings = RenderSettings {
-            ledger: true,
-            ..self.settings
-        };
-        render::render(self.scene, self.camera, accel, &settings, &monitor)
-            .map(|rendering| rendering.ledger)
-            .ok_or(Failure::Interrupted)
-    }
-}
-
-/// Seconds of every repetition.
-struct Times {
-    /// By set, then by contestant.
-    replays: Vec<Vec<Vec<f64>>>,
-    /// By contestant; empty for those without frames.
-    frames: Vec<Vec<Ledger>>,
-}
-
-impl Times {
-    /// Times everything in turn within each repetition, so that whatever else the machine does hits all alike.
-    fn measure(
-        contestants: &[Contestant],
-        sets: &[RaySet],
-        frame: &Frame,
-        repeat: u32,
-        progress: &Progress,
-    ) -> Result<Times, Failure> {
-        let single = rayon::ThreadPoolBuilder::new()
-            .num_threads(1)
-            .build()
-            .map_err(|error| Failure::Work(format!("could not start a thread: {error}")))?;
-        let mut times = Times {
-            replays: vec![vec![Vec::new(); contestants.len()]; sets.len()],
-            frames: vec![Vec::new(); contestants.len()],
-        };
-        for repetition in 0..repeat {
-            for (set, of_set) in sets.iter().zip(&mut times.replays) {
-                for (contestant, seconds) in contestants.iter().zip(of_set) {
-                    interrupt::check()?;
-                    seconds.push(replay_seconds(contestant.engine, set, contestant.mode));
-                }
-            }
-            for (contestant, ledgers) in contestants.iter().zip(&mut times.frames) {
-                if let Engine::Accel(accel) = contestant.engine
-                    && contestant.has_frames(contestants)
-                {
-                    ledgers.push(single.install(|| frame.ledger(accel))?);
-                }
-            }
-            progress.fraction(f64::from(repetition + 1) / f64::from(repeat));
-        }
-        Ok(times)
-    }
-
-    /// The render loop with one contestant, or with the first if it has no frames, against the first one's raw traces of
-    /// the same rays.
-    fn frame(&self, contestants: &[Contestant], sets: &[RaySet], index: usize) -> Option<FrameTime> {
-        let raw = contestants
-            .iter()
-            .position(|contestant| contestant.mode == Mode::Raw)?;
-        let frames = [index, 0].map(|index| &self.frames[index]);
-        let frames = frames.into_iter().find(|frames| !frames.is_empty())?;
-        let ledger = frames.first()?;
-        let raw_seconds: f64 = sets
-            .iter()
-            .zip(&self.replays)
-            .map(|(set, of_set)| {
-                let rays = match set.kind {
-                    RayKind::Camera => ledger.camera_rays(),
-                    RayKind::Shadow => ledger.shadow_rays(),
-                    RayKind::Reflection => ledger.reflection_rays(),
-                    RayKind::Random => 0,
-                };
-                rays as f64 * Spread::of(&of_set[raw]).median / set.ray_count as f64
-            })
-            .sum();
-        let median = |of: fn(&Ledger) -> f64| Spread::of(&frames.iter().map(of).collect::<Vec<_>>()).median;
-        let seconds = median(|ledger| ledger.seconds);
-        Some(FrameTime {
-            seconds,
-            rays: ledger.camera_rays() + ledger.shadow_rays() + ledger.reflection_rays(),
-            over_raw: seconds / raw_seconds,
-            trace_share: median(|ledger| ledger.trace_seconds() / ledger.seconds),
-        })
-    }
 }
 
 /// Everything measured, a row for each set and contestant.
@@ -485,7 +277,7 @@ fn rows(
         .collect();
     let mut rows = Vec::with_capacity(sets.len() * contestants.len());
     for (set, of_set) in sets.iter().zip(&times.replays) {
-        for ((contestant, seconds), frame_time) in contestants.iter().zip(of_set).zip(&frame_times) {
+        for ((contestant, replays), frame_time) in contestants.iter().zip(of_set).zip(&frame_times) {
             interrupt::check()?;
             // The referee needs no comparison with itself.
             let differ = match rows.len() % contestants.len() {
@@ -497,30 +289,91 @@ fn rows(
                     contestant.engine,
                 ),
             };
-            let speed = |seconds: f64| set.ray_count as f64 * 1e-6 / seconds;
-            let spread = Spread::of(seconds);
+            let speed = speed(set.ray_count, &replays.usual);
+            let build = Spread::of(&contestant.builds.usual);
             rows.push(BenchRow {
                 scene: path.to_owned(),
+                triangles: frame.scene.triangle_count() as u64,
                 backend: contestant.backend,
                 instancing: contestant.instancing,
                 precision: contestant.precision,
                 rays: set.kind,
                 mode: contestant.mode,
-                mrays_per_s: speed(spread.median),
-                mrays_per_s_min: speed(spread.max),
-                mrays_per_s_max: speed(spread.min),
+                mrays_per_s: speed.median,
+                mrays_per_s_min: speed.min,
+                mrays_per_s_max: speed.max,
                 ray_count: set.ray_count,
-                build_seconds: contestant.build_seconds.median,
-                build_seconds_min: contestant.build_seconds.min,
-                build_seconds_max: contestant.build_seconds.max,
+                build_seconds: build.median,
+                build_seconds_min: build.min,
+                build_seconds_max: build.max,
                 bytes: contestant.report.bytes,
                 mismatches: differ.wrong,
                 ties: differ.ties,
                 threads: job.tracing.threads,
                 embree: contestant.report.embree.clone(),
                 frame: *frame_time,
+                scaling: scaling(job, replays, set.ray_count),
+                build_scaling: build_scaling(job, contestant.builds),
             });
         }
     }
     Ok(rows)
+}
+
+/// Million rays a second.
+fn speed(ray_count: u64, seconds: &[f64]) -> Spread {
+    let speed = |seconds: f64| ray_count as f64 * 1e-6 / seconds;
+    let spread = Spread::of(seconds);
+    Spread {
+        median: speed(spread.median),
+        min: speed(spread.max),
+        max: speed(spread.min),
+    }
+}
+
+fn scaling(job: &BenchJob, replays: &Seconds, ray_count: u64) -> Vec<Scaled> {
+    let of = |(pool, seconds): (&ThreadPool, &Vec<f64>)| {
+        let speed = speed(ray_count, seconds);
+        Scaled {
+            threads: pool.current_num_threads(),
+            mrays_per_s: speed.median,
+            mrays_per_s_min: speed.min,
+            mrays_per_s_max: speed.max,
+        }
+    };
+    job.scaling.iter().zip(&replays.by_threads).map(of).collect()
+}
+
+fn build_scaling(job: &BenchJob, builds: &Seconds) -> Vec<ScaledBuild> {
+    let of = |(pool, seconds): (&ThreadPool, &Vec<f64>)| {
+        let build = Spread::of(seconds);
+        ScaledBuild {
+            threads: pool.current_num_threads(),
+            build_seconds: build.median,
+            build_seconds_min: build.min,
+            build_seconds_max: build.max,
+        }
+    };
+    job.scaling.iter().zip(&builds.by_threads).map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_double_up_to_as_many_as_there_are() {
+        assert_eq!(thread_counts(1), [1]);
+        assert_eq!(thread_counts(2), [1, 2]);
+        assert_eq!(thread_counts(6), [1, 2, 4, 6]);
+        assert_eq!(thread_counts(8), [1, 2, 4, 8]);
+    }
+
+    #[test]
+    fn the_slowest_run_has_the_least_speed() {
+        // Four million rays in 1, 2 and 4 seconds.
+        let spread = speed(4_000_000, &[2.0, 4.0, 1.0]);
+        let (median, min, max) = (2.0, 1.0, 4.0);
+        assert_eq!(spread, Spread { median, min, max });
+    }
 }

@@ -16,7 +16,7 @@ use crate::report::extents::{ExtentRow, ExtentTable};
 use crate::scene::{Camera, Scene};
 
 use super::args::BenchArgs;
-use super::bench::{BenchJob, BenchScene, measure_scenes};
+use super::bench::{BenchJob, BenchScene, Reporter, Subject, measure_scenes, write_json};
 use super::failure::Failure;
 use super::interrupt;
 use super::progress::Progress;
@@ -32,7 +32,12 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         check_writable(path)?;
     }
-    measure_scenes(args, bench_scene, |rows| ExtentTable(rows).to_string())
+    let reporter = Reporter {
+        table: |rows: &[ExtentRow]| ExtentTable(rows).to_string(),
+        write: |rows: &[ExtentRow]| write_json(args, rows),
+    };
+    measure_scenes(args, &Subject::files(args), bench_scene, reporter)?;
+    Ok(())
 }
 
 /// The rows of one scene.

@@ -4,6 +4,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use glam::DVec3;
+use rayon::ThreadPool;
+use rayon::prelude::*;
 
 use crate::accel::agreement::{self, Agreement};
 use crate::accel::{Accel, Hit, LANES, RayOrder, RayPacket};
@@ -15,6 +17,8 @@ use crate::scene::Scene;
 const CHUNK_PACKETS: usize = 8;
 /// Packets of a batch: those of a tile of 32x32 pixels.
 const BATCH_PACKETS: usize = 64;
+/// Parts that each of several threads gets at least of all packets, if they are no smaller than a batch.
+const SHARES: usize = 16;
 /// Most packets kept of a kind: 16 times this many rays tell as much as more would.
 const MOST_PACKETS: usize = 1 << 16;
 
@@ -135,6 +139,9 @@ pub(super) enum Engine<'a> {
     /// The library's own calls.
     #[cfg(feature = "embree")]
     Raw(&'a crate::accel::embree::EmbreeAccel<'a>),
+    /// The library's own calls for one ray.
+    #[cfg(feature = "embree")]
+    RawSingle(&'a crate::accel::embree::EmbreeAccel<'a>),
     /// A backend.
     Accel(&'a dyn Accel),
 }
@@ -146,6 +153,10 @@ impl Engine<'_> {
             (Engine::Raw(embree), RayKind::Shadow) => embree.raw_occluded(packets, order),
             #[cfg(feature = "embree")]
             (Engine::Raw(embree), _) => embree.raw_intersect(packets, order),
+            #[cfg(feature = "embree")]
+            (Engine::RawSingle(embree), RayKind::Shadow) => embree.raw_occluded_one_by_one(packets),
+            #[cfg(feature = "embree")]
+            (Engine::RawSingle(embree), _) => embree.raw_intersect_one_by_one(packets),
             (Engine::Accel(accel), RayKind::Shadow) => accel.occluded(packets, order),
             (Engine::Accel(accel), _) => accel.intersect(packets, order),
         }
@@ -154,20 +165,42 @@ impl Engine<'_> {
 
 /// Seconds that `engine` takes for all rays of `set` on this thread, copies of the packets included.
 pub(super) fn replay_seconds(engine: Engine, set: &RaySet, mode: Mode) -> f64 {
+    let mut scratch = scratch(mode);
+    let start = Instant::now();
+    replay(engine, set, &set.packets, &mut scratch);
+    start.elapsed().as_secs_f64()
+}
+
+/// As [`replay_seconds`], shared among the threads of `pool`.
+pub(super) fn shared_replay_seconds(pool: &ThreadPool, engine: Engine, set: &RaySet, mode: Mode) -> f64 {
+    // So few that each thread takes one anew often enough, however fast the others are.
+    let share = (set.packets.len() / (SHARES * pool.current_num_threads())).max(BATCH_PACKETS);
+    pool.install(|| {
+        let start = Instant::now();
+        set.packets
+            .par_chunks(share)
+            .for_each(|packets| replay(engine, set, packets, &mut scratch(mode)));
+        start.elapsed().as_secs_f64()
+    })
+}
+
+/// Room for the packets that are asked at once.
+fn scratch(mode: Mode) -> Vec<RayPacket> {
     let chunk = if mode == Mode::Batch {
         BATCH_PACKETS
     } else {
         CHUNK_PACKETS
     };
-    let mut scratch = vec![RayPacket::EMPTY; chunk];
-    let start = Instant::now();
-    for packets in set.packets.chunks(chunk) {
+    vec![RayPacket::EMPTY; chunk]
+}
+
+fn replay(engine: Engine, set: &RaySet, packets: &[RayPacket], scratch: &mut [RayPacket]) {
+    for packets in packets.chunks(scratch.len()) {
         let scratch = &mut scratch[..packets.len()];
         scratch.clone_from_slice(packets);
         engine.ask(scratch, set.kind, set.order());
         black_box(scratch);
     }
-    start.elapsed().as_secs_f64()
 }
 
 /// How many answers differ.
@@ -189,7 +222,7 @@ pub(super) fn differences(scene: &Scene, set: &RaySet, reference: Engine, other:
         for lane in (0..LANES).filter(|&lane| asked.is_active(lane)) {
             let agreement = match (set.kind, reference, other) {
                 #[cfg(feature = "embree")]
-                (_, Engine::Raw(_), _) | (_, _, Engine::Raw(_)) => same_distance(&a, &b, lane),
+                (_, _, Engine::Raw(_) | Engine::RawSingle(_)) => same_distance(&a, &b, lane),
                 (RayKind::Shadow, Engine::Accel(first), Engine::Accel(second)) => {
                     let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
                     shadow_agreement(scene, &asked.ray(lane), [first, second], blocked)

@@ -1,5 +1,6 @@
 //! Triangle meshes: vertex and index arrays, owned or borrowed from a mapped file.
 
+mod bumpy;
 pub mod lanes;
 mod slab;
 mod tangents;
@@ -8,6 +9,7 @@ pub mod triangle;
 use glam::{DVec3, Vec3};
 
 use crate::numeric::Bounds;
+pub use bumpy::bumpy_sphere;
 pub use slab::Slab;
 
 /// A triangle mesh in object space.

@@ -6,8 +6,10 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::accel::{Backend, EmbreeIdentity, Instancing, Precision};
+use crate::cost::Interval;
 
 use super::memory;
+use super::words::significant;
 
 /// What a set of rays is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
@@ -40,6 +42,9 @@ impl fmt::Display for RayKind {
 pub enum Mode {
     /// The bare library calls, 16 rays each.
     Raw,
+    /// The bare library calls, one ray each.
+    #[serde(rename = "raw-single")]
+    RawSingle,
     /// One ray at a time.
     Single,
     /// 16 rays at a time.
@@ -52,6 +57,7 @@ impl fmt::Display for Mode {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.pad(match self {
             Mode::Raw => "raw",
+            Mode::RawSingle => "raw-single",
             Mode::Single => "single",
             Mode::Packet => "packet",
             Mode::Batch => "batch",
@@ -96,6 +102,8 @@ impl Spread {
 pub struct BenchRow {
     /// As it was named on the command line.
     pub scene: PathBuf,
+    /// Triangles of the scene, those of a mesh as often as it is placed.
+    pub triangles: u64,
     /// What found the hits.
     pub backend: Backend,
     /// How Embree was given placed meshes, where it is the backend and the scene has some.
@@ -134,6 +142,47 @@ pub struct BenchRow {
     /// The whole frame on one thread, where raw packets were timed: with Embree at this precision, else with the first
     /// backend.
     pub frame: Option<FrameTime>,
+    /// Its speed on several numbers of threads, fewest first; empty if that was not asked for.
+    pub scaling: Vec<Scaled>,
+    /// Its build on them.
+    pub build_scaling: Vec<ScaledBuild>,
+}
+
+/// Speed on so many threads together.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Scaled {
+    /// How many.
+    pub threads: usize,
+    /// Million rays a second of all together: the median over the repetitions.
+    pub mrays_per_s: f64,
+    /// The slowest repetition's.
+    pub mrays_per_s_min: f64,
+    /// The fastest repetition's.
+    pub mrays_per_s_max: f64,
+}
+
+impl Scaled {
+    /// Million rays a second, and between which they were.
+    pub(super) fn speed(&self) -> Interval {
+        Interval {
+            value: self.mrays_per_s,
+            low: self.mrays_per_s_min,
+            high: self.mrays_per_s_max,
+        }
+    }
+}
+
+/// A build on so many threads.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ScaledBuild {
+    /// How many.
+    pub threads: usize,
+    /// Wall-clock seconds: the median over the repetitions.
+    pub build_seconds: f64,
+    /// The fastest one's.
+    pub build_seconds_min: f64,
+    /// The slowest one's.
+    pub build_seconds_max: f64,
 }
 
 /// The render loop against the bare traces of the same rays.
@@ -151,13 +200,41 @@ pub struct FrameTime {
 
 impl BenchRow {
     /// The backend, how far its triangles may be trusted where that may be chosen, and how it was given placed meshes.
-    fn name(&self) -> String {
+    pub(super) fn name(&self) -> String {
         let precision = match self.backend {
             Backend::Embree => format!(" {}", self.precision),
             Backend::Bsp | Backend::Brute => String::new(),
         };
         let instancing = self.instancing.map_or(String::new(), |kind| format!(" {kind}"));
         format!("{}{precision}{instancing}", self.backend)
+    }
+
+    /// Which of the structures of its scene it went through.
+    pub(super) fn structure(&self) -> (Backend, Precision, Option<Instancing>) {
+        (self.backend, self.precision, self.instancing)
+    }
+
+    /// Million rays a second, and between which they were.
+    pub(super) fn speed(&self) -> Interval {
+        Interval {
+            value: self.mrays_per_s,
+            low: self.mrays_per_s_min,
+            high: self.mrays_per_s_max,
+        }
+    }
+
+    /// Seconds of a build, and between which they were.
+    pub(super) fn build(&self) -> Interval {
+        Interval {
+            value: self.build_seconds,
+            low: self.build_seconds_min,
+            high: self.build_seconds_max,
+        }
+    }
+
+    /// Of the structure; `None` without triangles.
+    pub(super) fn bytes_per_triangle(&self) -> Option<f64> {
+        (self.triangles > 0).then(|| self.bytes as f64 / self.triangles as f64)
     }
 
     fn precision_and_instancing(&self) -> String {
@@ -182,7 +259,7 @@ impl fmt::Display for BenchTable<'_> {
         let width = names.fold("backend ".len(), usize::max);
         writeln!(
             f,
-            "  {:<11}{:<width$}{:<8}{:>9}  {:<17}{:>10}{:>9}{:>7}",
+            "  {:<11}{:<width$}{:<11}{:>9}  {:<17}{:>10}{:>9}{:>7}",
             "rays", "backend", "mode", "Mrays/s", "(min .. max)", "of Embree", "differ", "ties"
         )?;
         for row in self.0 {
@@ -192,7 +269,7 @@ impl fmt::Display for BenchTable<'_> {
                 .map_or(String::new(), |ratio| format!("{ratio:.2}"));
             writeln!(
                 f,
-                "  {:<11}{:<width$}{:<8}{:>9.2}  {extremes:<17}{ratio:>10}{:>9}{:>7}",
+                "  {:<11}{:<width$}{:<11}{:>9.2}  {extremes:<17}{ratio:>10}{:>9}{:>7}",
                 row.rays,
                 row.name(),
                 row.mode,
@@ -212,11 +289,44 @@ impl fmt::Display for BenchTable<'_> {
             )?;
             self.write_rungs(f, frame)?;
         }
-        Ok(())
+        self.write_scaling(f, width)
     }
 }
 
 impl BenchTable<'_> {
+    /// Builds and speeds on several numbers of threads, and which part of so many times one thread's speed the most of
+    /// them reach.
+    fn write_scaling(&self, f: &mut fmt::Formatter, width: usize) -> fmt::Result {
+        let Some(counts) = self.0.first().map(|row| &row.scaling).filter(|s| !s.is_empty()) else {
+            return Ok(());
+        };
+        write!(f, "  {:<11}{:<width$}{:<11}", "threads", "backend", "mode")?;
+        for scaled in counts {
+            write!(f, "{:>9}", scaled.threads)?;
+        }
+        writeln!(f, "{:>12}", "efficiency")?;
+        let mut told = Vec::new();
+        for row in self
+            .0
+            .iter()
+            .filter(|row| !told_before(&mut told, row.structure()))
+        {
+            write!(f, "  {:<11}{:<width$}{:<11}", "build, s", row.name(), "")?;
+            for build in &row.build_scaling {
+                write!(f, "{:>9}", significant(build.build_seconds, 3))?;
+            }
+            writeln!(f, "{:>12}", in_words(build_efficiency(&row.build_scaling)))?;
+        }
+        for row in self.0 {
+            write!(f, "  {:<11}{:<width$}{:<11}", row.rays, row.name(), row.mode)?;
+            for scaled in &row.scaling {
+                write!(f, "{:>9.2}", scaled.mrays_per_s)?;
+            }
+            writeln!(f, "{:>12}", in_words(efficiency(&row.scaling)))?;
+        }
+        Ok(())
+    }
+
     /// One line a precision of Embree but the first: the whole frame against the first's.
     fn write_rungs(&self, f: &mut fmt::Formatter, first: FrameTime) -> fmt::Result {
         let mut told: Vec<Precision> = self.0.iter().take(1).map(|row| row.precision).collect();
@@ -237,25 +347,25 @@ impl BenchTable<'_> {
     fn write_builds(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let mut told = Vec::new();
         for row in self.0 {
-            let built = (row.backend, row.precision, row.instancing);
-            if told.contains(&built) {
+            if told_before(&mut told, row.structure()) {
                 continue;
             }
-            told.push(built);
             let identity = row
                 .embree
                 .as_ref()
                 .map_or(String::new(), |e| format!(" {} {}", e.version, e.isa));
             writeln!(
                 f,
-                "  {}{identity} ({}): built in {:.3} s ({:.3} .. {:.3}) on {} threads, {}",
+                "  {}{identity} ({}): built in {} s ({} .. {}) on {} threads, {}{}",
                 row.backend,
                 row.precision_and_instancing(),
-                row.build_seconds,
-                row.build_seconds_min,
-                row.build_seconds_max,
+                significant(row.build_seconds, 3),
+                significant(row.build_seconds_min, 3),
+                significant(row.build_seconds_max, 3),
                 row.threads,
-                memory::in_words(row.bytes)
+                memory::in_words(row.bytes),
+                row.bytes_per_triangle()
+                    .map_or(String::new(), |bytes| format!(", {bytes:.1} bytes a triangle"))
             )?;
         }
         Ok(())
@@ -263,7 +373,7 @@ impl BenchTable<'_> {
 
     /// Speed over that of Embree in the same mode, with the precision and the kind of instancing that are listed first;
     /// a batch is measured against packets.
-    fn over_embree(&self, row: &BenchRow) -> Option<f64> {
+    pub(super) fn over_embree(&self, row: &BenchRow) -> Option<f64> {
         let mode = if row.mode == Mode::Batch {
             Mode::Packet
         } else {
@@ -276,13 +386,39 @@ impl BenchTable<'_> {
     }
 }
 
+/// Whether a structure is among those told; from now on it is.
+pub(super) fn told_before<T: PartialEq>(told: &mut Vec<T>, structure: T) -> bool {
+    let is_known = told.contains(&structure);
+    if !is_known {
+        told.push(structure);
+    }
+    is_known
+}
+
+/// Which part the speed of most threads is of as many times that of the fewest.
+pub(super) fn efficiency(scaling: &[Scaled]) -> Option<f64> {
+    let (first, last) = (scaling.first()?, scaling.last()?);
+    Some(last.mrays_per_s / first.mrays_per_s * first.threads as f64 / last.threads as f64)
+}
+
+/// As [`efficiency`], of builds.
+pub(super) fn build_efficiency(scaling: &[ScaledBuild]) -> Option<f64> {
+    let (first, last) = (scaling.first()?, scaling.last()?);
+    Some(first.build_seconds / last.build_seconds * first.threads as f64 / last.threads as f64)
+}
+
+fn in_words(efficiency: Option<f64>) -> String {
+    efficiency.map_or(String::new(), |part| format!("{part:.2}"))
+}
+
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn row(backend: Backend, mode: Mode, mrays_per_s: f64) -> BenchRow {
+    pub(in crate::report) fn row(backend: Backend, mode: Mode, mrays_per_s: f64) -> BenchRow {
         BenchRow {
             scene: "a.glb".into(),
+            triangles: 20_000,
             backend,
             instancing: None,
             precision: Precision::Robust,
@@ -301,6 +437,8 @@ mod tests {
             threads: 1,
             embree: None,
             frame: None,
+            scaling: Vec::new(),
+            build_scaling: Vec::new(),
         }
     }
 
@@ -328,10 +466,35 @@ mod tests {
         assert_eq!(BenchTable(&rows[2..]).over_embree(&rows[2]), None);
         let text = table.to_string();
         assert_eq!(
-            text.matches("built in 0.500 s (0.250 .. 1.000) on 1 threads, 2.0 MB")
+            text.matches("built in 0.500 s (0.250 .. 1.00) on 1 threads, 2.0 MB, 100.0 bytes a triangle")
                 .count(),
             2,
             "{text}"
         );
+    }
+
+    #[test]
+    fn efficiency_is_the_part_of_as_many_times_the_speed_of_one() {
+        let scaled = |threads, mrays_per_s| Scaled {
+            threads,
+            mrays_per_s,
+            mrays_per_s_min: mrays_per_s,
+            mrays_per_s_max: mrays_per_s,
+        };
+        let build = |threads, build_seconds| ScaledBuild {
+            threads,
+            build_seconds,
+            build_seconds_min: build_seconds,
+            build_seconds_max: build_seconds,
+        };
+        // 4 threads do 3 times as much as one; building on 2 takes 2/3 of the time.
+        let mut row = row(Backend::Bsp, Mode::Packet, 5.0);
+        row.scaling = vec![scaled(1, 5.0), scaled(2, 9.0), scaled(4, 15.0)];
+        row.build_scaling = vec![build(1, 3.0), build(2, 2.0)];
+        assert_eq!(efficiency(&row.scaling), Some(0.75));
+        assert_eq!(build_efficiency(&row.build_scaling), Some(0.75));
+        assert_eq!(efficiency(&[]), None);
+        let text = BenchTable(&[row]).to_string();
+        assert_eq!(text.matches(" 0.75\n").count(), 2, "{text}");
     }
 }

@@ -4,12 +4,15 @@
 //! Keys of the JSON forms are stable: they are added to, never renamed.
 
 pub mod bench;
+mod bench_charts;
+pub mod bench_page;
 pub mod compare;
 pub mod compare_page;
 pub mod cost;
 mod cost_charts;
 mod cost_geometry;
 pub mod cost_page;
+pub mod crossing;
 pub mod difference;
 pub mod extents;
 pub mod forecast;

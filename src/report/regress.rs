@@ -116,42 +116,49 @@ pub fn measures(text: &str) -> Result<Vec<Measure>, String> {
 /// Rows of `whit bench`; what builds took and take is told once for all rays.
 fn bench(rows: &[Value]) -> Option<Vec<Measure>> {
     let mut measures: Vec<Measure> = Vec::new();
+    let mut known = HashSet::new();
     for row in rows {
         let word = |key: &str| row.get(key).and_then(Value::as_str);
-        let number = |key: &str| row.get(key).and_then(Value::as_f64);
-        let spread = |key: &str| {
-            Some(Interval {
-                value: number(key)?,
-                low: number(&format!("{key}_min"))?,
-                high: number(&format!("{key}_max"))?,
-            })
-        };
         let mut of = format!("{} {} {}", word("scene")?, word("backend")?, word("precision")?);
         if let Some(instancing) = word("instancing") {
             of += &format!(" {instancing}");
         }
         let mut add = |name: String, value: Interval, better| {
-            if measures.iter().all(|measure| measure.name != name) {
+            if known.insert(name.clone()) {
                 measures.push(Measure { name, value, better });
             }
         };
-        add(
-            format!("{of} {} {}: Mrays/s", word("rays")?, word("mode")?),
-            spread("mrays_per_s")?,
-            Better::More,
-        );
-        add(
-            format!("{of}: build seconds"),
-            spread("build_seconds")?,
-            Better::Less,
-        );
-        add(
-            format!("{of}: bytes"),
-            Interval::exact(number("bytes")?),
-            Better::Less,
-        );
+        let replayed = format!("{of} {} {}", word("rays")?, word("mode")?);
+        let (speed, build) = ("mrays_per_s", "build_seconds");
+        add(format!("{replayed}: Mrays/s"), spread(row, speed)?, Better::More);
+        add(format!("{of}: build seconds"), spread(row, build)?, Better::Less);
+        let bytes = row.get("bytes").and_then(Value::as_f64)?;
+        add(format!("{of}: bytes"), Interval::exact(bytes), Better::Less);
+        for scaled in list(row, "scaling") {
+            let name = format!("{replayed} on {} threads: Mrays/s", scaled.get("threads")?);
+            add(name, spread(scaled, speed)?, Better::More);
+        }
+        for scaled in list(row, "build_scaling") {
+            let name = format!("{of} on {} threads: build seconds", scaled.get("threads")?);
+            add(name, spread(scaled, build)?, Better::Less);
+        }
     }
     Some(measures)
+}
+
+/// A median with its extremes.
+fn spread(object: &Value, key: &str) -> Option<Interval> {
+    let number = |key: &str| object.get(key).and_then(Value::as_f64);
+    Some(Interval {
+        value: number(key)?,
+        low: number(&format!("{key}_min"))?,
+        high: number(&format!("{key}_max"))?,
+    })
+}
+
+/// The values of a list; none where there is none.
+fn list<'v>(object: &'v Value, key: &str) -> &'v [Value] {
+    object.get(key).and_then(Value::as_array).map_or(&[], |list| list)
 }
 
 /// Times and errors of a study. Times are those over the base's, but for the base: how fast the machine was cancels out.
@@ -362,6 +369,28 @@ mod tests {
         }
         let counts = measures("{\"dark\": 100, \"bright\": 200}").unwrap();
         assert_eq!(counts.len(), 2);
+    }
+
+    #[test]
+    fn speeds_and_builds_on_several_threads_are_measurements_of_their_own() {
+        let text = r#"[{"scene": "a", "backend": "bsp", "precision": "watertight", "rays": "camera", "mode": "packet",
+            "mrays_per_s": 5, "mrays_per_s_min": 4, "mrays_per_s_max": 6, "bytes": 7,
+            "build_seconds": 1, "build_seconds_min": 1, "build_seconds_max": 2,
+            "scaling": [{"threads": 4, "mrays_per_s": 15, "mrays_per_s_min": 14, "mrays_per_s_max": 16}],
+            "build_scaling": [{"threads": 4, "build_seconds": 0.5, "build_seconds_min": 0.5, "build_seconds_max": 1}]}]"#;
+        let told: Vec<(String, f64)> = measures(text)
+            .unwrap()
+            .into_iter()
+            .map(|measure| (measure.name, measure.value.high))
+            .collect();
+        let expected = [
+            ("a bsp watertight camera packet: Mrays/s", 6.0),
+            ("a bsp watertight: build seconds", 2.0),
+            ("a bsp watertight: bytes", 7.0),
+            ("a bsp watertight camera packet on 4 threads: Mrays/s", 16.0),
+            ("a bsp watertight on 4 threads: build seconds", 1.0),
+        ];
+        assert_eq!(told, expected.map(|(name, high)| (name.to_owned(), high)));
     }
 
     #[test]

@@ -112,7 +112,7 @@ fn percent(part: f64, whole: f64) -> f64 {
 }
 
 /// A number with a space between thousands.
-pub(super) fn in_groups(number: u64) -> String {
+pub(crate) fn in_groups(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::with_capacity(digits.len() + digits.len() / 3);
     for (index, digit) in digits.chars().enumerate() {

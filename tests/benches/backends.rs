@@ -2,14 +2,25 @@
 //!
 //! RINGS (default 707) makes about 4 RINGS² triangles, 2 million by default; FILM (default 1024) is the picture's
 //! width. Tracing takes one thread; the contestants take turns, and medians of five turns are printed.
+//!
+//! Beside them runs a BVH in Rust by others, the compressed wide one of the crate `obvhs` (Ylitie, Karras and Laine 2017,
+//! built after Meister and Bittner 2018), with the same triangles and rays, one ray at a time as it takes them. Of hits it
+//! gives distance and triangle; its test lets rays through at edges now and then, as `fast` does.
 
 #[path = "../common/scenes.rs"]
 mod scenes;
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use whit::accel::{Accel, AccelOptions, Backend, Kernel, LANES, RayOrder, build};
+use obvhs::BvhBuildParams;
+use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
+use obvhs::ray::RayHit;
+use obvhs::triangle::Triangle;
+use whit::accel::{
+    Accel, AccelOptions, AccelReport, Backend, Hit, Kernel, LANES, RayOrder, RayPacket, build,
+};
 use whit::numeric::Ray;
+use whit::scene::{Geometry, Scene};
 
 const TURNS: usize = 5;
 /// Packets a call, as a tile of the renderer would have.
@@ -49,6 +60,15 @@ fn main() {
         }
     }
 
+    let start = Instant::now();
+    let others = OthersBvh::build(&scene);
+    println!(
+        "obvhs: built in {:.3} s, {:.1} bytes a triangle; {}",
+        start.elapsed().as_secs_f64(),
+        others.report().bytes as f64 / scene.triangle_count() as f64,
+        others.report().summary
+    );
+
     let camera = scenes::camera_rays(&scene, film);
     let mut packets = scenes::packets(&camera);
     if let Some((_, accel)) = contestants.last() {
@@ -59,6 +79,7 @@ fn main() {
         .collect();
     let shadow = scenes::shadow_rays(&scene, &camera, &hits);
     let bounce = bounce_rays(&camera, &hits);
+    contestants.push(("obvhs Single".into(), Box::new(others)));
     let random = scenes::random_rays(&scene, camera.len() / 4, 7);
     race(
         "camera",
@@ -82,6 +103,93 @@ fn main() {
         RayOrder::Incoherent,
         Question::Nearest,
     );
+}
+
+/// The BVH by others over the one mesh of a scene.
+struct OthersBvh {
+    bvh: CwBvh,
+    /// In the order of the leaves.
+    triangles: Vec<Triangle>,
+}
+
+impl OthersBvh {
+    /// As well as it can be built: builds of lower quality are faster, rays through them slower.
+    fn build(scene: &Scene) -> OthersBvh {
+        let meshes = scene.geometries.iter().filter_map(|geometry| match geometry {
+            Geometry::Mesh(mesh) => Some(mesh),
+            Geometry::Shape(_) => None,
+        });
+        let of = |[v0, v1, v2]: [glam::Vec3; 3]| Triangle {
+            v0: v0.into(),
+            v1: v1.into(),
+            v2: v2.into(),
+        };
+        let triangles: Vec<Triangle> = meshes
+            .flat_map(|mesh| (0..mesh.triangles.len() as u32).map(move |number| of(mesh.corners(number))))
+            .collect();
+        let bvh = build_cwbvh_from_tris(
+            &triangles,
+            BvhBuildParams::very_slow_build(),
+            &mut Duration::default(),
+        );
+        let ordered = bvh.primitive_indices.iter();
+        let triangles = ordered.map(|&number| triangles[number as usize]).collect();
+        OthersBvh { bvh, triangles }
+    }
+
+    /// Asks about every active lane by itself.
+    fn ask(&self, packets: &mut [RayPacket], mut answer: impl FnMut(&mut RayPacket, usize, obvhs::ray::Ray)) {
+        for packet in packets {
+            for lane in 0..LANES {
+                if !packet.is_active(lane) {
+                    continue;
+                }
+                let ray = packet.ray(lane);
+                let [origin, direction] = [ray.origin, ray.direction].map(glam::Vec3A::from);
+                let ray = obvhs::ray::Ray::new(origin, direction, ray.t_near, ray.t_far);
+                answer(packet, lane, ray);
+            }
+        }
+    }
+}
+
+impl Accel for OthersBvh {
+    fn intersect(&self, packets: &mut [RayPacket], _: RayOrder) {
+        self.ask(packets, |packet, lane, ray| {
+            let mut found = RayHit::none();
+            let triangle = |ray: &obvhs::ray::Ray, place: usize| self.triangles[place].intersect(ray);
+            if self.bvh.ray_traverse(ray, &mut found, triangle) {
+                let hit = Hit {
+                    instance: 0,
+                    primitive: self.bvh.primitive_indices[found.primitive_id as usize],
+                    t: found.t,
+                    u: 0.0,
+                    v: 0.0,
+                };
+                packet.set_hit(lane, &hit);
+            }
+        });
+    }
+
+    fn occluded(&self, packets: &mut [RayPacket], _: RayOrder) {
+        self.ask(packets, |packet, lane, ray| {
+            let triangle = |ray: &obvhs::ray::Ray, place: usize| self.triangles[place].intersect(ray);
+            if !self.bvh.ray_traverse_miss(ray, triangle) {
+                packet.set_blocked(lane);
+            }
+        });
+    }
+
+    fn report(&self) -> AccelReport {
+        let bytes = size_of_val(&self.bvh.nodes[..])
+            + size_of_val(&self.bvh.primitive_indices[..])
+            + size_of_val(&self.triangles[..]);
+        AccelReport {
+            bytes: bytes as u64,
+            summary: "8-wide compressed BVH by others".into(),
+            ..AccelReport::default()
+        }
+    }
 }
 
 #[derive(Clone, Copy, PartialEq)]

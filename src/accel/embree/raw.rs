@@ -1,8 +1,9 @@
 //! The bare loop over Embree's own calls: what the rest of the program is measured against.
 
 use super::EmbreeAccel;
+use super::lanes::{Lanes, row};
 use super::trace::{intersect_packet, new_query, occluded_packet};
-use crate::accel::{RayOrder, RayPacket};
+use crate::accel::{LANES, RayOrder, RayPacket};
 
 impl EmbreeAccel<'_> {
     /// `rtcIntersect16` on every packet and nothing else.
@@ -26,6 +27,34 @@ impl EmbreeAccel<'_> {
         let query = &raw mut query;
         for packet in packets {
             occluded_packet(scene, query, packet);
+        }
+    }
+    /// `rtcIntersect1` on every active lane, and nothing else but what carries a ray there and its distance back; of the
+    /// hits only these are kept. As [`EmbreeAccel::raw_intersect`].
+    pub fn raw_intersect_one_by_one(&self, packets: &mut [RayPacket]) {
+        self.raw_one_by_one(packets, |ray, query| ray.intersect(self.world.as_ref(), query));
+    }
+
+    /// `rtcOccluded1` on every active lane; as [`EmbreeAccel::raw_intersect_one_by_one`].
+    pub fn raw_occluded_one_by_one(&self, packets: &mut [RayPacket]) {
+        self.raw_one_by_one(packets, |ray, query| ray.occluded(self.world.as_ref(), query));
+    }
+
+    #[inline(always)]
+    fn raw_one_by_one(
+        &self,
+        packets: &mut [RayPacket],
+        ask: impl Fn(&mut Lanes<1>, *mut embree_sys::EmbreeQuery),
+    ) {
+        let mut query = new_query(RayOrder::Incoherent);
+        let query = &raw mut query;
+        for packet in packets {
+            for lane in (0..LANES).filter(|&lane| packet.active[lane] != 0) {
+                let mut ray = Lanes::new();
+                ray.set(0, &packet.ray(lane));
+                ask(&mut ray, query);
+                packet.t_far[lane] = f32::from_bits(ray.get(row::T_FAR, 0));
+            }
         }
     }
 }

@@ -4,6 +4,7 @@
 //! and show pictures that it holds: its policy forbids everything else, so no page ever asks a network.
 
 mod axis;
+mod bars;
 mod chart;
 mod drawing;
 mod plot;
@@ -12,6 +13,7 @@ mod tornado;
 mod viewer;
 
 pub use axis::LogAxis;
+pub use bars::{Bars, Group, Length};
 pub use chart::{Chart, Line, Look, Series, Spot};
 pub use drawing::{Drawing, Region};
 pub use plot::{Mark, Plot};

@@ -1,0 +1,82 @@
+//! Flags of `whit bench`.
+
+use std::path::PathBuf;
+
+use clap::Args as ArgGroup;
+
+use super::{FrameArgs, MAX_SPP, TracingArgs, or_scene};
+
+/// Samples a pixel of a benchmark where neither says it: every ray is kept, in about 100 bytes.
+pub(in crate::cli) const DEFAULT_BENCH_SPP: u32 = 1;
+/// Most repetitions of a benchmark.
+const MAX_REPEAT: i64 = 1000;
+/// Triangles of the largest mesh that is made, where nothing else is said.
+const DEFAULT_MOST_TRIANGLES: u64 = 10_000_000;
+/// Triangles of the smallest mesh that is made.
+pub(in crate::cli) const LEAST_TRIANGLES: u64 = 1_000;
+/// More would not fit into the memory of any machine that this is likely to meet.
+const MAX_TRIANGLES: u64 = 300_000_000;
+
+const BENCH_HELP: &str = "\
+The rays of the frame itself (camera, shadow, reflection) are recorded, uniformly random ones added, and all replayed
+on one thread, every variant in turn within each repetition. Modes: raw is a bare loop over the Embree library's
+packet calls, raw-single over those for one ray; single and packet are the rays asked one by one or 16 at a time; batch
+hands 64 packets over at once. Where a scene has placed meshes, Embree is measured with both kinds of --instancing, the
+chosen one first.
+
+Examples:
+  whit bench scene.glb --size 512x512 --repeat 3 --json bench.json --html bench.html
+  whit bench scene.glb --scaling --html bench.html
+  whit bench --sweep --size 512x512 --most-triangles 1000000 --html sweep.html";
+
+/// Flags of `whit bench`.
+#[derive(Debug, ArgGroup)]
+#[command(after_help = BENCH_HELP)]
+pub(in crate::cli) struct BenchArgs {
+    /// Scenes: scene files (.toml) and glTF (.glb, .gltf)
+    #[arg(required_unless_present = "sweep", value_name = "SCENE")]
+    pub(in crate::cli) scenes: Vec<PathBuf>,
+
+    #[command(flatten)]
+    pub(in crate::cli) frame: FrameArgs,
+
+    /// Samples a pixel
+    #[arg(long, value_name = "N", help = or_scene("Samples a pixel", DEFAULT_BENCH_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    pub(in crate::cli) spp: Option<u32>,
+
+    #[command(flatten)]
+    pub(in crate::cli) tracing: TracingArgs,
+
+    /// Repetitions; medians and extremes are over them
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=MAX_REPEAT))]
+    pub(in crate::cli) repeat: u32,
+
+    /// Measure meshes that whit makes, in place of scenes: from 1000 triangles on, two sizes to a factor of ten, and say
+    /// where the lines of Embree and the BSP over the size cross
+    #[arg(long, conflicts_with = "scenes")]
+    pub(in crate::cli) sweep: bool,
+
+    /// Triangles of the largest of these meshes; the sweep ends before it where memory is short
+    #[arg(long, requires = "sweep", value_name = "N", default_value_t = DEFAULT_MOST_TRIANGLES, value_parser = clap::value_parser!(u64).range(LEAST_TRIANGLES..=MAX_TRIANGLES))]
+    pub(in crate::cli) most_triangles: u64,
+
+    /// Measure with 1, 2, 4 and so on up to --threads threads too
+    #[arg(long)]
+    pub(in crate::cli) scaling: bool,
+
+    /// Measure extents instead: the tests that boxes and spheres around objects save, and the time
+    #[arg(long, conflicts_with_all = ["sweep", "scaling", "html"])]
+    pub(in crate::cli) extents: bool,
+
+    /// Write the measurements as JSON
+    #[arg(long, value_name = "FILE")]
+    pub(in crate::cli) json: Option<PathBuf>,
+
+    /// Write one page for a browser: tables, and plots of what was measured
+    #[arg(long, value_name = "FILE")]
+    pub(in crate::cli) html: Option<PathBuf>,
+
+    /// Date or other words that the page states of when it was made
+    #[arg(long, value_name = "WORDS", requires = "html")]
+    pub(in crate::cli) date: Option<String>,
+}

@@ -1,0 +1,139 @@
+//! `whit bench --sweep`: scenes of ever more triangles, made on the spot.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use crate::cli::args::LEAST_TRIANGLES;
+use crate::cli::failure::Failure;
+use crate::mesh::{Mesh, bumpy_sphere};
+use crate::report::memory;
+use crate::report::table::in_groups;
+use crate::scene::{Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Scene};
+
+/// Sizes to a factor of ten.
+const SIZES_A_DECADE: i32 = 2;
+/// Most bytes a triangle that are held at a time: the mesh, its copy in Embree, and all structures over it, as measured
+/// by the peak of a sweep to 10^6 triangles, and a third more.
+const BYTES_PER_TRIANGLE: u64 = 800;
+
+/// Half the edge of the ground, and its height: under the lowest bump.
+const GROUND: f32 = 6.0;
+const GROUND_HEIGHT: f32 = -1.02;
+/// Where the camera stands, where it looks, and where the lamp hangs.
+const EYE: DVec3 = DVec3::new(1.1, 1.3, 3.9);
+const TARGET: DVec3 = DVec3::new(0.05, -0.12, 0.0);
+const LAMP: DVec3 = DVec3::new(2.6, 3.6, 3.2);
+/// The lamp's, in candela.
+const INTENSITY: f32 = 75.0;
+
+/// Triangles of the meshes, fewest first.
+pub(super) fn sizes(most: u64) -> Vec<u64> {
+    let of_step = |step: i32| {
+        let factor = 10f64.powf(f64::from(step) / f64::from(SIZES_A_DECADE));
+        (LEAST_TRIANGLES as f64 * factor).round() as u64
+    };
+    let mut sizes: Vec<u64> = (0..)
+        .map(of_step)
+        .take_while(|&triangles| triangles < most)
+        .collect();
+    sizes.push(most);
+    sizes
+}
+
+/// What a mesh of about so many triangles is called.
+pub(super) fn name(triangles: u64) -> String {
+    format!("bumpy sphere, {} triangles", in_groups(triangles))
+}
+
+/// What to say if there is too little memory to measure so many triangles.
+pub(super) fn lacks_memory(triangles: u64) -> Option<String> {
+    let needed = triangles * BYTES_PER_TRIANGLE;
+    let free = memory::available_bytes().filter(|&free| needed > free)?;
+    Some(format!(
+        "the sweep ends here: {} triangles take about {} of memory and {} are free",
+        in_groups(triangles),
+        memory::in_words(needed),
+        memory::in_words(free)
+    ))
+}
+
+/// A polished bumpy sphere of about so many triangles over a dull ground, under a lamp: rays of all kinds.
+pub(super) fn scene(triangles: u64) -> Result<Scene, Failure> {
+    let place = |name: &str, number| {
+        Instance::new(name, number, number, DAffine3::IDENTITY)
+            .map_err(|error| Failure::Work(format!("{name}: {error}")))
+    };
+    let material = |color: [f32; 3], roughness| Material::metallic_roughness(color, 0.0, roughness);
+    Ok(Scene {
+        geometries: vec![Geometry::Mesh(bumpy_sphere(triangles)), Geometry::Mesh(ground())],
+        instances: vec![place("bumpy sphere", 0)?, place("ground", 1)?],
+        materials: vec![
+            material([0.80, 0.42, 0.25], 0.0),
+            material([0.45, 0.50, 0.55], 0.9),
+        ],
+        lights: vec![Light {
+            name: "lamp".to_owned(),
+            intensity: [INTENSITY; 3],
+            kind: LightKind::Point {
+                position: LAMP,
+                falloff: Falloff::PHYSICAL,
+            },
+        }],
+        cameras: vec![camera()],
+        background: Background::Uniform([0.5; 3]),
+        ..Scene::default()
+    })
+}
+
+fn ground() -> Mesh {
+    let corners = [[-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [1.0, -1.0]];
+    Mesh {
+        positions: corners
+            .map(|[x, z]| [GROUND * x, GROUND_HEIGHT, GROUND * z])
+            .to_vec()
+            .into(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]].into(),
+        ..Mesh::default()
+    }
+}
+
+fn camera() -> Camera {
+    let back = (EYE - TARGET).normalize();
+    let right = DVec3::Y.cross(back).normalize();
+    let axes = DMat3::from_cols(right, back.cross(right), back);
+    Camera {
+        world_from_camera: DAffine3::from_mat3_translation(axes, EYE),
+        ..Camera::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_even_steps_of_a_logarithm_and_end_at_the_largest() {
+        assert_eq!(sizes(1_000), [1_000]);
+        assert_eq!(sizes(10_000), [1_000, 3_162, 10_000]);
+        assert_eq!(sizes(20_000), [1_000, 3_162, 10_000, 20_000]);
+        assert_eq!(sizes(10_000_000).len(), 9);
+    }
+
+    #[test]
+    fn the_scene_is_sound_and_its_sphere_stands_on_the_ground() {
+        let scene = scene(5_000).unwrap();
+        scene.validate().unwrap();
+        assert_eq!(scene.triangle_count(), 12 * 20 * 20 + 2);
+        let low = scene.geometries[0].bounds().min.y;
+        assert!((f64::from(GROUND_HEIGHT)..-0.9).contains(&low), "{low}");
+    }
+
+    #[test]
+    fn what_no_machine_holds_is_told() {
+        // Nothing is told where the system does not tell what is free.
+        if memory::available_bytes().is_some() {
+            let words = lacks_memory(1 << 50).unwrap();
+            assert!(words.contains("1 125 899 906 842 624 triangles"), "{words}");
+        }
+        assert_eq!(lacks_memory(1_000), None);
+    }
+}

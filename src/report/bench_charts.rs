@@ -1,0 +1,262 @@
+//! The charts of a page of Embree against the BSP.
+
+use super::bench::{BenchRow, Mode, RayKind, told_before};
+use super::page::{Bars, Chart, Group, Length, Line, LogAxis, Look, Series, Spot, escape};
+use super::table::in_groups;
+use super::words::{range, significant};
+use crate::accel::{Backend, Precision};
+use crate::cost::Interval;
+
+/// What axes show.
+const SPEED: &str = "million rays a second";
+const TRIANGLES: &str = "triangles";
+const THREADS: &str = "threads";
+/// Width and height of a chart of lines.
+const SIZE: [f64; 2] = [900.0, 360.0];
+
+/// Colours by who answers.
+const BARE: Look = Look::Number(2);
+const EMBREE: Look = Look::Number(0);
+const BSP: Look = Look::Number(3);
+
+fn look(row: &BenchRow) -> Look {
+    match (row.backend, row.mode) {
+        (Backend::Embree, Mode::Raw | Mode::RawSingle) => BARE,
+        (Backend::Embree, _) => EMBREE,
+        (Backend::Bsp | Backend::Brute, _) => BSP,
+    }
+}
+
+/// All kinds of rays, in the order in which they were measured.
+pub(super) fn kinds(rows: &[&BenchRow]) -> Vec<RayKind> {
+    let mut kinds = Vec::new();
+    for row in rows {
+        told_before(&mut kinds, row.rays);
+    }
+    kinds
+}
+
+/// How a row is called among those of its scene and kind of ray.
+pub(super) fn way(row: &BenchRow) -> String {
+    format!("{}, {}", row.name(), row.mode)
+}
+
+/// The speeds of all ways in one scene, by kind of ray.
+pub(super) fn speeds(rows: &[&BenchRow]) -> String {
+    let group = |kind: RayKind| Group {
+        name: format!("{kind} rays"),
+        bars: rows
+            .iter()
+            .filter(|row| row.rays == kind)
+            .map(|row| Length {
+                name: way(row),
+                look: look(row),
+                value: row.speed(),
+                label: significant(row.mrays_per_s, 3),
+                words: speed_words(row, row.speed()),
+            })
+            .collect(),
+    };
+    let legend = [(BARE, "Embree, bare calls"), (EMBREE, "Embree"), (BSP, "BSP")];
+    Bars {
+        label: "million rays a second on one thread",
+        groups: kinds(rows).into_iter().map(group).collect(),
+        legend: legend
+            .into_iter()
+            .filter(|(of, _)| rows.iter().any(|row| look(row) == *of))
+            .collect(),
+    }
+    .html()
+}
+
+fn speed_words(row: &BenchRow, speed: Interval) -> String {
+    format!(
+        "{}, {} rays\n{} million rays a second ({})",
+        way(row),
+        row.rays,
+        significant(speed.value, 3),
+        range(speed, 3)
+    )
+}
+
+/// A line of a chart: its name, and where it is measured with what is told there.
+struct Course {
+    name: String,
+    spots: Vec<Spot>,
+}
+
+/// Lines over `x`, each with its own look.
+fn lines(x: &str, y: &str, courses: &[Course], more: Vec<Line>) -> String {
+    let all = |of: fn(&Spot) -> Interval| -> Vec<Interval> {
+        let spots = courses.iter().flat_map(|course| &course.spots);
+        spots.map(of).collect()
+    };
+    let joined = |(number, course): (usize, &Course)| Line {
+        class: format!("joined {}", Look::Number(number).class()),
+        corners: course
+            .spots
+            .iter()
+            .map(|spot| [spot.x.value, spot.y.value])
+            .collect(),
+    };
+    let chart = Chart {
+        size: SIZE,
+        x: LogAxis::around(x, &all(|spot| spot.x)),
+        y: LogAxis::around(y, &all(|spot| spot.y)),
+        lines: more
+            .into_iter()
+            .chain(courses.iter().enumerate().map(joined))
+            .collect(),
+        series: courses
+            .iter()
+            .enumerate()
+            .map(|(number, course)| Series {
+                name: &course.name,
+                look: Look::Number(number),
+                spots: course.spots.clone(),
+            })
+            .collect(),
+    };
+    chart.html()
+}
+
+/// Ways whose lines a sweep shows, at each precision.
+const OVER_SIZE: [(Backend, Mode); 6] = [
+    (Backend::Embree, Mode::Packet),
+    (Backend::Embree, Mode::Single),
+    (Backend::Embree, Mode::Raw),
+    (Backend::Bsp, Mode::Packet),
+    (Backend::Bsp, Mode::Single),
+    (Backend::Bsp, Mode::Batch),
+];
+
+/// Speed over the size, a chart for each kind of ray.
+pub(super) fn speeds_over_size(rows: &[&BenchRow]) -> String {
+    let chart = |kind: RayKind| {
+        let of_kind = || rows.iter().filter(move |row| row.rays == kind);
+        let mut courses = Vec::new();
+        for (backend, mode) in OVER_SIZE {
+            let mut precisions: Vec<Precision> = Vec::new();
+            for row in of_kind().filter(|row| (row.backend, row.mode) == (backend, mode)) {
+                told_before(&mut precisions, row.precision);
+            }
+            for precision in precisions {
+                let is_it =
+                    |row: &&&BenchRow| (row.backend, row.mode, row.precision) == (backend, mode, precision);
+                let own: Vec<&&BenchRow> = of_kind().filter(is_it).collect();
+                courses.extend(course(&own, way, &|row| {
+                    Some((row.speed(), speed_words(row, row.speed())))
+                }));
+            }
+        }
+        let words = format!("{kind} rays");
+        format!(
+            "<h3>{}</h3>\n{}",
+            escape(&words),
+            lines(TRIANGLES, SPEED, &courses, Vec::new())
+        )
+    };
+    kinds(rows).into_iter().map(chart).collect()
+}
+
+/// Build seconds and bytes a triangle over the size.
+pub(super) fn builds_over_size(rows: &[&BenchRow]) -> String {
+    let mut structures = Vec::new();
+    for row in rows {
+        told_before(&mut structures, row.structure());
+    }
+    let courses = |of: &dyn Fn(&BenchRow) -> Option<(Interval, String)>| -> Vec<Course> {
+        let course_of = |structure| {
+            let own: Vec<&&BenchRow> = rows.iter().filter(|row| row.structure() == structure).collect();
+            course(&own, BenchRow::name, of)
+        };
+        structures.iter().copied().filter_map(course_of).collect()
+    };
+    let seconds = courses(&|row| {
+        let build = row.build();
+        let words = format!(
+            "built in {} s ({}) on {} threads",
+            significant(build.value, 3),
+            range(build, 3),
+            row.threads
+        );
+        Some((build, format!("{}\n{words}", row.name())))
+    });
+    let bytes = courses(&|row| {
+        let bytes = row.bytes_per_triangle()?;
+        let words = format!("{}\n{} bytes a triangle", row.name(), significant(bytes, 3));
+        Some((Interval::exact(bytes), words))
+    });
+    format!(
+        "<h3>Building</h3>\n{}<h3>Memory</h3>\n{}",
+        lines(TRIANGLES, "seconds of a build", &seconds, Vec::new()),
+        lines(TRIANGLES, "bytes a triangle", &bytes, Vec::new())
+    )
+}
+
+/// What the first row of each size has; `None` without rows.
+fn course(
+    rows: &[&&BenchRow],
+    name: impl Fn(&BenchRow) -> String,
+    of: &dyn Fn(&BenchRow) -> Option<(Interval, String)>,
+) -> Option<Course> {
+    let mut sizes = Vec::new();
+    let first: Vec<_> = rows
+        .iter()
+        .filter(|row| !told_before(&mut sizes, row.triangles))
+        .collect();
+    let spot = |row: &&&&BenchRow| {
+        let (y, words) = of(row)?;
+        Some(Spot {
+            x: Interval::exact(row.triangles as f64),
+            y,
+            label: String::new(),
+            words: format!("{} triangles\n{words}", in_groups(row.triangles)),
+        })
+    };
+    Some(Course {
+        name: name(first.first()?),
+        spots: first.iter().filter_map(spot).collect(),
+    })
+}
+
+/// Speed over the number of threads: packets of the first of Embree's structures and of the BSP, by kind of ray. Dashed:
+/// as many times one thread's speed.
+pub(super) fn scaling(rows: &[&BenchRow]) -> String {
+    let mut ways = Vec::new();
+    let is_shown = |row: &&&BenchRow| match (row.backend, row.mode) {
+        (Backend::Embree, Mode::Packet) | (Backend::Bsp | Backend::Brute, Mode::Batch) => {
+            !told_before(&mut ways, (row.backend, row.rays))
+        }
+        _ => false,
+    };
+    let shown: Vec<&&BenchRow> = rows.iter().filter(is_shown).collect();
+    let mut ideal = Vec::new();
+    let courses: Vec<Course> = shown
+        .iter()
+        .map(|row| {
+            let ends = [row.scaling.first(), row.scaling.last()].map(|end| end.map(|end| end.threads as f64));
+            if let (Some(first), [Some(few), Some(many)]) = (row.scaling.first(), ends) {
+                let speed = first.mrays_per_s;
+                ideal.push(Line {
+                    class: "fitted".to_owned(),
+                    corners: vec![[few, speed], [many, speed * many / few]],
+                });
+            }
+            let spot = |scaled: &super::bench::Scaled| {
+                let speed = scaled.speed();
+                Spot {
+                    x: Interval::exact(scaled.threads as f64),
+                    y: speed,
+                    label: String::new(),
+                    words: format!("{} threads\n{}", scaled.threads, speed_words(row, speed)),
+                }
+            };
+            Course {
+                name: format!("{} rays: {}", row.rays, way(row)),
+                spots: row.scaling.iter().map(spot).collect(),
+            }
+        })
+        .collect();
+    lines(THREADS, SPEED, &courses, ideal)
+}

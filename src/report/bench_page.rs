@@ -1,0 +1,456 @@
+//! Embree against the BSP as one page: `whit bench --html`.
+
+use std::path::Path;
+use std::thread;
+
+use super::bench::{BenchRow, BenchTable, Mode, build_efficiency, efficiency, told_before};
+use super::bench_charts;
+use super::crossing;
+use super::machine;
+use super::memory;
+use super::page::{self, Cell, Column, Table, escape};
+use super::table::in_groups;
+use super::words::{percent, range, significant, times};
+use crate::accel::Backend;
+use crate::cost::Interval;
+
+/// What a page tells beside what was measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts<'a> {
+    /// Whether the scenes are sizes of one mesh.
+    pub is_sweep: bool,
+    /// Repetitions that medians are over.
+    pub repeat: u32,
+    /// As the user words it.
+    pub date: Option<&'a str>,
+}
+
+/// The page of all rows, those of a scene one after another.
+pub fn page(rows: &[BenchRow], facts: &Facts) -> String {
+    let mut body = "<h1>Embree against the BSP</h1>\n\
+                    <p>The same rays, recorded from each scene’s picture, through Embree and through whit’s own tree, and \
+                    through bare loops over Embree’s calls.</p>\n"
+        .to_owned();
+    let scenes = scenes(rows);
+    body += &known(rows, facts);
+    body += &numbers(rows, scenes.len());
+    if facts.is_sweep && scenes.len() > 1 {
+        body += &sweep(rows);
+    }
+    for (number, of_scene) in scenes.iter().enumerate() {
+        body += &section(of_scene, number);
+    }
+    body += &protocol(rows, facts);
+    page::page("whit bench", &body)
+}
+
+/// The rows of each scene.
+fn scenes(rows: &[BenchRow]) -> Vec<Vec<&BenchRow>> {
+    let mut scenes: Vec<(&Path, Vec<&BenchRow>)> = Vec::new();
+    for row in rows {
+        match scenes.iter_mut().find(|(scene, _)| *scene == row.scene) {
+            Some((_, of_scene)) => of_scene.push(row),
+            None => scenes.push((&row.scene, vec![row])),
+        }
+    }
+    scenes.into_iter().map(|(_, of_scene)| of_scene).collect()
+}
+
+fn known(rows: &[BenchRow], facts: &Facts) -> String {
+    let processors = thread::available_parallelism().map_or(1, usize::from);
+    let mut all = vec![
+        (
+            "processor",
+            format!(
+                "{}, {processors} of them to be had",
+                escape(&machine::processor())
+            ),
+        ),
+        ("whit", env!("CARGO_PKG_VERSION").to_owned()),
+    ];
+    let mut versions = Vec::new();
+    for embree in rows.iter().filter_map(|row| row.embree.as_ref()) {
+        told_before(&mut versions, format!("{}, {}", embree.version, embree.isa));
+    }
+    if !versions.is_empty() {
+        all.push(("Embree", escape(&versions.join("; "))));
+    }
+    if let Some(row) = rows.first() {
+        let words = format!(
+            "builds on {} threads, rays on one where nothing else is said",
+            row.threads
+        );
+        all.push(("threads", words));
+    }
+    all.push(("repetitions", facts.repeat.to_string()));
+    all.extend(facts.date.map(|date| ("date", escape(date))));
+    page::facts(&all)
+}
+
+fn numbers(rows: &[BenchRow], scene_count: usize) -> String {
+    let sum = |of: fn(&BenchRow) -> u64| rows.iter().map(of).sum::<u64>();
+    let wrong = sum(|row| row.mismatches);
+    let mut sets = Vec::new();
+    let mut rays = 0;
+    for row in rows {
+        if !told_before(&mut sets, (row.scene.as_path(), row.rays)) {
+            rays += row.ray_count;
+        }
+    }
+    page::numbers(&[
+        (scene_count.to_string(), "scenes", ""),
+        (in_groups(rays), "rays, each asked in every way", ""),
+        (
+            in_groups(wrong),
+            "answers that differ by more than rounding",
+            if wrong > 0 { "fails" } else { "holds" },
+        ),
+        (in_groups(sum(|row| row.ties)), "ties", ""),
+    ])
+}
+
+/// Over the size of the mesh.
+fn sweep(rows: &[BenchRow]) -> String {
+    let all: Vec<&BenchRow> = rows.iter().collect();
+    let mut html = "<h2 id=\"size\">Over the size of the mesh</h2>\n".to_owned();
+    let pairings = crossing::pairings(rows);
+    if !pairings.is_empty() {
+        let mut table = Table::new(&[
+            Column::Words("what"),
+            Column::Words("Embree’s precision"),
+            Column::Numbers("BSP over Embree"),
+            Column::Words("where the lines cross"),
+        ]);
+        for pairing in &pairings {
+            let cells = [
+                Cell::text(&pairing.what),
+                Cell::text(&pairing.precision.to_string()),
+                Cell::text(&pairing.ratios()),
+                Cell::wrapped(&pairing.verdict()),
+            ];
+            table.row(("", &pairing.what), &cells);
+        }
+        html += "<p>One is ahead where all of its repetitions, of several, were better than all of the other’s. Lines cross where \
+                 their medians do, joined by straight lines over both logarithms.</p>\n";
+        html += &table.html("crossings");
+    }
+    html += &bench_charts::speeds_over_size(&all);
+    html + &bench_charts::builds_over_size(&all)
+}
+
+fn section(rows: &[&BenchRow], number: usize) -> String {
+    let Some(first) = rows.first() else {
+        return String::new();
+    };
+    let mut html = format!(
+        "<section id=\"scene{number}\">\n<h2>{}</h2>\n",
+        escape(&first.scene.display().to_string())
+    );
+    html += &page::facts(&[("triangles", in_groups(first.triangles))]);
+    html += "<h3>Structures</h3>\n";
+    html += &structures(rows);
+    html += "<h3>Speed</h3>\n";
+    html += &bench_charts::speeds(rows);
+    html += &speeds(rows);
+    html += &frames(rows);
+    if !first.scaling.is_empty() {
+        html += "<h3>Threads</h3>\n<p>Dashed: as many times the speed of one thread.</p>\n";
+        html += &bench_charts::scaling(rows);
+        html += &scaling(rows);
+    }
+    html + "</section>\n"
+}
+
+/// The first row of each structure.
+fn of_structures<'r>(rows: &[&'r BenchRow]) -> Vec<&'r BenchRow> {
+    let mut told = Vec::new();
+    let rows = rows.iter().copied();
+    rows.filter(|row| !told_before(&mut told, row.structure()))
+        .collect()
+}
+
+fn structures(rows: &[&BenchRow]) -> String {
+    let mut table = Table::new(&[
+        Column::Words("structure"),
+        Column::Words("precision"),
+        Column::Numbers("built in, s"),
+        Column::Numbers("memory"),
+        Column::Numbers("bytes a triangle"),
+    ]);
+    for row in of_structures(rows) {
+        let name = row.name();
+        let bytes = row.bytes_per_triangle();
+        let cells = [
+            Cell::text(&name),
+            Cell::text(&row.precision.to_string()),
+            with_range(row.build()),
+            Cell::text(&memory::in_words(row.bytes)),
+            Cell::text(&bytes.map_or("–".to_owned(), |bytes| significant(bytes, 3))),
+        ];
+        table.row(("", &name), &cells);
+    }
+    table.html("structures")
+}
+
+fn with_range(value: Interval) -> Cell {
+    Cell::with_range(&significant(value.value, 3), &range(value, 3))
+}
+
+fn speeds(rows: &[&BenchRow]) -> String {
+    let owned: Vec<BenchRow> = rows.iter().copied().cloned().collect();
+    let ratios = BenchTable(&owned);
+    let mut table = Table::new(&[
+        Column::Words("rays"),
+        Column::Words("structure"),
+        Column::Words("mode"),
+        Column::Numbers("Mrays/s"),
+        Column::Numbers("over Embree’s"),
+        Column::Numbers("rays"),
+        Column::Numbers("wrong"),
+        Column::Numbers("ties"),
+    ]);
+    for row in rows {
+        let verdict = if row.mismatches > 0 { "fails" } else { "holds" };
+        let cells = [
+            Cell::text(&row.rays.to_string()),
+            Cell::text(&row.name()),
+            Cell::text(&row.mode.to_string()),
+            with_range(row.speed()),
+            Cell::text(&ratios.over_embree(row).map_or(String::new(), times)),
+            Cell::count(row.ray_count),
+            Cell::badge(&row.mismatches.to_string(), verdict),
+            Cell::count(row.ties),
+        ];
+        table.row((verdict, &row.name()), &cells);
+    }
+    table.html("speeds")
+}
+
+/// What the render loop takes, at each precision that frames were rendered with.
+fn frames(rows: &[&BenchRow]) -> String {
+    let mut table = Table::new(&[
+        Column::Words("whole frame, one thread"),
+        Column::Numbers("seconds"),
+        Column::Numbers("rays"),
+        Column::Numbers("over bare calls"),
+        Column::Numbers("tracing"),
+    ]);
+    let mut told = Vec::new();
+    // The BSP's rows repeat the first one's.
+    let own = |row: &&&BenchRow| row.backend == Backend::Embree && row.mode == Mode::Packet;
+    for row in rows.iter().filter(own) {
+        let Some(frame) = row.frame else { continue };
+        if told_before(&mut told, row.precision) {
+            continue;
+        }
+        let cells = [
+            Cell::text(&row.name()),
+            Cell::text(&significant(frame.seconds, 3)),
+            Cell::count(frame.rays),
+            Cell::text(&times(frame.over_raw)),
+            Cell::text(&percent(frame.trace_share)),
+        ];
+        table.row(("", &row.name()), &cells);
+    }
+    if told.is_empty() {
+        return String::new();
+    }
+    table.html("frames")
+}
+
+/// Builds and speeds by the number of threads.
+fn scaling(rows: &[&BenchRow]) -> String {
+    let counts = rows.first().map_or(&[][..], |row| &row.scaling);
+    let names: Vec<String> = counts
+        .iter()
+        .map(|scaled| format!("{} threads", scaled.threads))
+        .collect();
+    let mut columns = vec![
+        Column::Words("what"),
+        Column::Words("structure"),
+        Column::Words("mode"),
+    ];
+    columns.extend(names.iter().map(|name| Column::Numbers(name)));
+    columns.push(Column::Numbers("efficiency"));
+    let mut table = Table::new(&columns);
+    let efficiency_cell = |part: Option<f64>| Cell::text(&part.map_or(String::new(), percent));
+    for row in of_structures(rows) {
+        let mut cells = vec![Cell::text("build, s"), Cell::text(&row.name()), Cell::default()];
+        cells.extend(row.build_scaling.iter().map(|build| {
+            with_range(Interval {
+                value: build.build_seconds,
+                low: build.build_seconds_min,
+                high: build.build_seconds_max,
+            })
+        }));
+        cells.push(efficiency_cell(build_efficiency(&row.build_scaling)));
+        table.row(("", &row.name()), &cells);
+    }
+    for row in rows {
+        let mut cells = vec![
+            Cell::text(&format!("{} rays, Mrays/s", row.rays)),
+            Cell::text(&row.name()),
+            Cell::text(&row.mode.to_string()),
+        ];
+        cells.extend(row.scaling.iter().map(|scaled| with_range(scaled.speed())));
+        cells.push(efficiency_cell(efficiency(&row.scaling)));
+        table.row(("", &row.name()), &cells);
+    }
+    format!(
+        "{}<p class=\"faint\">efficiency: the speed of the most threads over as many times that of one.</p>\n",
+        table.html("scaling dense")
+    )
+}
+
+fn protocol(rows: &[BenchRow], facts: &Facts) -> String {
+    let mut all = vec![
+        (
+            "rays",
+            "Camera, shadow and reflection rays are those that a render of the picture asks, recorded in its order; random \
+             ones start anywhere within the scene’s bounds. Of each kind at most 1 048 576 are kept, in even runs."
+                .to_owned(),
+        ),
+        (
+            "modes",
+            "raw: a bare loop over Embree’s calls for 16 rays; raw-single: over those for one; packet: 16 rays at a time \
+             through whit; single: one at a time; batch: 64 packets at once."
+                .to_owned(),
+        ),
+        (
+            "times",
+            format!(
+                "Everything takes its turn in each of {} repetitions. Values are medians, behind them stand the least and \
+                 the greatest; bars and crosses reach as far.",
+                facts.repeat
+            ),
+        ),
+        (
+            "answers",
+            "Held against those of the packets that are listed first, bare calls against their own; wrong ones differ by \
+             more than the bound on rounding, ties within it."
+                .to_owned(),
+        ),
+    ];
+    if facts.is_sweep {
+        let words = "A closed, displaced sphere over a plane, polished and under a lamp, of ever more triangles in the same \
+                     picture.";
+        all.push(("meshes", words.to_owned()));
+    }
+    if rows.iter().any(|row| !row.scaling.is_empty()) {
+        let words =
+            "The same packets, shared among the threads in parts of at least 64, and builds on as many.";
+        all.push(("several threads", words.to_owned()));
+    }
+    format!(
+        "<section id=\"protocol\">\n<h2>How this was measured</h2>\n{}</section>\n",
+        page::facts(&all)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bench::tests::row;
+    use super::*;
+    use crate::accel::EmbreeIdentity;
+    use crate::report::bench::{FrameTime, Scaled, ScaledBuild};
+
+    const FACTS: Facts = Facts {
+        is_sweep: true,
+        repeat: 3,
+        date: Some("<date>"),
+    };
+
+    fn rows() -> Vec<BenchRow> {
+        let mut all = Vec::new();
+        for triangles in [1_000, 10_000] {
+            for (backend, mode) in [
+                (Backend::Embree, Mode::Packet),
+                (Backend::Embree, Mode::RawSingle),
+                (Backend::Bsp, Mode::Batch),
+            ] {
+                all.push(BenchRow {
+                    scene: format!("<{triangles}>").into(),
+                    triangles,
+                    embree: Some(EmbreeIdentity {
+                        version: "<4>".to_owned(),
+                        isa: "avx2".to_owned(),
+                    }),
+                    ..row(backend, mode, 12.0)
+                });
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn a_page_tells_all_rows_and_no_number_that_is_none() {
+        let mut rows = rows();
+        let html = page(&rows, &FACTS);
+        for words in [
+            "nobody can tell who is ahead at any size",
+            "raw-single",
+            "&lt;1000&gt;",
+            "&lt;date&gt;",
+        ] {
+            assert!(html.contains(words), "{words} in {html}");
+        }
+        for word in ["<1000>", "<4>", "<date>", "NaN", "several threads"] {
+            assert!(!html.contains(word), "{word}");
+        }
+        for row in &mut rows {
+            row.mrays_per_s = f64::NAN;
+            row.mrays_per_s_max = f64::INFINITY;
+            row.build_seconds = 0.0;
+            row.triangles = 0;
+            row.mismatches = 1;
+        }
+        let html = page(&rows, &FACTS);
+        assert!(!html.contains("NaN") && !html.contains("inf\""), "{html}");
+        assert!(html.contains("class=\"tile fails\""));
+        assert!(!page(&[], &FACTS).contains("NaN"));
+    }
+
+    #[test]
+    fn frames_and_threads_are_told_where_they_were_measured() {
+        let mut rows = rows();
+        rows[0].frame = Some(FrameTime {
+            seconds: 0.5,
+            rays: 1000,
+            over_raw: 1.25,
+            trace_share: 0.75,
+        });
+        for row in &mut rows {
+            row.scaling = vec![
+                Scaled {
+                    threads: 1,
+                    mrays_per_s: 10.0,
+                    mrays_per_s_min: 9.0,
+                    mrays_per_s_max: 11.0,
+                },
+                Scaled {
+                    threads: 4,
+                    mrays_per_s: 30.0,
+                    mrays_per_s_min: 29.0,
+                    mrays_per_s_max: 31.0,
+                },
+            ];
+            row.build_scaling = vec![ScaledBuild {
+                threads: 1,
+                build_seconds: 1.0,
+                build_seconds_min: 1.0,
+                build_seconds_max: 1.0,
+            }];
+        }
+        let html = page(&rows, &FACTS);
+        // 30 of 4 times 10.
+        for words in [
+            "x1.25",
+            "75 %",
+            "several threads",
+            "29.0 to 31.0",
+            "camera rays: embree robust, packet",
+        ] {
+            assert!(html.contains(words), "{words} in {html}");
+        }
+    }
+}

@@ -218,6 +218,10 @@ fn contestants(experiment: &Experiment, plan: &Plan, [base_spp, most]: [u32; 2])
     base.settings.adaptive = None;
     base.settings.spp = base.settings.spp.min(base_spp);
     let mut knobs = knobs(experiment.scene, plan, &base, most);
+    if experiment.target.is_some() {
+        // None of their other places is ever chosen.
+        knobs.retain(|(knob, _, _)| !matches!(knob, Knob::SpawnPoints | Knob::HitRefinement));
+    }
     for (_, _, configuration) in &mut knobs {
         if let Some(adaptive) = &mut configuration.settings.adaptive {
             adaptive.gain = f64::from(experiment.tone.exposure_ev).exp2();

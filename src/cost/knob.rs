@@ -402,11 +402,11 @@ impl Turns<'_> {
         }))
     }
 
-    /// Of Embree's own triangles: patches are as compact as they can be.
+    /// Of Embree's trees over triangles; at [`Precision::Robust`] Embree 3.13.5 has one form of them only.
     fn compactness(&self) -> Vec<Level> {
         let path = self.base.path;
-        let is_native = path.precision != Precision::Watertight;
-        if path.backend != Backend::Embree || !is_native || !self.has_meshes() {
+        let has_both = path.precision != Precision::Robust;
+        if path.backend != Backend::Embree || !has_both || !self.has_meshes() {
             return Vec::new();
         }
         let levels = [(false, "loose"), (true, "compact")].into_iter();

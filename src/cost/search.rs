@@ -11,6 +11,8 @@ use super::choose::{Forecast, Goal};
 const WORTH: f64 = 0.95;
 /// Settings that are measured for the mere hope that they do better than what reached the target.
 const CURIOUS: usize = 8;
+/// The part of what is expected of its squared error that is hoped of what differs from the best in samples alone.
+const HOPED: f64 = 0.6;
 /// By how much wider intervals are taken for each settings that did not reach the target a second time.
 const CAUTION: f64 = 1.05;
 
@@ -103,7 +105,7 @@ impl<'f> Search<'f> {
     }
 
     /// What is expected of settings by now, and the upper end of what the target limits over its value. The `hopeful` set
-    /// right no knob that was never turned so far.
+    /// right no knob that was never turned so far, and expect more of other samples of the best.
     fn expected(&self, place: usize, hopeful: bool) -> (Forecast, f64) {
         let forecast = &self.offered[place];
         let distance = |tried: &Tried| {
@@ -126,7 +128,15 @@ impl<'f> Search<'f> {
         if hopeful && self.is_novel(forecast) {
             square = square.min(1.0);
         }
-        let mean_square = self.by_line(forecast).unwrap_or(forecast.mean_square * square);
+        let mut mean_square = self.by_line(forecast).unwrap_or(forecast.mean_square * square);
+        // Few samples of which some number lies well may do better than more.
+        if hopeful
+            && self
+                .best()
+                .is_some_and(|best| self.offered[best.place].turns == forecast.turns)
+        {
+            mean_square *= HOPED;
+        }
         let spread = nearest.map_or(self.spread, |tried| spread_of(tried.trial.limited(self.goal)));
         let failed = self.tried.iter().filter(|tried| tried.failed).count();
         let expected = Forecast {

@@ -257,7 +257,7 @@ mod tests {
         let scene = crate::gltf::load(&path, &LoadOptions::default()).unwrap();
         let bytes = |compact, build_quality| {
             let options = AccelOptions {
-                precision: Precision::Robust,
+                precision: Precision::Fast,
                 compact,
                 build_quality,
                 threads: 1,

@@ -242,22 +242,26 @@ fn bad_input_ends_in_one_sentence_before_anything_is_written() {
         &["bench", &first_light(), "--html", &there("no/a.html")],
     );
     fails_with(2, "1..=1000", &["bench", &first_light(), "--repeat", "0"]);
-    fails_with(2, "SCENE", &["bench"]);
-    fails_with(2, "--sweep", &["bench", &first_light(), "--sweep"]);
     fails_with(
         2,
         "1000..=300000000",
         &["bench", "--sweep", "--most-triangles", "5"],
     );
-    fails_with(
-        2,
-        "--sweep",
-        &["bench", &first_light(), "--most-triangles", "5000"],
-    );
-    fails_with(
-        2,
-        "--extents",
-        &["bench", &first_light(), "--extents", "--html", &there("a.html")],
-    );
+    let scene = first_light();
+    for (words, flags) in [
+        ("SCENE", &[][..]),
+        ("--sweep", &[&scene, "--sweep"]),
+        ("--most-triangles", &[&scene, "--most-triangles", "5000"]),
+        ("--extents", &[&scene, "--extents", "--html", &there("a.html")]),
+        ("--html", &[&scene, "--date", "today"]),
+    ] {
+        let run = whit(&[&["bench"], flags].concat());
+        assert_eq!((run.code, &*run.stdout), (2, ""), "{flags:?}");
+        assert!(
+            run.stderr.starts_with("whit: ") && run.stderr.contains(words),
+            "{}",
+            run.stderr
+        );
+    }
     assert_eq!(names_in(folder.path()), Vec::<String>::new());
 }

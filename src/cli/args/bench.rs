@@ -57,7 +57,7 @@ pub(in crate::cli) struct BenchArgs {
     pub(in crate::cli) sweep: bool,
 
     /// Triangles of the largest of these meshes; the sweep ends before it where memory is short
-    #[arg(long, requires = "sweep", value_name = "N", default_value_t = DEFAULT_MOST_TRIANGLES, value_parser = clap::value_parser!(u64).range(LEAST_TRIANGLES..=MAX_TRIANGLES))]
+    #[arg(long, requires = "sweep", conflicts_with = "scenes", value_name = "N", default_value_t = DEFAULT_MOST_TRIANGLES, value_parser = clap::value_parser!(u64).range(LEAST_TRIANGLES..=MAX_TRIANGLES))]
     pub(in crate::cli) most_triangles: u64,
 
     /// Measure with 1, 2, 4 and so on up to --threads threads too

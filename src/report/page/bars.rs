@@ -7,9 +7,9 @@ use super::escape;
 use super::plot::even_ticks;
 use crate::cost::Interval;
 
-const WIDTH: f64 = 820.0;
+const WIDTH: f64 = 861.0;
 /// Room for names at the left, and for what is written behind a bar.
-const NAMES: f64 = 190.0;
+const NAMES: f64 = 235.0;
 const BEHIND: f64 = 58.0;
 /// Room above, below and between groups, which a group's name takes.
 const ABOVE: f64 = 4.0;
@@ -190,7 +190,7 @@ mod tests {
                 "{width} in {html}"
             );
         }
-        for place in ["M333.0 34.0H762.0", ">0<", ">8<"] {
+        for place in ["M377.0 34.0H803.0", ">0<", ">8<"] {
             assert!(html.contains(place), "{place} in {html}");
         }
     }

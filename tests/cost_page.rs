@@ -59,6 +59,7 @@ fn point(knob: Option<Knob>, level: &str, time: f64, error: f64) -> Point {
         changed_share: (20.0 * rmse).min(1.0),
         non_finite: 0,
         rays: (1_234_567.0 * time) as u64,
+        instructions: None,
         geometry: None,
         on_front: false,
     }

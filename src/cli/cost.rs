@@ -19,6 +19,7 @@ use crate::scene_file::{Output, SceneFile};
 use super::aim;
 use super::args::CostArgs;
 use super::failure::Failure;
+use super::instructions;
 use super::interrupt;
 use super::job::{Tracing, check_instancing, choose_camera, settings};
 use super::output;
@@ -43,6 +44,9 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
         ));
     }
     check_instancing(&args.tracing)?;
+    if args.instructions {
+        instructions::check()?;
+    }
     let folder = args.out.as_deref().map(Folder::new).transpose()?;
     let tracing = Tracing::new(&args.tracing);
     let progress = Progress::new(Verbosity::Normal);
@@ -112,7 +116,11 @@ fn measure(
         isa: tracing.isa.clone(),
     };
     progress.phase(&name, "measure");
-    Ok((aim::run(&experiment, progress)?, tone))
+    let mut findings = aim::run(&experiment, progress)?;
+    if args.instructions {
+        instructions::count(args, &mut findings, progress)?;
+    }
+    Ok((findings, tone))
 }
 
 /// Refuses pictures that the machine cannot hold all at the same time.

@@ -14,6 +14,7 @@ mod extents;
 mod failure;
 mod forecast;
 mod info;
+mod instructions;
 mod interrupt;
 mod job;
 mod output;

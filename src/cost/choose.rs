@@ -334,6 +334,7 @@ mod tests {
             changed_share: 0.0,
             non_finite: 0,
             rays: 0,
+            instructions: None,
             geometry: None,
             on_front: false,
         }

@@ -284,6 +284,7 @@ impl Stage<'_, '_> {
                     changed_share: metrics[place].changed_share,
                     non_finite: pictures[place].image.non_finite_count() as u64,
                     rays: pictures[place].ledger.total().rays,
+                    instructions: None,
                     geometry: None,
                     on_front: false,
                 }
@@ -402,6 +403,7 @@ mod tests {
             changed_share: 0.0,
             non_finite: 0,
             rays: 0,
+            instructions: None,
             geometry: None,
             on_front: false,
         }

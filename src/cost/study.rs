@@ -140,6 +140,9 @@ pub struct Point {
     pub non_finite: u64,
     /// Rays of a picture.
     pub rays: u64,
+    /// Instructions of a pixel, by one thread; absent where none were counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instructions: Option<f64>,
     /// What it errs by where hits are found; absent where its knob cannot change which are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub geometry: Option<GeometricErrors>,

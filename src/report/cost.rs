@@ -12,7 +12,7 @@ pub(super) const BASE: &str = "base";
 
 /// The columns of [`points_csv`].
 const COLUMNS: &str = "id,knob,level,build,ready,t_med,t_lo,t_hi,ratio,ratio_lo,ratio_hi,rmse,rmse_lo,rmse_hi,bias2,var,rel_mse,flip,max,\
-                       changed,non_finite,rays,front,build_bytes,camera_rays,shadow_rays,leaks,false_hits,false_shadows,light_leaks,ties";
+                       changed,non_finite,rays,front,build_bytes,camera_rays,shadow_rays,leaks,false_hits,false_shadows,light_leaks,ties,instructions";
 
 /// A study in words.
 #[derive(Clone, Copy, Debug)]
@@ -212,7 +212,7 @@ pub fn points_csv(study: &Study) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{id},{},{},{},{},{},{},{},{}",
+            "{id},{},{},{},{},{},{},{},{},{}",
             quoted(knob_name(point)),
             quoted(&point.level),
             numbers.join(","),
@@ -220,7 +220,8 @@ pub fn points_csv(study: &Study) -> String {
             point.rays,
             point.on_front,
             point.build_bytes,
-            geometry(point).join(",")
+            geometry(point).join(","),
+            point.instructions.map_or(String::new(), number)
         );
     }
     text

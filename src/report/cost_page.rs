@@ -262,23 +262,35 @@ fn points(study: &Study) -> String {
         Column::Numbers("changed"),
         Column::Numbers("rays"),
     ];
+    let has_instructions = study.points.iter().any(|point| point.instructions.is_some());
+    if has_instructions {
+        columns.push(Column::Numbers("instructions"));
+    }
     // The last, so that it may be left out.
     if study.points.iter().any(|point| point.non_finite > 0) {
         columns.push(Column::Numbers("not finite"));
     }
     let mut table = Table::new(&columns);
     for point in &study.points {
-        table.row(("", knob_name(point)), &cells(point));
+        let mut cells = cells(point).to_vec();
+        if has_instructions {
+            let counted = point
+                .instructions
+                .map_or(Cell::default(), |count| Cell::count(count as u64));
+            cells.push(counted);
+        }
+        cells.push(Cell::count(point.non_finite));
+        table.row(("", knob_name(point)), &cells);
     }
     format!(
         "{}<p class=\"faint\">time: over the base’s. RMSE as displayed, black 0 and white 1: bias is the part that stays \
          however many pictures are averaged, deviation what differs from picture to picture. changed: pixels off by more \
-         than 1/255. Behind a value: where it lies 95 times of 100.</p>\n",
+         than 1/255. instructions: of a pixel, where they were counted. Behind a value: where it lies 95 times of 100.</p>\n",
         table.html("wide dense")
     )
 }
 
-fn cells(point: &Point) -> [Cell; 13] {
+fn cells(point: &Point) -> [Cell; 12] {
     let number = |value: f64| Cell::text(&significant(value, 3));
     let interval = |of: Interval| Cell::with_range(&significant(of.value, 3), &range(of, 3));
     let front = if point.on_front {
@@ -299,7 +311,6 @@ fn cells(point: &Point) -> [Cell; 13] {
         number(point.flip),
         Cell::text(&percent(point.changed_share)),
         Cell::count(point.rays),
-        Cell::count(point.non_finite),
     ]
 }
 
@@ -372,6 +383,7 @@ pub(super) mod tests {
             changed_share: 0.25,
             non_finite: 0,
             rays: 1000,
+            instructions: None,
             geometry: None,
             on_front: true,
         }

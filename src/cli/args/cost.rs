@@ -14,15 +14,16 @@ const DEFAULT_BUDGET: f64 = 120.0;
 const COST_HELP: &str = "\
 Every knob that the scene gives a meaning is turned by itself: samples a pixel and how they lie, adaptive sampling,
 depth, cut-off, wavelengths, points of lights, rays into lobes, steps through volumes, the texture filter, what finds
-the hits and how far it may be trusted, how Embree's trees are built,
-where hits lie and where rays start that leave them. What finds the hits is held against f64 by itself too: leaks, false hits, false
-shadows and light leaks. Errors are those of values as displayed (black is 0, white 1), held against two
-independent halves of a reference, one through Embree and one through the BSP; times are ratios within blocks in which
-every setting takes one turn. Pictures are as large as the budget affords, unless --size says it.
+the hits and how far it may be trusted, how Embree's trees are built, where hits lie and where rays start that leave
+them. What finds the hits is held against f64 by itself too: leaks, false hits, false shadows and light leaks. Errors
+are those of values as displayed (black is 0, white 1), held against two independent halves of a reference, one
+through Embree and one through the BSP; times are ratios within blocks in which every setting takes one turn. Pictures
+are as large as the budget affords, unless --size says it.
 
 Written into --out: report.html (one file, nothing to load), report.json, points.csv, ref.exr, the base's
 difference.png and flip.png, and settings.toml, the settings from which on less error is dear and before which less
-time is, or those that --max-error or --max-time chose, for `whit render --settings`. Where no settings are found that reach a target, the exit code is 1 and the nearest are told.
+time is, or those that --max-error or --max-time chose, for `whit render --settings`. Where no settings are found that
+reach a target, the exit code is 1 and the nearest are told.
 
 Examples:
   whit cost scene.toml
@@ -68,6 +69,10 @@ pub(in crate::cli) struct CostArgs {
 
     #[command(flatten)]
     pub(in crate::cli) leaving: LeavingArgs,
+
+    /// Count the instructions of a pixel of every setting too, by valgrind, which takes minutes beyond the budget
+    #[arg(long)]
+    pub(in crate::cli) instructions: bool,
 
     /// Folder to write the report into; it is made if it is not there
     #[arg(long, value_name = "DIR")]

@@ -1,0 +1,130 @@
+//! Instructions of every setting of a study, counted by callgrind: seconds that no other program adds to.
+
+use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use crate::cost::{Configuration, Findings, Settings, SettingsFile};
+
+use super::args::CostArgs;
+use super::failure::Failure;
+use super::interrupt;
+use super::progress::Progress;
+
+/// Sides of the two pictures whose difference in instructions is that in pixels alone: in neither count loading and
+/// building.
+const SIZES: [[u32; 2]; 2] = [[16, 12], [48, 36]];
+
+/// Refuses to count where callgrind is not there, before anything is measured.
+pub(super) fn check() -> Result<(), Failure> {
+    let version = Command::new("valgrind").arg("--version").output();
+    match version {
+        Ok(output) if output.status.success() => Ok(()),
+        _ => Err(Failure::Input(
+            "`--instructions` counts by valgrind, which is not there: install it or leave the flag out"
+                .into(),
+        )),
+    }
+}
+
+/// Counts the instructions of a pixel of every setting of a study, in the current rayon pool.
+pub(super) fn count(args: &CostArgs, findings: &mut Findings, progress: &Progress) -> Result<(), Failure> {
+    let folder = tempfile::tempdir()
+        .map_err(|error| Failure::Work(format!("cannot make a folder for settings: {error}")))?;
+    progress.phase(&args.scene.display().to_string(), "instructions");
+    let (done, all) = (AtomicUsize::new(0), findings.configurations.len());
+    let counts: Result<Vec<f64>, Failure> = findings
+        .configurations
+        .par_iter()
+        .enumerate()
+        .map(|(number, configuration)| {
+            let file = folder.path().join(format!("{number}.toml"));
+            let counted = of_pixel(args, configuration, &file)?;
+            progress.fraction((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / all as f64);
+            Ok(counted)
+        })
+        .collect();
+    for (point, counted) in findings.study.points.iter_mut().zip(counts?) {
+        point.instructions = Some(counted);
+    }
+    Ok(())
+}
+
+/// Instructions of a pixel; `settings` is a file for what the program is told.
+fn of_pixel(args: &CostArgs, configuration: &Configuration, settings: &Path) -> Result<f64, Failure> {
+    let text = SettingsFile {
+        settings: Settings::of(configuration),
+        measured: None,
+    }
+    .text();
+    std::fs::write(settings, text)
+        .map_err(|error| Failure::Work(format!("cannot write {}: {error}", settings.display())))?;
+    let mut counts = [0.0; 2];
+    for (size, counted) in SIZES.into_iter().zip(&mut counts) {
+        *counted = of_picture(args, size, settings)?;
+    }
+    let pixels = SIZES.map(|[width, height]| f64::from(width * height));
+    Ok((counts[1] - counts[0]) / (pixels[1] - pixels[0]))
+}
+
+fn of_picture(args: &CostArgs, [width, height]: [u32; 2], settings: &Path) -> Result<f64, Failure> {
+    interrupt::check()?;
+    let program = std::env::current_exe().map_err(|error| {
+        Failure::Work(format!(
+            "cannot tell where whit is, to count its instructions: {error}"
+        ))
+    })?;
+    let picture = settings.with_extension("exr");
+    let mut command = Command::new("valgrind");
+    command
+        .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
+        .arg(program)
+        .arg("render")
+        .arg(&args.scene)
+        .arg("-o")
+        .arg(&picture)
+        .arg("--settings")
+        .arg(settings)
+        .args(["--threads", "1", "--size", &format!("{width}x{height}")]);
+    if let Some(camera) = &args.camera {
+        command.args(["--camera", camera]);
+    }
+    if let Some(isa) = &args.tracing.isa {
+        command.args(["--isa", isa]);
+    }
+    let output = command
+        .output()
+        .map_err(|error| Failure::Work(format!("valgrind cannot be run: {error}")))?;
+    interrupt::check()?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    collected(&said)
+        .filter(|_| output.status.success())
+        .ok_or_else(|| {
+            let last = said.lines().last().unwrap_or_default();
+            Failure::Work(format!(
+                "valgrind counted no instructions of {}: {last}",
+                args.scene.display()
+            ))
+        })
+}
+
+/// The count that callgrind tells when a program has ended.
+fn collected(said: &str) -> Option<f64> {
+    let line = said.lines().find_map(|line| line.split_once("Collected : "));
+    line?.1.trim().parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_count_is_read_from_what_callgrind_says() {
+        let said =
+            "==7== Events    : Ir\n==7== Collected : 123456789\n==7==\n==7== I   refs:      123,456,789\n";
+        assert_eq!(collected(said), Some(123_456_789.0));
+        assert_eq!(collected("valgrind: whit: command not found"), None);
+    }
+}

@@ -2,7 +2,8 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
 use serde_json::Value;
 
@@ -273,4 +274,120 @@ fn what_cannot_be_measured_is_told_in_a_sentence() {
         assert_eq!(done.status.code(), Some(2), "{args:?}: {said}");
         assert!(said.contains(word), "{args:?}: {said}");
     }
+}
+
+/// A study of a small picture that has been interrupted once something was kept.
+fn interrupted(scene: &str, folder: &Path) {
+    let out = folder.to_str().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_whit"))
+        .args(["cost", scene, "--size", "32x24", "--budget", "60", "--out", out])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let kept = folder.join("unfinished.study");
+    while !kept.exists() {
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "it ended before anything was kept"
+        );
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let pid = child.id().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &pid])
+            .status()
+            .unwrap()
+            .success()
+    );
+    let done = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(130), "{said}");
+    assert!(said.contains("--resume"), "{said}");
+    assert!(!folder.join("report.json").exists());
+}
+
+#[test]
+fn an_interrupted_study_is_gone_on_with_where_it_was_and_with_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let kept = folder.path().join("unfinished.study");
+    let scene = "scenes/first_light.gltf";
+    let resume = |scene: &str| {
+        whit(&[
+            "cost", scene, "--size", "32x24", "--budget", "1", "--out", out, "--resume",
+        ])
+    };
+    let refused = |scene: &str, word: &str| {
+        let done = resume(scene);
+        let said = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert_eq!(done.status.code(), Some(2), "{said}");
+        assert!(said.contains(word) && said.contains("unfinished.study"), "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+    };
+    refused(scene, "nothing was interrupted");
+    interrupted(scene, folder.path());
+    let whole = fs::read(&kept).unwrap();
+    refused("scenes/mirror_room.toml", "another scene");
+    for length in [0, 5, 13, 200, whole.len() / 2, whole.len() - 1] {
+        fs::write(&kept, &whole[..length]).unwrap();
+        refused(scene, if length < 5000 { "no study" } else { "cut short" });
+    }
+    fs::write(&kept, &whole).unwrap();
+    let done = resume(scene);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    assert!(!kept.exists());
+    let study: Value = serde_json::from_slice(&fs::read(folder.path().join("report.json")).unwrap()).unwrap();
+    let timing = &study["timing"];
+    // With hardly a second to go on for, the least number of blocks is taken all the same.
+    let blocks = timing["blocks"].as_u64().unwrap() + timing["dropped"].as_u64().unwrap();
+    assert!(blocks >= 6, "{timing}");
+    assert!(
+        timing["spent"].as_f64() > Some(1.0),
+        "what it took before counts: {timing}"
+    );
+}
+
+#[test]
+fn instructions_are_counted_where_valgrind_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let scene = folder.path().join("ball.toml");
+    fs::write(
+        &scene,
+        "camera = { from = [0, 0, 3], at = [0, 0, 0] }\n[[object]]\nshape = 'sphere'\n",
+    )
+    .unwrap();
+    let scene = scene.to_str().unwrap();
+    let args = [
+        "cost",
+        scene,
+        "--size",
+        "16x12",
+        "--budget",
+        "1",
+        "--backend",
+        "bsp",
+        "--instructions",
+    ];
+    let done = whit(&[&args[..], &["--out", out]].concat());
+    let said = String::from_utf8_lossy(&done.stderr).into_owned();
+    if Command::new("valgrind").arg("--version").output().is_err() {
+        assert_eq!(done.status.code(), Some(2), "{said}");
+        assert!(said.contains("valgrind"), "{said}");
+        return;
+    }
+    assert!(done.status.success(), "{said}");
+    let study: Value = serde_json::from_slice(&fs::read(folder.path().join("report.json")).unwrap()).unwrap();
+    let of = |point: &Value| point["instructions"].as_f64().unwrap();
+    let samples = points(&study, "samples");
+    let at = |level: &str| of(samples.iter().find(|point| point["level"] == level).unwrap());
+    let ratio = at("8") / at("4");
+    assert!((1.6..2.2).contains(&ratio), "{ratio}");
+    assert!(
+        fs::read_to_string(folder.path().join("report.html"))
+            .unwrap()
+            .contains("class=\"number\">instructions<")
+    );
 }

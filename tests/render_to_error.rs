@@ -137,10 +137,12 @@ fn check(filed: &FiledScene, threads: usize) -> bool {
         start: Instant::now(),
         threads,
         isa: None,
+        unfinished: None,
     };
     let watcher = Watcher {
         progress: &|_, _| {},
         cancel: &cancel,
+        keep: None,
     };
     let found = run(&experiment, &watcher).unwrap();
     let (chosen, choice) = (found.chosen.unwrap(), found.study.choice.unwrap());

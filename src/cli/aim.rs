@@ -36,21 +36,28 @@ pub(super) fn look(
         start: Instant::now(),
         threads: tracing.threads,
         isa: tracing.isa.clone(),
+        unfinished: None,
     };
-    run(&experiment, progress)
+    run(&experiment, progress, None)
 }
 
-/// Runs an experiment, and shows how far it is.
-pub(super) fn run(experiment: &Experiment, progress: &Progress) -> Result<Findings, Failure> {
+/// Runs an experiment, and shows how far it is; `keep` is given what it would go on with.
+pub(super) fn run(
+    experiment: &Experiment,
+    progress: &Progress,
+    keep: Option<&dyn Fn(&[u8])>,
+) -> Result<Findings, Failure> {
     let watcher = Watcher {
         progress: &|what, fraction| {
             progress.say(what);
             progress.fraction(fraction);
         },
         cancel: &interrupt::CANCELLED,
+        keep,
     };
     cost::run(experiment, &watcher).map_err(|error| match error {
         CostError::Cancelled => Failure::Interrupted,
         CostError::Accel(error) => error.into(),
+        other => Failure::Input(other.to_string()),
     })
 }

@@ -1,15 +1,16 @@
 //! `whit cost`: what accuracy costs in time, on the user's scene.
 
 use std::fs;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::accel::{AccelError, Backend};
 use crate::cost::{
-    Configuration, Experiment, Findings, Measured, SceneChange, Settings, SettingsFile, Target,
+    Configuration, Experiment, Findings, Measured, SceneChange, Settings, SettingsFile, Target, Unfinished,
 };
 use crate::image::metrics::{self, Viewing};
-use crate::image::{ImageFormat, ToneMap, check_writable, write};
+use crate::image::{ImageFormat, ToneMap, check_writable, write, write_atomically};
 use crate::render::RenderSettings;
 use crate::report::cost::{CostText, points_csv};
 use crate::report::{cost_page, difference, memory};
@@ -50,14 +51,39 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     let folder = args.out.as_deref().map(Folder::new).transpose()?;
     let tracing = Tracing::new(&args.tracing);
     let progress = Progress::new(Verbosity::Normal);
-    let findings = tracing
-        .pool()?
-        .install(|| measure(args, backend, &tracing, start, &progress));
+    let unfinished = match &folder {
+        Some(folder) if args.resume => Some(folder.unfinished()?),
+        Some(folder) => {
+            folder.begin_anew(&progress);
+            None
+        }
+        None => None,
+    };
+    let spent = unfinished.as_ref().map_or(0.0, Unfinished::spent);
+    let start = start.checked_sub(Duration::from_secs_f64(spent)).unwrap_or(start);
+    let findings = tracing.pool()?.install(|| {
+        measure(
+            args,
+            (&tracing, backend, folder.as_ref()),
+            (start, unfinished),
+            &progress,
+        )
+    });
     progress.clear();
+    if let (Err(Failure::Interrupted), Some(folder)) = (&findings, &folder)
+        && folder.unfinished.exists()
+    {
+        output::tell(&format!(
+            "whit: {} keeps what was measured: `--resume` goes on with it",
+            folder.unfinished.display()
+        ));
+    }
     let (findings, tone) = findings?;
     output::print(&CostText(&findings.study).to_string())?;
     if let Some(folder) = &folder {
         folder.write(args, &findings, tone)?;
+        // All of it is in the report now; where it stays, the next study replaces it.
+        let _ = fs::remove_file(&folder.unfinished);
     }
     match &findings.study.choice {
         Some(choice) if !choice.reached => Err(Failure::Work(
@@ -71,9 +97,8 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
 
 fn measure(
     args: &CostArgs,
-    backend: Backend,
-    tracing: &Tracing,
-    start: Instant,
+    (tracing, backend, folder): (&Tracing, Backend, Option<&Folder>),
+    (start, unfinished): (Instant, Option<Unfinished>),
     progress: &Progress,
 ) -> Result<(Findings, ToneMap), Failure> {
     let name = args.scene.display().to_string();
@@ -114,9 +139,27 @@ fn measure(
         start,
         threads: tracing.threads,
         isa: tracing.isa.clone(),
+        unfinished,
     };
     progress.phase(&name, "measure");
-    let mut findings = aim::run(&experiment, progress)?;
+    let keep = |bytes: &[u8]| {
+        let Some(folder) = folder else {
+            return;
+        };
+        let kept =
+            interrupt::finish_first(|| write_atomically(&folder.unfinished, |file| file.write_all(bytes)));
+        // The study itself needs it not.
+        if let Err(error) = kept {
+            progress.warn(&format!("what was measured so far cannot be kept: {error}"));
+        }
+    };
+    let findings = aim::run(&experiment, progress, folder.map(|_| &keep as &dyn Fn(&[u8])));
+    let mut findings = findings.map_err(|failure| match (failure, folder) {
+        (Failure::Input(words), Some(folder)) if args.resume => {
+            Failure::Input(format!("{} {words}", folder.unfinished.display()))
+        }
+        (failure, _) => failure,
+    })?;
     if args.instructions {
         instructions::count(args, &mut findings, progress)?;
     }
@@ -149,9 +192,36 @@ struct Folder {
     settings: PathBuf,
     difference: PathBuf,
     flip: PathBuf,
+    /// What an interrupted study had measured.
+    unfinished: PathBuf,
 }
 
 impl Folder {
+    /// What was interrupted.
+    fn unfinished(&self) -> Result<Unfinished, Failure> {
+        let path = self.unfinished.display();
+        let bytes = match fs::read(&self.unfinished) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                return Err(Failure::Input(format!(
+                    "{path} is not there: nothing was interrupted, leave `--resume` out"
+                )));
+            }
+            Err(error) => return Err(Failure::Input(format!("cannot read {path}: {error}"))),
+        };
+        Unfinished::parse(&bytes).map_err(|words| Failure::Input(format!("{path} {words}")))
+    }
+
+    /// Tells that something was interrupted that is not gone on with.
+    fn begin_anew(&self, progress: &Progress) {
+        if self.unfinished.exists() {
+            progress.warn(&format!(
+                "{} keeps an interrupted study, which is begun anew: `--resume` would go on with it",
+                self.unfinished.display()
+            ));
+        }
+    }
+
     /// Makes the folder if it is not there, and sees that files can be written into it.
     fn new(folder: &Path) -> Result<Folder, Failure> {
         fs::create_dir_all(folder).map_err(|error| {
@@ -165,6 +235,7 @@ impl Folder {
             settings: folder.join("settings.toml"),
             difference: folder.join("difference.png"),
             flip: folder.join("flip.png"),
+            unfinished: folder.join("unfinished.study"),
         };
         for path in [
             &files.page,

@@ -4,6 +4,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use serde::{Deserialize, Serialize};
+
 use super::statistics::{median, median_interval};
 use super::{Interval, Timing};
 use crate::numeric::Random;
@@ -26,8 +28,19 @@ pub struct Protocol {
     pub seed: u64,
 }
 
+impl Protocol {
+    /// Whether another block begins after so many, the longest of which took `longest` seconds.
+    pub(super) fn goes_on(&self, blocks: usize, longest: f64) -> bool {
+        let left = self
+            .deadline
+            .saturating_duration_since(Instant::now())
+            .as_secs_f64();
+        blocks < self.most && (blocks < self.least || left >= 1.05 * longest)
+    }
+}
+
 /// Seconds of all turns.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Blocks {
     /// Of the kernel, a block each.
     calibration: Vec<f64>,
@@ -46,30 +59,49 @@ impl Blocks {
         protocol: &Protocol,
         mut turn: impl FnMut(usize, usize) -> Result<f64, E>,
     ) -> Result<Blocks, E> {
-        let mut blocks = Blocks {
-            calibration: Vec::new(),
-            seconds: vec![Vec::new(); contestants],
-        };
-        let mut random = Random::new(protocol.seed, contestants as u64);
-        let mut order: Vec<usize> = (0..contestants).collect();
+        let mut blocks = Blocks::new(contestants);
         let mut longest = 0.0f64;
-        for block in 0..protocol.most {
-            let start = Instant::now();
-            let left = protocol.deadline.saturating_duration_since(start).as_secs_f64();
-            if block >= protocol.least && left < 1.05 * longest {
-                break;
-            }
-            shuffle(&mut order, &mut random);
-            let before = kernel_seconds();
-            for &contestant in &order {
-                let seconds = turn(contestant, block)?;
-                blocks.seconds[contestant].push(seconds);
-            }
-            // Of the two, the one that was disturbed less.
-            blocks.calibration.push(before.min(kernel_seconds()));
-            longest = longest.max(start.elapsed().as_secs_f64());
+        while protocol.goes_on(blocks.count(), longest) {
+            longest = longest.max(blocks.add(protocol.seed, &mut turn)?);
         }
         Ok(blocks)
+    }
+
+    /// None yet.
+    pub(super) fn new(contestants: usize) -> Blocks {
+        Blocks {
+            calibration: Vec::new(),
+            seconds: vec![Vec::new(); contestants],
+        }
+    }
+
+    /// How many there are.
+    pub(super) fn count(&self) -> usize {
+        self.calibration.len()
+    }
+
+    /// Another block, and the seconds that it took.
+    ///
+    /// # Errors
+    ///
+    /// The first of `turn`; then the blocks are of no use any more.
+    pub(super) fn add<E>(
+        &mut self,
+        seed: u64,
+        mut turn: impl FnMut(usize, usize) -> Result<f64, E>,
+    ) -> Result<f64, E> {
+        let start = Instant::now();
+        let block = self.count();
+        let mut order: Vec<usize> = (0..self.seconds.len()).collect();
+        shuffle(&mut order, &mut Random::new(seed, block as u64));
+        let before = kernel_seconds();
+        for contestant in order {
+            let seconds = turn(contestant, block)?;
+            self.seconds[contestant].push(seconds);
+        }
+        // Of the two, the one that was disturbed less.
+        self.calibration.push(before.min(kernel_seconds()));
+        Ok(start.elapsed().as_secs_f64())
     }
 
     /// Which blocks count: those in which the machine was calm, or where hardly any were, all.

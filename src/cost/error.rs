@@ -165,6 +165,31 @@ impl Pictures {
         }
     }
 
+    /// Those of so many pictures, from [`Pictures::parts`].
+    pub(super) fn from_parts(
+        count: usize,
+        sum: Vec<[f32; 3]>,
+        products: Vec<f64>,
+        squares: Vec<f64>,
+    ) -> Pictures {
+        Pictures {
+            count,
+            sum,
+            products,
+            squares,
+        }
+    }
+
+    /// Sums of all pictures pixel by pixel, and block by block their products and the squares of these.
+    pub(super) fn parts(&self) -> (&[[f32; 3]], &[f64], &[f64]) {
+        (&self.sum, &self.products, &self.squares)
+    }
+
+    /// Blocks that products are added up in.
+    pub(super) fn block_count(&self) -> usize {
+        self.products.len()
+    }
+
     /// Adds a picture.
     pub fn add(&mut self, halves: &Halves, picture: &Displayed) {
         self.count += 1;

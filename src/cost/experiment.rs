@@ -9,9 +9,10 @@ use super::blocks::{Blocks, Protocol};
 use super::layout::{Layout, widest};
 use super::reference::{Halved, checks, stricter, strictest};
 use super::stage::{Stage, View};
+use super::unfinished::{Kept, checksum};
 use super::{
     Configuration, Curve, Displayed, Halves, HitPath, Interval, Knob, Pictures, Place, Point, Reference,
-    SceneChange, Study, Target, front, slope,
+    SceneChange, Study, Target, Unfinished, front, slope,
 };
 use crate::accel::{AccelError, EmbreeIdentity};
 use crate::image::metrics::{Metrics, Tally, Viewing};
@@ -27,6 +28,9 @@ const MOST_BLOCKS: usize = 40;
 pub(super) const MEASURED_PART: f64 = 0.94;
 /// The same where settings are to be chosen.
 const CHOOSING_PART: f64 = 0.35;
+
+/// What was measured is kept as often as this, if blocks are not longer.
+const KEEP_EVERY: Duration = Duration::from_secs(5);
 
 /// What is to be measured.
 pub struct Experiment<'a> {
@@ -51,6 +55,8 @@ pub struct Experiment<'a> {
     pub threads: usize,
     /// Instruction set that Embree is held to.
     pub isa: Option<String>,
+    /// One that was interrupted, and goes on; `start` is then as long ago as it had taken.
+    pub unfinished: Option<Unfinished>,
 }
 
 /// How a long experiment talks to whoever waits for it.
@@ -60,6 +66,8 @@ pub struct Watcher<'a> {
     pub progress: &'a dyn Fn(&str, f64),
     /// Set by anyone to stop.
     pub cancel: &'a std::sync::atomic::AtomicBool,
+    /// Given now and then what [`Unfinished::parse`] goes on with.
+    pub keep: Option<&'a dyn Fn(&[u8])>,
 }
 
 /// Why there is no study.
@@ -68,6 +76,9 @@ pub enum CostError {
     /// It was cancelled.
     #[error("interrupted")]
     Cancelled,
+    /// What was interrupted was something else.
+    #[error("is of another scene, of other settings, or of another version of whit")]
+    Other,
     /// A structure could not be built.
     #[error(transparent)]
     Accel(#[from] AccelError),
@@ -149,14 +160,29 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
     for configuration in all().chain([strict.through(HitPath::BSP)]) {
         stage.build(&configuration)?;
     }
-    let layout = stage.lay_out(&plan, &strict, stricter.len())?;
-    let mut reference = stage.reference(&layout, &strict)?;
-    stage.refine(&layout, &strict, &mut reference)?;
-    let mut left = Vec::new();
-    for (knob, configuration) in &stricter {
-        left.push((*knob, stage.left_by(&layout, &strict, configuration)?));
-    }
-    let measured = stage.measure(&layout, &reference)?;
+    let (layout, reference, left, measured) = match &experiment.unfinished {
+        Some(unfinished) => {
+            let layout = Layout::resumed(experiment, &plan, unfinished).ok_or(CostError::Other)?;
+            let [a, b] = &unfinished.means;
+            let halves = stage.halves(layout.view, [a, b]);
+            let count = unfinished.head.reference_count;
+            let reference = Halved::new(count, unfinished.means.clone(), halves);
+            let measured = stage.resumed(&layout, unfinished)?;
+            (layout, reference, unfinished.head.left.clone(), measured)
+        }
+        None => {
+            let layout = stage.lay_out(&plan, &strict, stricter.len())?;
+            let mut reference = stage.reference(&layout, &strict)?;
+            stage.refine(&layout, &strict, &mut reference)?;
+            let mut left = Vec::new();
+            for (knob, configuration) in &stricter {
+                left.push((*knob, stage.left_by(&layout, &strict, configuration)?));
+            }
+            let measured = Measured::none(layout.contestants.len(), &reference);
+            (layout, reference, left, measured)
+        }
+    };
+    let measured = stage.measure((&layout, &reference, &left), measured)?;
     let mut findings = stage.findings(&layout, &strict, &reference, measured);
     let study = &mut findings.study;
     if let Some(target) = experiment.target {
@@ -204,12 +230,24 @@ struct Measured {
     first: Vec<Option<Rendering>>,
 }
 
+impl Measured {
+    /// Nothing yet.
+    fn none(count: usize, reference: &Halved) -> Measured {
+        Measured {
+            blocks: Blocks::new(count),
+            errors: vec![Pictures::new(&reference.halves); count],
+            first: (0..count).map(|_| None).collect(),
+        }
+    }
+}
+
 impl Stage<'_, '_> {
-    /// Blocks until the time is up.
-    fn measure(&self, layout: &Layout, reference: &Halved) -> Result<Measured, CostError> {
-        let count = layout.contestants.len();
-        let mut errors = vec![Pictures::new(&reference.halves); count];
-        let mut first: Vec<Option<Rendering>> = (0..count).map(|_| None).collect();
+    /// Blocks until the time is up, after those that were measured; all of it is kept now and then.
+    fn measure(
+        &self,
+        (layout, reference, left): (&Layout, &Halved, &[(Knob, f64)]),
+        mut measured: Measured,
+    ) -> Result<Measured, CostError> {
         let (least, most, until) = match self.experiment.target {
             Some(_) => (LEAST_BLOCKS_FOR_A_TARGET, LEAST_BLOCKS, CHOOSING_PART),
             None => (LEAST_BLOCKS, MOST_BLOCKS, MEASURED_PART),
@@ -221,17 +259,56 @@ impl Stage<'_, '_> {
             deadline: self.experiment.start + Duration::from_secs_f64(until),
             seed: 1,
         };
-        let blocks = Blocks::measure(count, &protocol, |contestant, block| {
-            self.say("measure");
-            let configuration = &layout.contestants[contestant].configuration;
-            let (rendering, seconds) = self.picture(configuration, layout.view, block as u32 + 1)?;
-            errors[contestant].add(&reference.halves, &self.displayed(&rendering.image, layout.view));
-            first[contestant].get_or_insert(rendering);
-            Ok::<f64, CostError>(seconds)
-        })?;
-        Ok(Measured {
+        let Measured {
             blocks,
             errors,
+            first,
+        } = &mut measured;
+        let (mut longest, mut kept) = (0.0f64, None::<Instant>);
+        while protocol.goes_on(blocks.count(), longest) {
+            let seconds = blocks.add(protocol.seed, |contestant, block| {
+                self.say("measure");
+                let configuration = &layout.contestants[contestant].configuration;
+                let (rendering, seconds) = self.picture(configuration, layout.view, seed_of(block))?;
+                errors[contestant].add(&reference.halves, &self.displayed(&rendering.image, layout.view));
+                first[contestant].get_or_insert(rendering);
+                Ok::<f64, CostError>(seconds)
+            })?;
+            longest = longest.max(seconds);
+            if let Some(keep) = self.watcher.keep
+                && kept.is_none_or(|kept| kept.elapsed() >= KEEP_EVERY)
+            {
+                let base = first[0].as_ref();
+                let all = Kept {
+                    layout,
+                    reference,
+                    left,
+                    blocks,
+                    pictures: errors,
+                    checksum: base.map_or(0, |base| checksum(&base.image)),
+                    spent: self.spent(),
+                };
+                keep(&all.bytes());
+                kept = Some(Instant::now());
+            }
+        }
+        Ok(measured)
+    }
+
+    /// What was measured before an interruption; first pictures are made again, and tell whether they are the same.
+    fn resumed(&self, layout: &Layout, unfinished: &Unfinished) -> Result<Measured, CostError> {
+        let mut first = Vec::new();
+        for contestant in &layout.contestants {
+            self.say("resume");
+            let (rendering, _) = self.picture(&contestant.configuration, layout.view, seed_of(0))?;
+            if first.is_empty() && checksum(&rendering.image) != unfinished.head.checksum {
+                return Err(CostError::Other);
+            }
+            first.push(Some(rendering));
+        }
+        Ok(Measured {
+            blocks: unfinished.head.blocks.clone(),
+            errors: unfinished.pictures.clone(),
             first,
         })
     }
@@ -337,6 +414,11 @@ impl Stage<'_, '_> {
                 .collect(),
         }
     }
+}
+
+/// Of the pictures of a block.
+fn seed_of(block: usize) -> u32 {
+    block as u32 + 1
 }
 
 /// Every knob whose places lie in an order, the base among them, by time.

@@ -118,7 +118,7 @@ impl fmt::Display for Knob {
 }
 
 /// How far the knobs of sampling are turned.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reach {
     /// The most samples of a pixel.
     pub samples: u32,

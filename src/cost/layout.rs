@@ -3,6 +3,7 @@
 use super::choose::Target;
 use super::knob::{Reach, knobs};
 use super::stage::{Stage, View};
+use super::unfinished::Unfinished;
 use super::{Configuration, CostError, Experiment, Halves, HitPath, Knob};
 use crate::image::LinearImage;
 use crate::render::{MIN_ADAPTIVE_ERROR, Plan};
@@ -55,6 +56,10 @@ pub(super) struct Layout {
     pub(super) reference_spp: u32,
     /// Of the pictures that tell whether a knob at its strictest still matters.
     pub(super) stricter_spp: u32,
+    /// Of the base.
+    pub(super) base_spp: u32,
+    /// How far the knobs of sampling are turned.
+    pub(super) reach: Reach,
 }
 
 /// A configuration that is measured.
@@ -110,6 +115,25 @@ fn contestants(experiment: &Experiment, plan: &Plan, base_spp: u32, reach: &Reac
     std::iter::once(base).chain(turned).collect()
 }
 
+impl Layout {
+    /// That of a study that was interrupted; `None` if its configurations were others.
+    pub(super) fn resumed(experiment: &Experiment, plan: &Plan, unfinished: &Unfinished) -> Option<Layout> {
+        let head = &unfinished.head;
+        let contestants = contestants(experiment, plan, head.base_spp, &head.reach);
+        let words = contestants
+            .iter()
+            .map(|contestant| contestant.configuration.words());
+        words.eq(head.words.iter().cloned()).then(|| Layout {
+            view: unfinished.view(),
+            contestants,
+            reference_spp: head.reference_spp,
+            stricter_spp: head.stricter_spp,
+            base_spp: head.base_spp,
+            reach: head.reach.clone(),
+        })
+    }
+}
+
 impl Stage<'_, '_> {
     /// Chooses how large pictures are and how many samples they have; `checks` knobs of `strict` are turned further.
     pub(super) fn lay_out(
@@ -138,7 +162,8 @@ impl Stage<'_, '_> {
         let wish = self.experiment.size;
         let budget = self.experiment.budget - self.spent();
         for (place, [base_spp, most]) in LADDER.into_iter().enumerate() {
-            let contestants = contestants(self.experiment, plan, base_spp, &Reach::of(most));
+            let reach = Reach::of(most);
+            let contestants = contestants(self.experiment, plan, base_spp, &reach);
             let samples = samples_of(&contestants);
             let affordable = PILOT_PART * budget / (unit * samples);
             let pilot = self.view_of(affordable.clamp(PILOT_PIXELS[1], PILOT_PIXELS[0]));
@@ -164,6 +189,8 @@ impl Stage<'_, '_> {
                 contestants,
                 reference_spp,
                 stricter_spp: STRICTER_SPP,
+                base_spp,
+                reach,
             });
         }
         unreachable!("the last rung is taken")
@@ -221,6 +248,8 @@ impl Stage<'_, '_> {
             contestants,
             reference_spp,
             stricter_spp: STRICTER_SPP_FOR_A_TARGET,
+            base_spp,
+            reach,
         })
     }
 

@@ -23,6 +23,7 @@ mod stage;
 pub mod statistics;
 mod study;
 mod targets;
+mod unfinished;
 
 pub use choose::{Forecast, Goal, Target, forecasts, with_knob};
 pub use configuration::{Configuration, HitPath, SceneChange};
@@ -35,3 +36,4 @@ pub use settings::{Measured, Settings, SettingsFile};
 pub use slope::slope;
 pub use statistics::Interval;
 pub use study::{Check, Choice, Curve, Point, Reference, Study, Timing};
+pub use unfinished::Unfinished;

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::experiment::MEASURED_PART;
 use super::layout::{Layout, NOISE_FOR_A_TARGET, PLANNED_BLOCKS};
-use super::stage::Stage;
+use super::stage::{Stage, View};
 use super::{Check, Configuration, CostError, Halves, HitPath, Knob, Pictures, SceneChange, Study, Target};
 use crate::accel::{Backend, Precision};
 use crate::image::LinearImage;
@@ -116,6 +116,21 @@ pub(super) struct Halved {
 }
 
 impl Halved {
+    /// One whose halves have these means, of so many pictures each.
+    pub(super) fn new(count: u32, means: [LinearImage; 2], halves: Halves) -> Halved {
+        Halved {
+            count,
+            means,
+            halves,
+            seconds: 0.0,
+        }
+    }
+
+    /// The means of the halves.
+    pub(super) fn means(&self) -> &[LinearImage; 2] {
+        &self.means
+    }
+
     /// The mean of both halves.
     pub(super) fn mean(&self) -> LinearImage {
         let mut mean = self.means[0].clone();
@@ -140,14 +155,14 @@ impl Stage<'_, '_> {
         let [a, b] = self.pair(layout, strict, 0)?;
         Ok(Halved {
             count: 1,
-            halves: self.halves(layout, [&a, &b]),
+            halves: self.halves(layout.view, [&a, &b]),
             means: [a, b],
             seconds: start.elapsed().as_secs_f64(),
         })
     }
 
-    fn halves(&self, layout: &Layout, means: [&LinearImage; 2]) -> Halves {
-        let [a, b] = means.map(|mean| self.displayed(mean, layout.view));
+    pub(super) fn halves(&self, view: View, means: [&LinearImage; 2]) -> Halves {
+        let [a, b] = means.map(|mean| self.displayed(mean, view));
         Halves { a, b }
     }
 
@@ -202,7 +217,7 @@ impl Stage<'_, '_> {
                 blend(mean, more, 1.0 / reference.count as f32);
             }
             let [a, b] = &reference.means;
-            reference.halves = self.halves(layout, [a, b]);
+            reference.halves = self.halves(layout.view, [a, b]);
         }
         Ok(())
     }

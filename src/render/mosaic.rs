@@ -5,6 +5,8 @@
 
 use std::time::Instant;
 
+use serde::{Deserialize, Serialize};
+
 use super::film::Tile;
 use super::sample::{pixels, reach, spread};
 use super::{Frame, Monitor, RenderSettings, Rendering, adaptive, render_tiles};
@@ -16,7 +18,7 @@ use crate::scene::{Camera, Scene};
 const PIECE: u32 = 16;
 
 /// How many pieces there are, and how they lie.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Mosaic {
     /// Pieces beside each other.
     pub columns: u32,

@@ -30,6 +30,7 @@ Examples:
   whit cost scene.glb --budget 300 --out scene.cost
   whit cost scene.toml --max-error 0.01 --out scene.cost
   whit cost scene.toml --max-time 2.5 --out scene.cost
+  whit cost scene.glb --budget 600 --out scene.cost --resume
   whit cost scene.toml --size 320x240 --out scene.cost --date 2026-11-23";
 
 /// Flags of `whit cost`.
@@ -77,6 +78,10 @@ pub(in crate::cli) struct CostArgs {
     /// Folder to write the report into; it is made if it is not there
     #[arg(long, value_name = "DIR")]
     pub(in crate::cli) out: Option<PathBuf>,
+
+    /// Go on with what was interrupted before it was written into --out
+    #[arg(long, requires = "out")]
+    pub(in crate::cli) resume: bool,
 
     /// What the report's page says of its date
     #[arg(long, value_name = "WORDS", requires = "out")]

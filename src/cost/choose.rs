@@ -293,8 +293,6 @@ pub(super) fn floor(points: &[Point], forecasts: &[Forecast]) -> Option<(f64, Kn
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
     use crate::cost::{HitPath, Interval, SceneChange};
     use crate::render::{Pattern, RenderSettings};
@@ -316,28 +314,7 @@ mod tests {
 
     fn point(knob: Option<Knob>, configuration: &Configuration) -> Point {
         let (square, ratio) = truth(configuration);
-        Point {
-            knob,
-            level: String::new(),
-            settings: BTreeMap::new(),
-            build_seconds: 0.0,
-            build_bytes: 0,
-            ready_seconds: 0.0,
-            seconds: Interval::exact(ratio),
-            time_ratio: Interval::exact(ratio),
-            rmse: Interval::exact(square.sqrt()),
-            bias_squared: Interval::exact(0.0),
-            variance: square,
-            rel_mse: 0.0,
-            flip: 0.0,
-            max: 0.0,
-            changed_share: 0.0,
-            non_finite: 0,
-            rays: 0,
-            instructions: None,
-            geometry: None,
-            on_front: false,
-        }
+        Point::plain(knob, ratio, square.sqrt())
     }
 
     fn world() -> (Vec<Point>, Vec<Configuration>) {

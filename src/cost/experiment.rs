@@ -462,32 +462,13 @@ mod tests {
     use super::*;
 
     fn point(knob: Option<Knob>, seconds: f64, rmse: f64) -> Point {
-        let time = Interval::exact(seconds);
         Point {
-            knob,
-            level: String::new(),
-            settings: std::collections::BTreeMap::new(),
-            build_seconds: 0.0,
-            build_bytes: 0,
-            ready_seconds: 0.0,
-            seconds: time,
-            time_ratio: time,
             rmse: Interval {
                 value: rmse,
                 low: 0.9 * rmse,
                 high: 1.1 * rmse,
             },
-            bias_squared: Interval::exact(0.0),
-            variance: 0.0,
-            rel_mse: 0.0,
-            flip: 0.0,
-            max: 0.0,
-            changed_share: 0.0,
-            non_finite: 0,
-            rays: 0,
-            instructions: None,
-            geometry: None,
-            on_front: false,
+            ..Point::plain(knob, seconds, rmse)
         }
     }
 

@@ -162,6 +162,33 @@ pub struct Curve {
 }
 
 impl Point {
+    /// One of which only the time, which is its ratio to the base's too, and the error are told.
+    #[cfg(test)]
+    pub(crate) fn plain(knob: Option<Knob>, time: f64, rmse: f64) -> Point {
+        Point {
+            knob,
+            level: String::new(),
+            settings: BTreeMap::new(),
+            build_seconds: 0.0,
+            build_bytes: 0,
+            ready_seconds: 0.0,
+            seconds: Interval::exact(time),
+            time_ratio: Interval::exact(time),
+            rmse: Interval::exact(rmse),
+            bias_squared: Interval::exact(0.0),
+            variance: rmse * rmse,
+            rel_mse: 0.0,
+            flip: 0.0,
+            max: 0.0,
+            changed_share: 0.0,
+            non_finite: 0,
+            rays: 0,
+            instructions: None,
+            geometry: None,
+            on_front: false,
+        }
+    }
+
     /// The mean squared error.
     pub fn mean_square(&self) -> f64 {
         self.rmse.value.powi(2)

@@ -362,30 +362,23 @@ pub(super) mod tests {
 
     fn point(knob: Option<Knob>, level: &str, ratio: f64, rmse: f64) -> Point {
         Point {
-            knob,
             level: level.to_owned(),
             settings: BTreeMap::from([("samples".to_owned(), "<4>".to_owned())]),
             build_seconds: 0.1,
             build_bytes: 5000,
-            ready_seconds: 0.0,
             seconds: Interval {
                 value: ratio,
                 low: 0.9 * ratio,
                 high: 1.1 * ratio,
             },
-            time_ratio: Interval::exact(ratio),
-            rmse: Interval::exact(rmse),
             bias_squared: Interval::exact(-1e-9),
-            variance: rmse * rmse,
             rel_mse: 0.1,
             flip: 0.05,
             max: 0.5,
             changed_share: 0.25,
-            non_finite: 0,
             rays: 1000,
-            instructions: None,
-            geometry: None,
             on_front: true,
+            ..Point::plain(knob, ratio, rmse)
         }
     }
 

@@ -179,10 +179,11 @@ fn certified_share(repeats: u32) -> f64 {
     };
     // As good as the truth beside what a repeat can tell.
     let best = Halves {
-        a: take(1024, 1_000_001),
-        b: take(1024, 2_000_001),
+        a: take(2048, 1_000_001),
+        b: take(2048, 2_000_001),
     };
-    let truths = OFFERED.map(|spp| judged(&best, spp, 3_000_000..3_000_060).mean_square().sqrt());
+    let seeds = 3_000_000..3_000_000 + 4 * repeats;
+    let truths = OFFERED.map(|spp| judged(&best, spp, seeds.clone()).mean_square().sqrt());
     assert!(truths.is_sorted_by(|a, b| a > b), "{truths:?}");
     let (mut true_count, mut told) = (0, 0);
     for repeat in 0..repeats {

@@ -14,6 +14,9 @@ use crate::image::{LinearImage, ToneMap};
 /// textures.
 const BLOCK: usize = 8;
 
+/// So many deviations on either side of the mean hold 95 of 100 of a normal distribution.
+const NORMAL: f64 = 1.96;
+
 /// A picture as displayed.
 #[derive(Clone, Debug)]
 pub struct Displayed {
@@ -133,6 +136,16 @@ fn two_sided_tail(z: f64) -> f64 {
     (2.0 * density / z.max(f64::MIN_POSITIVE)).min(1.0)
 }
 
+/// The same of Student's distribution of so many degrees of freedom (M. Abramowitz, I. Stegun, "Handbook of Mathematical
+/// Functions", 1964, 26.7.5), to a tenth from two degrees on.
+fn student(freedom: f64) -> f64 {
+    let z = NORMAL;
+    let first = (z.powi(3) + z) / 4.0;
+    let second = (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0;
+    let third = (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0;
+    z + first / freedom + second / freedom.powi(2) + third / freedom.powi(3)
+}
+
 /// What pictures of one configuration add up to.
 #[derive(Clone, Debug)]
 pub struct Pictures {
@@ -221,8 +234,20 @@ impl Pictures {
             return 0.0;
         }
         let blocks = self.products.iter().zip(&self.squares);
-        let spread = blocks.map(|(sum, squares)| (squares - sum * sum / count).max(0.0));
-        spread.sum::<f64>() / (count - 1.0) / count
+        let variances = blocks.map(|(sum, squares)| (squares - sum * sum / count).max(0.0) / (count - 1.0));
+        let variances: Vec<f64> = variances.collect();
+        let sum = variances.iter().sum::<f64>();
+        // So many degrees of freedom has a sum of variances that are estimated each by itself (F. E. Satterthwaite, "An
+        // Approximate Distribution of Estimates of Variance Components", Biometrics Bulletin 2, 1946).
+        let squares = variances.iter().map(|variance| variance * variance).sum::<f64>();
+        let freedom = (count - 1.0) * sum * sum / squares;
+        // Where nothing varies it is no number.
+        let widening = if freedom > 0.0 {
+            student(freedom) / NORMAL
+        } else {
+            1.0
+        };
+        sum / count * widening * widening
     }
 
     /// The same as the noise of the reference has it.
@@ -373,6 +398,25 @@ mod tests {
         let estimate = pictures.estimate(&halves, 0);
         assert!(estimate.mean_square.holds(0.0), "{estimate:?}");
         assert!(estimate.mean_square.value.abs() < 0.05 * noise, "{estimate:?}");
+    }
+
+    /// Table 26.10 of the handbook.
+    #[test]
+    fn students_distribution_is_as_wide_as_its_table_says() {
+        for (freedom, width) in [
+            (2.0, 4.303),
+            (3.0, 3.182),
+            (5.0, 2.571),
+            (10.0, 2.228),
+            (30.0, 2.042),
+            (120.0, 1.98),
+        ] {
+            let share = student(freedom) / width;
+            assert!(
+                (share - 1.0).abs() < if freedom < 3.0 { 0.1 } else { 0.02 },
+                "{freedom}: {share}"
+            );
+        }
     }
 
     /// A picture that is far off in few places only, seen whole: its error is known but for noise.

@@ -280,6 +280,7 @@ impl Stage<'_, '_> {
             {
                 let base = first[0].as_ref();
                 let all = Kept {
+                    experiment: self.experiment,
                     layout,
                     reference,
                     left,

@@ -116,14 +116,16 @@ fn contestants(experiment: &Experiment, plan: &Plan, base_spp: u32, reach: &Reac
 }
 
 impl Layout {
-    /// That of a study that was interrupted; `None` if its configurations were others.
+    /// That of a study that was interrupted; `None` if its configurations, its target or its threads were others.
     pub(super) fn resumed(experiment: &Experiment, plan: &Plan, unfinished: &Unfinished) -> Option<Layout> {
         let head = &unfinished.head;
         let contestants = contestants(experiment, plan, head.base_spp, &head.reach);
         let words = contestants
             .iter()
             .map(|contestant| contestant.configuration.words());
-        words.eq(head.words.iter().cloned()).then(|| Layout {
+        let is_same = words.eq(head.words.iter().cloned())
+            && (head.threads, head.target) == (experiment.threads, experiment.target);
+        is_same.then(|| Layout {
             view: unfinished.view(),
             contestants,
             reference_spp: head.reference_spp,

@@ -34,7 +34,9 @@ impl Stage<'_, '_> {
         let [scale, ready] = self.whole_picture(measured.0, of_base);
         let goal = match target {
             Target::Error(most) => Goal::Error(most),
-            Target::Seconds(most) => Goal::TimeRatio((most - ready) / (scale * of_base.seconds.value)),
+            Target::Seconds(most) => {
+                Goal::TimeRatio((most - ready).max(0.0) / (scale * of_base.seconds.value))
+            }
         };
         let offered = forecasts(points, configurations, |configuration| {
             self.offers(base, configuration)

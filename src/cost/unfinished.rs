@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::blocks::Blocks;
+use super::choose::Target;
 use super::error::Pictures;
+use super::experiment::Experiment;
 use super::knob::{Knob, Reach};
 use super::layout::Layout;
 use super::reference::Halved;
@@ -32,6 +34,8 @@ pub struct Unfinished {
 pub(super) struct Head {
     size: [u32; 2],
     mosaic: Option<Mosaic>,
+    pub(super) threads: usize,
+    pub(super) target: Option<Target>,
     pub(super) base_spp: u32,
     pub(super) reach: Reach,
     pub(super) reference_spp: u32,
@@ -52,6 +56,7 @@ pub(super) struct Head {
 
 /// What there is to keep.
 pub(super) struct Kept<'a> {
+    pub(super) experiment: &'a Experiment<'a>,
     pub(super) layout: &'a Layout,
     pub(super) reference: &'a Halved,
     pub(super) left: &'a [(Knob, f64)],
@@ -79,6 +84,8 @@ impl Kept<'_> {
                 View::Whole(_) => None,
                 View::Pieces(mosaic) => Some(*mosaic),
             },
+            threads: self.experiment.threads,
+            target: self.experiment.target,
             base_spp: *base_spp,
             reach: reach.clone(),
             reference_spp: *reference_spp,

@@ -295,8 +295,8 @@ mod tests {
         let csv = points_csv(&study);
         let lines: Vec<&str> = csv.lines().collect();
         assert_eq!(lines.len(), 1 + study.points.len());
-        assert_eq!(lines[0].split(',').count(), 31);
-        assert_eq!(lines[1].split(',').count(), 31, "{}", lines[1]);
+        assert_eq!(lines[0].split(',').count(), 32);
+        assert_eq!(lines[1].split(',').count(), 32, "{}", lines[1]);
         assert!(
             lines[1].starts_with("0,base,base,0.1,0,1,0.9,1.1,1,1,1,0.02,"),
             "{}",
@@ -304,6 +304,6 @@ mod tests {
         );
         assert!(lines[2].starts_with("1,samples,\"a,\"\"b\"\"\","), "{}", lines[2]);
         assert!(!csv.contains("NaN") && lines[2].contains(",,"), "{}", lines[2]);
-        assert!(lines[1].ends_with(",1000,true,5000,,,,,,,"), "{}", lines[1]);
+        assert!(lines[1].ends_with(",1000,true,5000,,,,,,,,"), "{}", lines[1]);
     }
 }

@@ -1,7 +1,6 @@
 //! The BSP in f32 alone: as right as f32 on well-shaped triangles, and no more than that on slivers.
 
 #[path = "common/scenes.rs"]
-#[allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 mod scenes;
 
 use glam::Vec3;

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Counts the instructions of a few small renders and benchmark loops and holds them against those of
-# tests/golden/instructions.json: fails if any takes over 5 % more (`whit compare-stats`). Needs valgrind.
+# tests/instructions.json: fails if any takes over 5 % more (`whit compare-stats`). Needs valgrind.
 #
 # After a change that is meant to cost something, or another version of the compiler,
 #
@@ -15,7 +15,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-base=tests/golden/instructions.json
+base=tests/instructions.json
 program=${CARGO_TARGET_DIR:-target}/release/whit
 if ! grep -qw avx2 /proc/cpuinfo 2>/dev/null; then
     echo "skipped: this processor has no AVX2, by whose instructions others are counted"

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use crate::cost::{self, Configuration, CostError, Experiment, Findings, SceneChange, Watcher};
+use crate::cost::{self, Configuration, CostError, Experiment, Findings, Keep, SceneChange, Watcher};
 use crate::render::RenderSettings;
 use crate::scene::{Camera, Scene};
 
@@ -45,7 +45,7 @@ pub(super) fn look(
 pub(super) fn run(
     experiment: &Experiment,
     progress: &Progress,
-    keep: Option<&dyn Fn(&[u8])>,
+    keep: Option<Keep<'_>>,
 ) -> Result<Findings, Failure> {
     let watcher = Watcher {
         progress: &|what, fraction| {

@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use crate::accel::{AccelError, Backend};
 use crate::cost::{
-    Configuration, Experiment, Findings, Measured, SceneChange, Settings, SettingsFile, Target, Unfinished,
+    Configuration, Experiment, Findings, Keep, Measured, SceneChange, Settings, SettingsFile, Target,
+    Unfinished,
 };
 use crate::image::metrics::{self, Viewing};
 use crate::image::{ImageFormat, ToneMap, check_writable, write, write_atomically};
@@ -153,7 +154,7 @@ fn measure(
             progress.warn(&format!("what was measured so far cannot be kept: {error}"));
         }
     };
-    let findings = aim::run(&experiment, progress, folder.map(|_| &keep as &dyn Fn(&[u8])));
+    let findings = aim::run(&experiment, progress, folder.map(|_| &keep as Keep<'_>));
     let mut findings = findings.map_err(|failure| match (failure, folder) {
         (Failure::Input(words), Some(folder)) if args.resume => {
             Failure::Input(format!("{} {words}", folder.unfinished.display()))

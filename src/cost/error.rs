@@ -423,7 +423,7 @@ mod tests {
     #[test]
     fn of_a_whole_picture_nothing_but_noise_is_uncertain() {
         let (runs, noise) = (200, 0.02);
-        let far_off = |pixel: usize| if pixel % 173 == 0 { 0.3 } else { 0.0 };
+        let far_off = |pixel: usize| if pixel.is_multiple_of(173) { 0.3 } else { 0.0 };
         let (mut held, mut width, mut width_of_a_part) = (0, 0.0, 0.0);
         for run in 0..runs {
             let mut random = Random::new(14, run);

@@ -59,6 +59,9 @@ pub struct Experiment<'a> {
     pub unfinished: Option<Unfinished>,
 }
 
+/// Given what [`Unfinished::parse`] goes on with.
+pub type Keep<'a> = &'a dyn Fn(&[u8]);
+
 /// How a long experiment talks to whoever waits for it.
 #[derive(Clone, Copy)]
 pub struct Watcher<'a> {
@@ -66,8 +69,8 @@ pub struct Watcher<'a> {
     pub progress: &'a dyn Fn(&str, f64),
     /// Set by anyone to stop.
     pub cancel: &'a std::sync::atomic::AtomicBool,
-    /// Given now and then what [`Unfinished::parse`] goes on with.
-    pub keep: Option<&'a dyn Fn(&[u8])>,
+    /// Called now and then, so that an interruption loses little.
+    pub keep: Option<Keep<'a>>,
 }
 
 /// Why there is no study.

@@ -160,7 +160,7 @@ impl<'a> Answered<'a> {
             if turn > 0 && Instant::now() > deadline {
                 return GeometricErrors::default();
             }
-            let chunk = if chunk_count % STRIDE == 0 {
+            let chunk = if chunk_count.is_multiple_of(STRIDE) {
                 turn
             } else {
                 turn * STRIDE % chunk_count

@@ -28,7 +28,7 @@ mod unfinished;
 pub use choose::{Forecast, Goal, Target, forecasts, with_knob};
 pub use configuration::{Configuration, HitPath, SceneChange};
 pub use error::{Displayed, ErrorEstimate, Halves, Pictures};
-pub use experiment::{CostError, Experiment, Findings, Gauge, Watcher, run};
+pub use experiment::{CostError, Experiment, Findings, Gauge, Keep, Watcher, run};
 pub use front::{Place, front, knee};
 pub use geometry::{Answered, GeometricErrors};
 pub use knob::{Knob, Reach, knobs};

@@ -42,6 +42,7 @@
 //! ```
 
 pub mod accel;
+pub mod batch;
 pub mod cli;
 pub mod cost;
 pub mod gltf;

@@ -45,6 +45,21 @@ impl Estimate {
         count: 0,
     };
 
+    /// One that knows of `count` samples what they and their squares add up to, and no more.
+    pub(super) fn of_sums(sum: [f64; 3], squares: f64, count: u32) -> Estimate {
+        Estimate {
+            sum,
+            squares,
+            count,
+            ..Estimate::NONE
+        }
+    }
+
+    /// What the squared radiance of its samples adds up to, channels weighted by luminance.
+    pub(super) fn squares(&self) -> f64 {
+        self.squares
+    }
+
     /// Counts one more sample.
     #[inline(always)]
     pub(super) fn add(&mut self, radiance: [f64; 3]) {

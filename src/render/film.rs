@@ -1,5 +1,7 @@
 //! Sums of radiance: f64 a pixel while a tile is rendered, f32 means in the picture.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -24,10 +26,18 @@ pub(super) struct Tile {
 
 /// The tiles of an image, row by row.
 pub(super) fn tiles(width: u32, height: u32) -> Vec<Tile> {
-    let starts = |size: u32| (0..size).step_by(TILE as usize);
-    starts(height)
+    tiles_among(
+        [width, height],
+        [0..width.div_ceil(TILE), 0..height.div_ceil(TILE)],
+    )
+}
+
+/// Those of the tiles of an image of `size` that stand in some of its columns and rows of tiles, row by row.
+pub(super) fn tiles_among([width, height]: [u32; 2], [columns, rows]: [Range<u32>; 2]) -> Vec<Tile> {
+    let starts = |places: &Range<u32>| places.clone().map(|place| place * TILE);
+    starts(&rows)
         .flat_map(|y| {
-            starts(width).map(move |x| Tile {
+            starts(&columns).map(move |x| Tile {
                 x,
                 y,
                 width: TILE.min(width - x),
@@ -117,9 +127,15 @@ impl TileFilm {
             .map(SampleFilm::estimates);
         TilePicture {
             means: self.means(tile, settings.spp),
+            sums: Vec::new(),
             splat: samples.and_then(SampleFilm::splat).cloned(),
             estimates: estimates.map_or(Vec::new(), |all| cut(tile, all).copied().collect()),
         }
+    }
+
+    /// The sums of the tile's pixels, row by row.
+    pub(super) fn sums_of(&self, tile: Tile) -> Vec<[f64; 3]> {
+        cut(tile, &self.sums).copied().collect()
     }
 
     /// What the samples of the visited pixels tell.

@@ -167,26 +167,59 @@ impl Splat {
 /// `means` gives the unweighted pixels, which stand in where weights happen to cancel.
 pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, TilePicture)]) {
     let width = width as usize;
-    let width_in_tiles = width.div_ceil(TILE as usize);
-    let rows_of_tiles: Vec<&[(Tile, TilePicture)]> = tiles.chunks(width_in_tiles).collect();
+    let bands = Bands::of(width, tiles);
     means
         .par_chunks_mut(width * TILE as usize)
         .enumerate()
         .for_each(|(index, band)| {
             let mut sums = vec![[0.0; 4]; band.len()];
-            let first_row = index * TILE as usize;
-            let near = index.saturating_sub(1)..(index + 2).min(rows_of_tiles.len());
-            for (tile, picture) in rows_of_tiles[near].iter().copied().flatten() {
-                if let Some(splat) = &picture.splat {
-                    splat.add_to_band(tile, &mut sums, width, first_row);
-                }
-            }
-            for (pixel, [r, g, b, weight]) in band.iter_mut().zip(sums) {
-                if weight > 0.0 {
-                    *pixel = [r, g, b].map(|sum| (sum / weight) as f32);
-                }
+            bands.add_to(index, &mut sums);
+            for (pixel, sums) in band.iter_mut().zip(sums) {
+                *pixel = weighted_mean(sums).unwrap_or(*pixel);
             }
         });
+}
+
+/// The weighted sums and weights of the pixels of tiles that come in that order, in pictures of `width` and `height`.
+pub(super) fn sums(width: u32, height: u32, tiles: &[(Tile, TilePicture)]) -> Vec<[f64; 4]> {
+    let width = width as usize;
+    let bands = Bands::of(width, tiles);
+    let mut sums = vec![[0.0; 4]; width * height as usize];
+    sums.par_chunks_mut(width * TILE as usize)
+        .enumerate()
+        .for_each(|(index, band)| bands.add_to(index, band));
+    sums
+}
+
+/// What weighted sums give; nothing where weights happen to cancel.
+pub(super) fn weighted_mean([r, g, b, weight]: [f64; 4]) -> Option<[f32; 3]> {
+    (weight > 0.0).then(|| [r, g, b].map(|sum| (sum / weight) as f32))
+}
+
+/// Tiles by rows of tiles.
+struct Bands<'t> {
+    width: usize,
+    rows_of_tiles: Vec<&'t [(Tile, TilePicture)]>,
+}
+
+impl Bands<'_> {
+    fn of(width: usize, tiles: &[(Tile, TilePicture)]) -> Bands<'_> {
+        Bands {
+            width,
+            rows_of_tiles: tiles.chunks(width.div_ceil(TILE as usize)).collect(),
+        }
+    }
+
+    /// Adds what falls onto row `index` of tiles.
+    fn add_to(&self, index: usize, band: &mut [[f64; 4]]) {
+        let first_row = index * TILE as usize;
+        let near = index.saturating_sub(1)..(index + 2).min(self.rows_of_tiles.len());
+        for (tile, picture) in self.rows_of_tiles[near].iter().copied().flatten() {
+            if let Some(splat) = &picture.splat {
+                splat.add_to_band(tile, band, self.width, first_row);
+            }
+        }
+    }
 }
 
 impl Splat {
@@ -287,6 +320,7 @@ mod tests {
                     }
                 }
                 let picture = TilePicture {
+                    sums: Vec::new(),
                     means: Vec::new(),
                     splat: Some(splat),
                     estimates: Vec::new(),

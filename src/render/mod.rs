@@ -25,6 +25,7 @@ pub mod plan;
 mod probe;
 mod queue;
 mod record;
+mod region;
 mod rough;
 mod sample;
 mod sampler;
@@ -43,6 +44,7 @@ mod travel;
 mod volumes;
 mod wave;
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
@@ -60,6 +62,7 @@ pub use mosaic::{Mosaic, render_mosaic};
 pub use plan::Plan;
 pub use probe::{Probe, probe};
 pub use record::{RecordedRays, record};
+pub use region::{Parts, Region, Share, Sums, TILE_SIDE};
 pub use sample::{SampledTile, TileSample, render_sample, tile_count};
 pub use sampler::{Purpose, sample_2d};
 pub use samples::{SampleAovs, SampleCounts};
@@ -87,6 +90,7 @@ use lens::MovingCamera;
 use memory::ThreadMemory;
 use meter::Meter;
 use mosaic::Canvas;
+use region::Cover;
 use sampler::{Layout, PacketShape, SampleGroup};
 use subsurface::Bodies;
 use surface::{SurfaceScene, Surfaces};
@@ -219,6 +223,10 @@ struct Frame<'s> {
     pixels: [Lanes<u32>; 2],
     /// The samples of each pixel, a packet's share at a time.
     groups: Vec<SampleGroup>,
+    /// Those of them that are taken; all, but where a picture is the sum of several.
+    part: Range<usize>,
+    /// Whether the sums of pixels are wanted beside their means.
+    keeps_sums: bool,
     /// What is simulated.
     plan: Plan,
     ambient: [f32; 3],
@@ -269,7 +277,7 @@ pub fn render(
     let ready_seconds = start.elapsed().as_secs_f64();
     let mut rendering = match settings.target() {
         Some(target) => render_adaptively(&mut frame, target, monitor)?,
-        None => render_uniformly(&frame, monitor)?,
+        None => render_uniformly(&frame, &Region::whole(settings), monitor)?,
     };
     rendering.ready_seconds = ready_seconds;
     rendering.subsurface = frame.bodies.as_ref().map(|bodies| bodies.stats);
@@ -287,32 +295,35 @@ pub fn render(
     Some(rendering)
 }
 
-/// The same number of samples for every pixel.
-fn render_uniformly(frame: &Frame, monitor: &Monitor) -> Option<Rendering> {
+/// The same number of samples for every pixel of a rectangle.
+fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option<Rendering> {
     let settings = &frame.settings;
-    let (width, height) = (settings.width, settings.height);
-    let (tiles, mut ledger) = render_tiles(frame, &film::tiles(width, height), monitor)?;
+    let cover = Cover::of(region, settings);
+    let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, monitor)?;
+    let tiles = cover.placed(tiles);
+    let [width, height] = cover.size();
     let mut meter = Meter::new(settings);
     let mut pixels = film::assemble(width, height, &tiles, |picture| &picture.means);
     if !settings.filter.is_box() {
         filter::assemble(width, &mut pixels, &tiles);
     }
     let aovs = || {
-        SampleAovs::of(&film::assemble(width, height, &tiles, |picture| {
+        SampleAovs::of(&cover.cut(film::assemble(width, height, &tiles, |picture| {
             &picture.estimates
-        }))
+        })))
     };
     let aovs = settings.sample_aovs.then(aovs);
     meter.lap_all_threads(Account::Film);
     ledger += meter.ledger;
     let image = LinearImage {
-        width,
-        height,
-        pixels,
+        width: region.width,
+        height: region.height,
+        pixels: cover.cut(pixels),
     };
+    let samples = SampleCounts::uniform(region.pixel_count(), settings.spp);
     Some(Rendering {
         aovs,
-        ..Rendering::new(image, SampleCounts::uniform(settings), ledger, frame)
+        ..Rendering::new(image, samples, ledger, frame)
     })
 }
 
@@ -438,6 +449,7 @@ impl<'s> Frame<'s> {
         // Adaptive sampling fills the pixel evenly with every round.
         let even_count = settings.target().map_or(settings.spp, |_| ROUND);
         let layout = Layout::new(settings.pattern, even_count);
+        let groups = shape.groups(layout, settings.spp);
         let mut frame = Frame {
             scene,
             accel,
@@ -448,7 +460,9 @@ impl<'s> Frame<'s> {
             layout,
             shape,
             pixels: shape.pixels(),
-            groups: shape.groups(layout, settings.spp),
+            part: 0..groups.len(),
+            keeps_sums: false,
+            groups,
             ambient: if effects.has(Effect::Ambient) {
                 scene.ambient
             } else {

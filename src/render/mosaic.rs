@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::film::Tile;
 use super::sample::{pixels, reach, spread};
-use super::{Frame, Monitor, RenderSettings, Rendering, adaptive, render_tiles};
+use super::{Frame, Monitor, Region, RenderSettings, Rendering, adaptive, render_tiles};
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::scene::{Camera, Scene};
@@ -207,7 +207,10 @@ pub fn render_mosaic(
                 let piece = pixels(tile, inner, picture, &settings);
                 put(&mut image, mosaic.place(number), side, &piece.pixels);
             }
-            (super::SampleCounts::uniform(&settings), ledger)
+            (
+                super::SampleCounts::uniform(Region::whole(&settings).pixel_count(), settings.spp),
+                ledger,
+            )
         }
     };
     ledger += scattered;

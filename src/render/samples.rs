@@ -4,7 +4,6 @@
 //! samples will ever see has arrived, and each is weighed: into the pixel's estimate of its own error, and by the
 //! reconstruction filter. Samples are weighed in the order of their numbers.
 
-use super::RenderSettings;
 use super::estimate::{Estimate, RUN};
 use super::film::TILE;
 use super::filter::{PixelFilter, Splat};
@@ -23,12 +22,11 @@ pub struct SampleCounts {
 }
 
 impl SampleCounts {
-    pub(super) fn uniform(settings: &RenderSettings) -> SampleCounts {
-        let pixel_count = u64::from(settings.width) * u64::from(settings.height);
+    pub(super) fn uniform(pixel_count: u64, spp: u32) -> SampleCounts {
         SampleCounts {
-            total: pixel_count * u64::from(settings.spp),
-            mean: f64::from(settings.spp),
-            max: settings.spp,
+            total: pixel_count * u64::from(spp),
+            mean: f64::from(spp),
+            max: spp,
         }
     }
 

@@ -55,6 +55,8 @@ pub(super) struct Wave<'f, 's> {
 /// A tile's pixels, row by row.
 pub(super) struct TilePicture {
     pub(super) means: Vec<[f32; 3]>,
+    /// What the means are made of, where others are to be added.
+    pub(super) sums: Vec<[f64; 3]>,
     /// Filtered sums, where there is a filter.
     pub(super) splat: Option<Splat>,
     /// What the samples of each pixel tell, if that was asked for.
@@ -92,19 +94,24 @@ impl<'f, 's> Wave<'f, 's> {
     pub(super) fn render_tile(&mut self, tile: Tile) -> (TilePicture, Ledger) {
         let frame = self.frame;
         let block = frame.shape.block as usize;
+        let groups = &frame.groups[frame.part.clone()];
+        let samples = frame.samples_taken();
         self.begin(tile);
         for y in (0..tile.height).step_by(block) {
             for x in (0..tile.width).step_by(block) {
-                for group in &frame.groups {
+                for group in groups {
                     self.add_camera_packet(tile, (x, y), group);
                 }
             }
         }
         self.finish();
         let outcome = &mut self.outcome;
-        let pixels = (0..TILE * TILE).map(|pixel| (pixel, frame.settings.spp));
+        let pixels = (0..TILE * TILE).map(|pixel| (pixel, samples));
         outcome.losses.settle(pixels, &mut outcome.meter.ledger);
-        let picture = outcome.film.picture(tile, frame.settings);
+        let mut picture = outcome.film.picture(tile, frame.settings);
+        if frame.keeps_sums {
+            picture.sums = outcome.film.sums_of(tile);
+        }
         self.note_memory(frame.tile_bytes(tile));
         self.outcome.finish(tile);
         (picture, self.outcome.meter.ledger)

@@ -1,0 +1,18 @@
+//! Many frames that get finished, whatever happens on the way.
+//!
+//! Nothing here renders. A batch knows what a frame is made of ([`Key`]), which frames are done ([`Manifest`]), which of
+//! them are whose ([`Shard`]), and what of a frame there is ([`Piece`], [`Coverage`]). Outputs appear whole, and have
+//! the same bits whoever makes them; so any process may be killed at any time, and two that make the same thing do not
+//! harm each other.
+
+mod key;
+mod lock;
+mod manifest;
+mod piece;
+mod shard;
+
+pub use key::{Key, Keyring};
+pub use lock::{Lock, LockError};
+pub use manifest::{Done, Manifest};
+pub use piece::{Coverage, Cut, Piece};
+pub use shard::Shard;

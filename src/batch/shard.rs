@@ -1,0 +1,115 @@
+//! Which part of a batch a process makes, where several share it.
+
+use std::env;
+use std::ops::Range;
+use std::str::FromStr;
+
+/// Variables in which schedulers tell a task its number, with the number of the first: those of Slurm's job arrays,
+/// whose first task our scripts call 1, and of Kubernetes' indexed jobs.
+const TASK_NUMBERS: [(&str, u32); 2] = [("SLURM_ARRAY_TASK_ID", 1), ("JOB_COMPLETION_INDEX", 0)];
+
+/// One of several parts of about equal size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Which, from 1.
+    pub number: u32,
+    /// Of how many.
+    pub count: u32,
+}
+
+impl Shard {
+    /// All of it.
+    pub const ALL: Shard = Shard { number: 1, count: 1 };
+
+    /// What of `count` things in a row it takes: neighbours, which have most in common.
+    pub fn of(&self, count: usize) -> Range<usize> {
+        let start = |number: u32| (count as u128 * u128::from(number) / u128::from(self.count)) as usize;
+        start(self.number - 1)..start(self.number)
+    }
+
+    fn parse(text: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Shard, String> {
+        let form =
+            || "give a shard and how many there are, as in 3/24, or auto/24 within a job array".to_owned();
+        let (number, count) = text.split_once('/').ok_or_else(form)?;
+        let count: u32 = count.parse().map_err(|_| form())?;
+        let number = match number {
+            "auto" => task_number(variable)?,
+            number => number.parse().map_err(|_| form())?,
+        };
+        if !(1..=count).contains(&number) {
+            return Err(format!("there is no shard {number} of {count}: count from 1"));
+        }
+        Ok(Shard { number, count })
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    /// Reads `3/24`, or `auto/24` where a scheduler tells the number.
+    fn from_str(text: &str) -> Result<Shard, String> {
+        Shard::parse(text, |name| env::var(name).ok())
+    }
+}
+
+/// The number of this task in its array, from 1.
+fn task_number(variable: impl Fn(&str) -> Option<String>) -> Result<u32, String> {
+    for (name, first) in TASK_NUMBERS {
+        if let Some(text) = variable(name) {
+            let number = text
+                .parse()
+                .ok()
+                .and_then(|number: u32| number.checked_add(1)?.checked_sub(first));
+            return number.ok_or_else(|| format!("{name} is `{text}`, which is no number of a task"));
+        }
+    }
+    Err(
+        "neither SLURM_ARRAY_TASK_ID nor JOB_COMPLETION_INDEX is set: give the shard's number, as in 3/24"
+            .into(),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str, (name, value): (&str, &str)) -> Result<Shard, String> {
+        Shard::parse(text, |asked| (asked == name).then(|| value.to_owned()))
+    }
+
+    #[test]
+    fn a_shard_is_told_or_read_from_the_scheduler() {
+        let shard = |number, count| Ok(Shard { number, count });
+        assert_eq!(parse("3/24", ("", "")), shard(3, 24));
+        assert_eq!(parse("auto/24", ("SLURM_ARRAY_TASK_ID", "24")), shard(24, 24));
+        assert_eq!(parse("auto/24", ("JOB_COMPLETION_INDEX", "0")), shard(1, 24));
+        for (text, variable) in [
+            ("0/4", ("", "")),
+            ("5/4", ("", "")),
+            ("1/0", ("", "")),
+            ("4", ("", "")),
+            ("a/b", ("", "")),
+            ("auto/4", ("", "")),
+            ("auto/4", ("JOB_COMPLETION_INDEX", "4")),
+            ("auto/4", ("SLURM_ARRAY_TASK_ID", "0")),
+            ("auto/4", ("SLURM_ARRAY_TASK_ID", "x")),
+            ("auto/4", ("SLURM_ARRAY_TASK_ID", "4294967295")),
+        ] {
+            assert!(parse(text, variable).is_err(), "{text} {variable:?}");
+        }
+    }
+
+    #[test]
+    fn shards_take_everything_once_and_about_as_much_each() {
+        for (things, count) in [(24, 3), (5, 8), (100, 7), (0, 2)] {
+            let mut next = 0;
+            for number in 1..=count {
+                let range = Shard { number, count }.of(things);
+                assert_eq!(range.start, next);
+                assert!(range.len().abs_diff(things / count as usize) <= 1);
+                next = range.end;
+            }
+            assert_eq!(next, things);
+        }
+    }
+}

@@ -47,6 +47,7 @@ pub mod cli;
 pub mod cost;
 pub mod gltf;
 pub mod image;
+pub mod jobs;
 pub mod mesh;
 pub mod numeric;
 pub mod optics;

@@ -10,9 +10,12 @@ mod lock;
 mod manifest;
 mod piece;
 mod shard;
+pub mod slurm;
+mod sources;
 
 pub use key::{Key, Keyring};
 pub use lock::{Lock, LockError};
 pub use manifest::{Done, Manifest};
-pub use piece::{Coverage, Cut, Piece};
+pub use piece::{Coverage, Cut, Part, Piece};
 pub use shard::Shard;
+pub use sources::Sources;

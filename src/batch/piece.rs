@@ -8,13 +8,22 @@ use std::ops::Range;
 
 use crate::render::{Share, TILE_SIDE};
 
-/// Some rows of a share of a frame's samples.
+/// Some rows of a frame.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Piece {
     /// Rows of the picture, of which there is at least one.
     pub rows: Range<u32>,
-    /// Which share, from 0.
-    pub share: u32,
+    /// What of their samples.
+    pub part: Part,
+}
+
+/// What of the samples of some rows there is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Part {
+    /// All, so that the rows are finished.
+    All,
+    /// Those of a share, by its number from 0.
+    Share(u32),
 }
 
 /// How a frame is cut.
@@ -48,7 +57,18 @@ impl Cut {
         let (band, share) = (number as u32 / self.shares, number as u32 % self.shares);
         Piece {
             rows: self.band(band),
-            share,
+            part: match self.shares {
+                1 => Part::All,
+                _ => Part::Share(share),
+            },
+        }
+    }
+
+    /// The whole frame, finished.
+    pub fn all(&self) -> Piece {
+        Piece {
+            rows: 0..self.height,
+            part: Part::All,
         }
     }
 
@@ -76,47 +96,57 @@ impl Cut {
     }
 }
 
-/// Which rows of which share are there.
-#[derive(Clone, Debug, Default)]
+/// What of a frame there is.
+#[derive(Clone, Debug)]
 pub struct Coverage {
-    /// Ranges of rows by share, in any order; they may overlap.
-    rows: Vec<Vec<Range<u32>>>,
+    /// For each share, for each row, whether it is there.
+    shares: Vec<Vec<bool>>,
 }
 
 impl Coverage {
-    /// Takes note of a piece.
-    pub fn add(&mut self, piece: &Piece) {
-        let share = piece.share as usize;
-        if self.rows.len() <= share {
-            self.rows.resize(share + 1, Vec::new());
+    /// Nothing of a frame that is cut like this.
+    pub fn none(cut: &Cut) -> Coverage {
+        Coverage {
+            shares: vec![vec![false; cut.height as usize]; cut.shares as usize],
         }
-        self.rows[share].push(piece.rows.clone());
     }
 
-    /// What of a piece is missing, in order.
-    pub fn missing(&self, piece: &Piece) -> Vec<Range<u32>> {
-        let mut covered = self.rows.get(piece.share as usize).cloned().unwrap_or_default();
-        covered.sort_by_key(|rows| rows.start);
-        let (mut missing, mut next) = (Vec::new(), piece.rows.start);
-        for rows in covered.into_iter().filter(|rows| rows.start < piece.rows.end) {
-            if rows.start > next {
-                missing.push(next..rows.start);
+    /// Takes note of a piece; what of it is no part of the frame is none.
+    pub fn add(&mut self, piece: &Piece) {
+        let shares = match piece.part {
+            Part::All => &mut self.shares[..],
+            Part::Share(share) => self
+                .shares
+                .get_mut(share as usize)
+                .map_or(&mut [][..], std::slice::from_mut),
+        };
+        for rows in shares {
+            let end = rows.len().min(piece.rows.end as usize);
+            if let Some(rows) = rows.get_mut(piece.rows.start as usize..end) {
+                rows.fill(true);
             }
-            next = next.max(rows.end);
         }
-        if next < piece.rows.end {
-            missing.push(next..piece.rows.end);
+    }
+
+    /// The rows of a piece that are missing, in order.
+    pub fn missing(&self, piece: &Piece) -> Vec<Range<u32>> {
+        let is_there = |row: u32| match piece.part {
+            Part::All => self.shares.iter().all(|rows| rows[row as usize]),
+            Part::Share(share) => self.shares[share as usize][row as usize],
+        };
+        let mut missing: Vec<Range<u32>> = Vec::new();
+        for row in piece.rows.clone().filter(|&row| !is_there(row)) {
+            match missing.last_mut() {
+                Some(rows) if rows.end == row => rows.end = row + 1,
+                _ => missing.push(row..row + 1),
+            }
         }
         missing
     }
 
-    /// Whether all of a frame is there.
-    pub fn is_complete(&self, cut: &Cut) -> bool {
-        let all = |share| Piece {
-            rows: 0..cut.height,
-            share,
-        };
-        (0..cut.shares).all(|share| self.missing(&all(share)).is_empty())
+    /// Whether nothing of it is there.
+    pub fn is_empty(&self) -> bool {
+        !self.shares.iter().flatten().any(|&there| there)
     }
 }
 
@@ -124,8 +154,8 @@ impl Coverage {
 mod tests {
     use super::*;
 
-    fn piece(rows: Range<u32>, share: u32) -> Piece {
-        Piece { rows, share }
+    fn piece(rows: Range<u32>, part: Part) -> Piece {
+        Piece { rows, part }
     }
 
     #[test]
@@ -136,41 +166,38 @@ mod tests {
                 bands,
                 shares,
             };
-            let mut seen = vec![0; (height * shares) as usize];
+            let mut coverage = Coverage::none(&cut);
+            assert!(coverage.is_empty());
             for number in 0..cut.piece_count() {
-                let Piece { rows, share } = cut.piece(number);
-                assert!(rows.start < rows.end && rows.start % TILE_SIDE == 0, "{rows:?}");
-                rows.for_each(|row| seen[(share * height + row) as usize] += 1);
+                let piece = cut.piece(number);
+                assert!(piece.rows.start.is_multiple_of(TILE_SIDE) && !piece.rows.is_empty());
+                assert_eq!(coverage.missing(&piece), [piece.rows.clone()]);
+                coverage.add(&piece);
+                assert_eq!(coverage.missing(&piece), []);
             }
-            assert!(seen.iter().all(|&times| times == 1));
+            assert_eq!(coverage.missing(&cut.all()), []);
         }
     }
 
     #[test]
     fn what_is_missing_is_found_between_pieces_that_overlap() {
-        let mut coverage = Coverage::default();
-        for rows in [64..96, 0..32, 16..40, 200..300] {
-            coverage.add(&piece(rows, 1));
-        }
-        assert_eq!(coverage.missing(&piece(0..128, 1)), [40..64, 96..128]);
-        assert_eq!(coverage.missing(&piece(20..30, 1)), []);
-        assert_eq!(coverage.missing(&piece(50..51, 1)), [50..51]);
-        assert_eq!(coverage.missing(&piece(0..128, 0)), [0..128]);
-        assert_eq!(coverage.missing(&piece(0..128, 7)), [0..128]);
-    }
-
-    #[test]
-    fn a_frame_is_complete_when_all_rows_of_all_shares_are_there() {
         let cut = Cut {
-            height: 50,
-            bands: 2,
+            height: 300,
+            bands: 1,
             shares: 2,
         };
-        let mut coverage = Coverage::default();
-        for number in 0..cut.piece_count() {
-            assert!(!coverage.is_complete(&cut));
-            coverage.add(&cut.piece(number));
+        let mut coverage = Coverage::none(&cut);
+        for rows in [64..96, 0..32, 16..40, 200..400, 500..600] {
+            coverage.add(&piece(rows, Part::Share(1)));
         }
-        assert!(coverage.is_complete(&cut));
+        coverage.add(&piece(0..300, Part::Share(7)));
+        let missing = |rows, part| coverage.missing(&piece(rows, part));
+        assert_eq!(missing(0..128, Part::Share(1)), [40..64, 96..128]);
+        assert_eq!(missing(20..30, Part::Share(1)), []);
+        assert_eq!(missing(50..51, Part::Share(1)), [50..51]);
+        assert_eq!(missing(0..128, Part::Share(0)), [0..128]);
+        assert_eq!(missing(0..300, Part::All), [0..300]);
+        coverage.add(&piece(10..20, Part::All));
+        assert_eq!(coverage.missing(&cut.all()), [0..10, 20..300]);
     }
 }

@@ -580,7 +580,8 @@ pub(super) fn find<T: Copy>(kind: &str, name: &At<String>, known: &HashMap<Strin
     })
 }
 
-fn read(path: &Path) -> Result<Source, SceneFileError> {
+/// The text of the file at `path`.
+pub(crate) fn read(path: &Path) -> Result<Source, SceneFileError> {
     let unreadable = |e: std::io::Error| file_error(path, format!("cannot be read ({e}): check the path"));
     let size = std::fs::metadata(path).map_err(unreadable)?.len();
     if size > MAX_BYTES {

@@ -36,7 +36,7 @@ pub enum SceneFileError {
 
 /// A fault at a place of some file.
 #[derive(Clone, Debug)]
-pub(super) struct Fault {
+pub(crate) struct Fault {
     span: Range<usize>,
     sentence: String,
 }
@@ -44,14 +44,14 @@ pub(super) struct Fault {
 #[cfg(test)]
 impl Fault {
     /// What is wrong and what to do.
-    pub(super) fn sentence(&self) -> &str {
+    pub(crate) fn sentence(&self) -> &str {
         &self.sentence
     }
 }
 
 impl<T> At<T> {
     /// A fault of this value.
-    pub(super) fn fault(&self, sentence: impl Into<String>) -> Fault {
+    pub(crate) fn fault(&self, sentence: impl Into<String>) -> Fault {
         Fault {
             span: self.span.clone(),
             sentence: sentence.into(),
@@ -61,19 +61,19 @@ impl<T> At<T> {
 
 /// A file and what is in it.
 #[derive(Debug)]
-pub(super) struct Source {
-    pub(super) path: PathBuf,
-    pub(super) text: String,
+pub(crate) struct Source {
+    pub(crate) path: PathBuf,
+    pub(crate) text: String,
 }
 
 impl Source {
     /// The fault with its place in this file.
-    pub(super) fn error(&self, fault: Fault) -> SceneFileError {
+    pub(crate) fn error(&self, fault: Fault) -> SceneFileError {
         self.error_at(fault.span, fault.sentence)
     }
 
     /// An error at a place of this file.
-    pub(super) fn error_at(&self, span: Range<usize>, fault: String) -> SceneFileError {
+    pub(crate) fn error_at(&self, span: Range<usize>, fault: String) -> SceneFileError {
         let mut start = span.start.min(self.text.len());
         while !self.text.is_char_boundary(start) {
             start -= 1;
@@ -90,7 +90,7 @@ impl Source {
     }
 
     /// What the parser or serde found.
-    pub(super) fn toml_error(&self, error: &toml::de::Error) -> SceneFileError {
+    pub(crate) fn toml_error(&self, error: &toml::de::Error) -> SceneFileError {
         let span = error.span().unwrap_or(0..0);
         let is_toml = DeTable::parse(&self.text).is_ok();
         let word = self.text.get(span.clone()).unwrap_or_default();
@@ -111,7 +111,7 @@ fn one_line(text: &str) -> String {
 }
 
 /// An error of the whole file.
-pub(super) fn file_error(path: &Path, fault: impl Into<String>) -> SceneFileError {
+pub(crate) fn file_error(path: &Path, fault: impl Into<String>) -> SceneFileError {
     SceneFileError::File {
         file: path.to_owned(),
         fault: fault.into(),

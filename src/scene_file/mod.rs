@@ -66,10 +66,10 @@
 //! message names the file, the line, the item and a remedy.
 
 mod appearance;
-mod assembly;
+pub(crate) mod assembly;
 mod camera;
 mod document;
-mod fault;
+pub(crate) mod fault;
 mod flatten;
 mod light;
 mod material;
@@ -80,7 +80,7 @@ mod scattering;
 mod schema;
 mod shape;
 mod texture;
-mod value;
+pub(crate) mod value;
 mod volume;
 
 use std::path::Path;

@@ -14,9 +14,9 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 /// A value and the bytes of the file that it was read from.
 #[derive(Clone, Debug)]
-pub(super) struct At<T> {
+pub(crate) struct At<T> {
     value: T,
-    pub(super) span: Range<usize>,
+    pub(crate) span: Range<usize>,
 }
 
 impl<T> At<T> {

@@ -1,0 +1,222 @@
+//! The files that a scene is made of, without loading it.
+//!
+//! Every word of a scene file, and every `uri` of a glTF file, that names a file beside it counts as one of its files:
+//! rather one too many, which only makes a frame again that need not be, than one too few. Files are hashed once.
+
+use std::collections::{BTreeSet, HashMap};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use percent_encoding::percent_decode_str;
+
+use super::key::Key;
+
+/// What files are, by their paths, as far as somebody has asked.
+#[derive(Debug, Default)]
+pub struct Sources {
+    keys: HashMap<PathBuf, Key>,
+    /// What files name.
+    named: HashMap<PathBuf, Vec<PathBuf>>,
+}
+
+impl Sources {
+    /// The files that a scene is made of, itself first, with what they hold.
+    ///
+    /// `words` are further values that may name files, beside the scene.
+    ///
+    /// # Errors
+    ///
+    /// Where the scene or one of its files cannot be read.
+    pub fn of(&mut self, scene: &Path, words: &[&str]) -> io::Result<Vec<(PathBuf, Key)>> {
+        let mut seen = BTreeSet::new();
+        let mut files = Vec::new();
+        let mut waiting = files_among(words.iter().copied(), scene);
+        waiting.push(scene.to_owned());
+        while let Some(path) = waiting.pop() {
+            if !seen.insert(path.clone()) {
+                continue;
+            }
+            waiting.extend(self.named_in(&path)?.iter().cloned());
+            let key = self.key(&path)?;
+            files.push((path, key));
+        }
+        Ok(files)
+    }
+
+    fn key(&mut self, path: &Path) -> io::Result<Key> {
+        if let Some(&key) = self.keys.get(path) {
+            return Ok(key);
+        }
+        let key = Key::of_file(path)?;
+        self.keys.insert(path.to_owned(), key);
+        Ok(key)
+    }
+
+    /// The files that a file names.
+    fn named_in(&mut self, path: &Path) -> io::Result<&[PathBuf]> {
+        if !self.named.contains_key(path) {
+            self.named.insert(path.to_owned(), named_by(path)?);
+        }
+        Ok(self.named.get(path).map_or(&[], Vec::as_slice))
+    }
+}
+
+/// The files that a file names, by its kind; what cannot be understood names none, as whoever loads it will tell.
+fn named_by(path: &Path) -> io::Result<Vec<PathBuf>> {
+    let kind = path
+        .extension()
+        .and_then(|kind| kind.to_str())
+        .unwrap_or_default();
+    let json: serde_json::Value = match kind.to_ascii_lowercase().as_str() {
+        "toml" => {
+            let text = String::from_utf8_lossy(&std::fs::read(path)?).into_owned();
+            let table: toml::Table = toml::from_str(&text).unwrap_or_default();
+            let mut words = Vec::new();
+            table.values().for_each(|value| collect_words(value, &mut words));
+            return Ok(files_among(words.into_iter(), path));
+        }
+        "gltf" => serde_json::from_slice(&std::fs::read(path)?).unwrap_or_default(),
+        "glb" => serde_json::from_slice(&json_of_glb(path)?).unwrap_or_default(),
+        // Raw volumes may have headers that name others.
+        "nhdr" => {
+            let text = String::from_utf8_lossy(&std::fs::read(path)?).into_owned();
+            let words = text
+                .lines()
+                .filter_map(|line| line.split_once(':'))
+                .map(|(_, word)| word.trim());
+            return Ok(files_among(words, path));
+        }
+        _ => return Ok(Vec::new()),
+    };
+    let mut uris = Vec::new();
+    collect_uris(&json, &mut uris);
+    let decoded: Vec<String> = uris
+        .into_iter()
+        .filter(|uri| !uri.starts_with("data:"))
+        .map(|uri| percent_decode_str(uri).decode_utf8_lossy().into_owned())
+        .collect();
+    Ok(files_among(decoded.iter().map(String::as_str), path))
+}
+
+/// The words that name a file beside `path`.
+fn files_among<'w>(words: impl Iterator<Item = &'w str>, path: &Path) -> Vec<PathBuf> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    // Longer names than this no system has; and line breaks are in none that anybody writes.
+    const LONGEST: usize = 4096;
+    words
+        .filter(|word| !word.is_empty() && word.len() <= LONGEST && !word.contains('\n'))
+        .map(|word| folder.join(word))
+        .filter(|file| file.is_file())
+        .collect()
+}
+
+fn collect_words<'v>(value: &'v toml::Value, words: &mut Vec<&'v str>) {
+    match value {
+        toml::Value::String(word) => words.push(word),
+        toml::Value::Array(values) => values.iter().for_each(|value| collect_words(value, words)),
+        toml::Value::Table(table) => table.values().for_each(|value| collect_words(value, words)),
+        _ => {}
+    }
+}
+
+fn collect_uris<'v>(value: &'v serde_json::Value, uris: &mut Vec<&'v str>) {
+    match value {
+        serde_json::Value::Array(values) => values.iter().for_each(|value| collect_uris(value, uris)),
+        serde_json::Value::Object(object) => {
+            for (name, value) in object {
+                match value {
+                    serde_json::Value::String(uri) if name == "uri" => uris.push(uri),
+                    value => collect_uris(value, uris),
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+/// The JSON of a binary glTF file: after 12 bytes of header a chunk with 4 bytes of its length and 4 of its kind.
+fn json_of_glb(path: &Path) -> io::Result<Vec<u8>> {
+    let mut file = File::open(path)?;
+    let mut head = [0; 20];
+    if file.read_exact(&mut head).is_err() {
+        return Ok(Vec::new());
+    }
+    let length = u32::from_le_bytes([head[12], head[13], head[14], head[15]]);
+    let mut json = Vec::new();
+    file.take(length.into()).read_to_end(&mut json)?;
+    Ok(json)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn names(sources: &[(PathBuf, Key)]) -> Vec<String> {
+        let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
+        let mut names: Vec<String> = sources.iter().map(|(path, _)| name(path)).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn files_are_followed_through_scenes_and_gltf_and_counted_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+        write(
+            "scene.toml",
+            b"[[object]]\ngltf = \"a b.gltf\"\n[[object]]\ninclude = \"other.toml\"\n",
+        );
+        write(
+            "other.toml",
+            b"[[object]]\ninclude = \"scene.toml\"\n[texture.t]\nimage = \"t.png\"\n",
+        );
+        write(
+            "a b.gltf",
+            br#"{"buffers": [{"uri": "a%20b.bin"}, {"uri": "data:,x"}], "images": [{"uri": "t.png"}]}"#,
+        );
+        write("a b.bin", b"1");
+        write("t.png", b"2");
+        write("extra.npy", b"3");
+        write("unused.png", b"4");
+        let scene = folder.path().join("scene.toml");
+        let mut sources = Sources::default();
+        let all = sources.of(&scene, &["extra.npy", "0.5"]).unwrap();
+        let expected = [
+            "a b.bin",
+            "a b.gltf",
+            "extra.npy",
+            "other.toml",
+            "scene.toml",
+            "t.png",
+        ];
+        assert_eq!(names(&all), expected);
+        assert_eq!(all.first().map(|(path, _)| path), Some(&scene));
+        assert!(
+            Sources::default()
+                .of(&folder.path().join("none.toml"), &[])
+                .is_err()
+        );
+    }
+
+    #[test]
+    fn a_binary_gltf_file_names_its_files_and_a_broken_one_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let json = br#"{"images": [{"uri": "t.png"}]}"#;
+        let mut glb = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
+        glb.extend((json.len() as u32).to_le_bytes());
+        glb.extend(b"JSON");
+        glb.extend(json);
+        let path = folder.path().join("a.glb");
+        fs::write(&path, &glb).unwrap();
+        fs::write(folder.path().join("t.png"), b"1").unwrap();
+        assert_eq!(
+            names(&Sources::default().of(&path, &[]).unwrap()),
+            ["a.glb", "t.png"]
+        );
+        fs::write(&path, &glb[..15]).unwrap();
+        assert_eq!(names(&Sources::default().of(&path, &[]).unwrap()), ["a.glb"]);
+    }
+}

@@ -1,0 +1,152 @@
+//! Flags of `whit batch` and of `whit merge`.
+
+use std::path::PathBuf;
+
+use clap::Args as ArgGroup;
+
+use super::MAX_THREADS;
+use crate::batch::Shard;
+
+/// More than a week would be a mistake.
+const MOST_SECONDS: f64 = 604_800.0;
+/// The units in which memory is given.
+const UNITS: [(char, u32); 4] = [('k', 10), ('m', 20), ('g', 30), ('t', 40)];
+
+const BATCH_HELP: &str = "\
+Examples:
+  whit batch film.jobs.toml --out film --dry-run
+  whit batch film.jobs.toml --out film --html film/index.html
+  whit batch film.jobs.toml --out film --resume
+  whit batch film.jobs.toml --out film --shard 3/24
+  whit batch film.jobs.toml --out film --slurm film.sh --shards 24 && sbatch film.sh
+
+A batch may be ended at any time, in whatever way: --resume goes on with what is missing, to the same bits. One frame
+that fails does not stop the rest; the exit code is then 1.";
+
+/// Flags of `whit batch`.
+#[derive(Debug, ArgGroup)]
+#[command(after_help = BATCH_HELP)]
+pub(in crate::cli) struct BatchArgs {
+    /// What is to be rendered, as the README describes it
+    #[arg(value_name = "JOBS.toml")]
+    pub(in crate::cli) jobs: PathBuf,
+
+    /// Folder that pictures go into; it is made if it is not there
+    #[arg(long, value_name = "DIR")]
+    pub(in crate::cli) out: PathBuf,
+
+    /// Go on with what an earlier run left: frames that are done are kept, if their scenes and settings are the same
+    #[arg(long)]
+    pub(in crate::cli) resume: bool,
+
+    /// Make part I of N only, as equal as can be; I may be `auto` within a job array of Slurm (from 1) or an indexed job
+    /// of Kubernetes (from 0)
+    #[arg(long, value_name = "I/N", default_value = "1/1", hide_default_value = true)]
+    pub(in crate::cli) shard: Shard,
+
+    /// List the frames, with a forecast of their times and memory, and render nothing
+    #[arg(long)]
+    pub(in crate::cli) dry_run: bool,
+
+    /// Write a script for Slurm's `sbatch` instead, with times and memory from a forecast
+    #[arg(long, value_name = "FILE.sh", conflicts_with_all = ["dry_run", "shard"])]
+    pub(in crate::cli) slurm: Option<PathBuf>,
+
+    /// Tasks of that script
+    #[arg(long, value_name = "N", requires = "slurm", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::batch::slurm::MOST_TASKS)))]
+    pub(in crate::cli) shards: u32,
+
+    /// Keep what there is of a frame about so often, so that little of a long one can be lost
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0, value_parser = seconds)]
+    pub(in crate::cli) checkpoint: f64,
+
+    /// Stop taking samples of a frame after so long, with as many of each pixel as there are by then
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub(in crate::cli) time: Option<f64>,
+
+    /// Render no frame that is forecast to take more memory, as in 4G or 800M [default: what is free]
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    pub(in crate::cli) max_memory: Option<u64>,
+
+    /// Threads; 0 takes one a processor
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
+    pub(in crate::cli) threads: u32,
+
+    /// Leave the processors to others who want them: 19 takes only what is left over
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(i32).range(0..=19))]
+    pub(in crate::cli) nice: Option<i32>,
+
+    /// Write a page of thumbnails, times and effects
+    #[arg(long, value_name = "FILE.html")]
+    pub(in crate::cli) html: Option<PathBuf>,
+
+    /// Say nothing but errors
+    #[arg(long, short)]
+    pub(in crate::cli) quiet: bool,
+}
+
+const MERGE_HELP: &str = "\
+Example:
+  whit merge film.jobs.toml --out film
+
+Every frame of which all pieces are there is put together, in little memory however large it is; the others are named,
+and the exit code is 1. Shards do the same as soon as they have made the last piece of a frame.";
+
+/// Flags of `whit merge`.
+#[derive(Debug, ArgGroup)]
+#[command(after_help = MERGE_HELP)]
+pub(in crate::cli) struct MergeArgs {
+    /// What was rendered
+    #[arg(value_name = "JOBS.toml")]
+    pub(in crate::cli) jobs: PathBuf,
+
+    /// The folder that it was rendered into
+    #[arg(long, value_name = "DIR")]
+    pub(in crate::cli) out: PathBuf,
+
+    /// Say nothing but errors
+    #[arg(long, short)]
+    pub(in crate::cli) quiet: bool,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    text.strip_suffix('s')
+        .unwrap_or(text)
+        .parse()
+        .ok()
+        .filter(|seconds| (0.0..=MOST_SECONDS).contains(seconds))
+        .ok_or_else(|| format!("give seconds from 0 to {MOST_SECONDS}"))
+}
+
+fn bytes(text: &str) -> Result<u64, String> {
+    let lower = text.to_ascii_lowercase();
+    let unit = |(letter, shift): (char, u32)| Some((lower.strip_suffix(letter)?, shift));
+    let (digits, shift) = UNITS.into_iter().find_map(unit).unwrap_or((&lower, 0));
+    let count: Option<u64> = digits.parse().ok();
+    count
+        .and_then(|count| count.checked_mul(1 << shift))
+        .filter(|&bytes| bytes > 0)
+        .ok_or_else(|| "give bytes, as in 800M or 4G".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_is_given_in_bytes_or_larger_units() {
+        assert_eq!(bytes("4096"), Ok(4096));
+        assert_eq!(bytes("2k"), Ok(2048));
+        assert_eq!(bytes("4G"), Ok(4 << 30));
+        for bad in ["", "0", "G", "-1", "1.5G", "20000000t"] {
+            assert!(bytes(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn seconds_may_say_that_they_are() {
+        assert_eq!(seconds("60s"), Ok(60.0));
+        assert_eq!(seconds("0.5"), Ok(0.5));
+        assert!(seconds("-1").is_err() && seconds("nan").is_err());
+    }
+}

@@ -1,0 +1,146 @@
+//! Changes of a scene file before it is read: what sweeps are made of.
+
+use std::fmt;
+
+use toml::{Table, Value};
+
+/// A key of a scene file and the value that it gets.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Edit {
+    /// Words that lead to it, as in `material.ball.roughness`; in lists of tables a name, or a number from 0.
+    pub key: Vec<String>,
+    /// The value.
+    pub value: Value,
+}
+
+impl fmt::Display for Edit {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{} = {}", self.key.join("."), self.value)
+    }
+}
+
+impl Edit {
+    /// The words of a key that is written with points, of which quoted parts may have some: `material."a.b".ior`.
+    pub(super) fn words(key: &str) -> Result<Vec<String>, String> {
+        let mut words = vec![String::new()];
+        let mut is_quoted = false;
+        for c in key.chars() {
+            match c {
+                '"' => is_quoted = !is_quoted,
+                '.' if !is_quoted => words.push(String::new()),
+                c => {
+                    if let Some(word) = words.last_mut() {
+                        word.push(c);
+                    }
+                }
+            }
+        }
+        if is_quoted || words.iter().any(String::is_empty) {
+            return Err(format!(
+                "`{key}` is no key: give words with points between, as in material.ball.roughness"
+            ));
+        }
+        Ok(words)
+    }
+
+    /// Makes the change. The last word may be new; those before it must be there.
+    ///
+    /// # Errors
+    ///
+    /// What is not there, and what is there instead.
+    pub fn apply(&self, scene: &mut Table) -> Result<(), String> {
+        let Some((first, rest)) = self.key.split_first() else {
+            return Ok(());
+        };
+        let Some((last, between)) = rest.split_last() else {
+            scene.insert(first.clone(), self.value.clone());
+            return Ok(());
+        };
+        let mut place = scene
+            .get_mut(first)
+            .ok_or_else(|| format!("the scene has no `{first}`: correct the key"))?;
+        for (depth, word) in between.iter().enumerate() {
+            let so_far = self.key[..=depth].join(".");
+            place = step(place, word).ok_or_else(|| missing(&so_far, word))?;
+        }
+        let so_far = self.key[..self.key.len() - 1].join(".");
+        if let Value::Table(table) = place {
+            table.insert(last.clone(), self.value.clone());
+            return Ok(());
+        }
+        *step(place, last).ok_or_else(|| missing(&so_far, last))? = self.value.clone();
+        Ok(())
+    }
+}
+
+fn missing(so_far: &str, word: &str) -> String {
+    format!("`{so_far}` of the scene has no `{word}`: give a key, a name or a number from 0 that is there")
+}
+
+/// What of a table or a list goes by a word.
+fn step<'v>(value: &'v mut Value, word: &str) -> Option<&'v mut Value> {
+    match value {
+        Value::Table(table) => table.get_mut(word),
+        Value::Array(list) => {
+            let is_called = |value: &Value| value.get("name").and_then(Value::as_str) == Some(word);
+            let index = list.iter().position(is_called).or_else(|| word.parse().ok())?;
+            list.get_mut(index)
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn edited(key: &str, value: Value) -> Result<Table, String> {
+        let text = "ambient = 0.1\n[material.ball]\nior = 1.5\n[[light]]\nname = \"sun\"\nposition = [1, 2, 3]\n[[light]]\n";
+        let mut table: Table = toml::from_str(text).unwrap();
+        let edit = Edit {
+            key: Edit::words(key)?,
+            value,
+        };
+        edit.apply(&mut table).map(|()| table)
+    }
+
+    #[test]
+    fn keys_lead_through_tables_names_and_numbers() {
+        let value = Value::Integer(7);
+        assert_eq!(edited("ambient", value.clone()).unwrap()["ambient"], value);
+        assert_eq!(
+            edited("material.ball.ior", value.clone()).unwrap()["material"]["ball"]["ior"],
+            value
+        );
+        assert_eq!(
+            edited("material.ball.new", value.clone()).unwrap()["material"]["ball"]["new"],
+            value
+        );
+        assert_eq!(
+            edited("light.sun.position.1", value.clone()).unwrap()["light"][0]["position"][1],
+            value
+        );
+        assert_eq!(
+            edited("light.1.intensity", value.clone()).unwrap()["light"][1]["intensity"],
+            value
+        );
+        assert_eq!(edited("\"ambient\"", value.clone()).unwrap()["ambient"], value);
+    }
+
+    #[test]
+    fn keys_that_lead_nowhere_are_told() {
+        for (key, word) in [
+            ("light.moon.intensity", "`light` of the scene has no `moon`"),
+            ("light.5.intensity", "has no `5`"),
+            ("lamp.sun.position", "the scene has no `lamp`"),
+            ("ambient.red", "`ambient` of the scene has no `red`"),
+            ("light.sun.position.9", "has no `9`"),
+            ("", "is no key"),
+            ("a..b", "is no key"),
+            ("\"a", "is no key"),
+        ] {
+            let message = edited(key, Value::Integer(1)).unwrap_err();
+            assert!(message.contains(word), "{key}: {message}");
+        }
+    }
+}

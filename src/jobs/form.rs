@@ -1,0 +1,183 @@
+//! A job file as it is written.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::Deserialize;
+use serde::de::value::SeqAccessDeserializer;
+use serde::de::{self, Deserializer, SeqAccess, Visitor};
+use toml::Value;
+
+use super::range::FrameRange;
+use crate::scene_file::value::At;
+
+/// The whole file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Document {
+    #[serde(default)]
+    pub(super) settings: BTreeMap<String, At<Value>>,
+    #[serde(default)]
+    pub(super) job: Vec<At<JobForm>>,
+}
+
+/// One `[[job]]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct JobForm {
+    pub(super) name: Option<At<String>>,
+    pub(super) scene: At<Words>,
+    #[serde(default)]
+    pub(super) camera: Words,
+    pub(super) frames: Option<FrameRange>,
+    pub(super) turntable: Option<At<TurntableForm>>,
+    #[serde(default)]
+    pub(super) path: Vec<At<KeyForm>>,
+    pub(super) animation: Option<At<AnimationForm>>,
+    #[serde(default)]
+    pub(super) sweep: BTreeMap<String, At<SweepForm>>,
+    #[serde(default)]
+    pub(super) settings: BTreeMap<String, At<Value>>,
+    pub(super) split: Option<At<SplitForm>>,
+    pub(super) image: Option<At<String>>,
+}
+
+/// A camera that goes round.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TurntableForm {
+    #[serde(default = "one")]
+    pub(super) turns: f64,
+    #[serde(default = "up")]
+    pub(super) axis: [f64; 3],
+    pub(super) center: Option<[f64; 3]>,
+}
+
+/// A camera at some frame.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct KeyForm {
+    pub(super) frame: f64,
+    pub(super) from: [f64; 3],
+    pub(super) at: [f64; 3],
+    #[serde(default = "up")]
+    pub(super) up: [f64; 3],
+    /// In degrees.
+    pub(super) fov: Option<f64>,
+}
+
+/// An animation of a glTF file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AnimationForm {
+    pub(super) name: Option<Word>,
+    #[serde(default = "film")]
+    pub(super) fps: f64,
+    #[serde(default)]
+    pub(super) from: f64,
+    pub(super) to: Option<f64>,
+}
+
+/// The values of a key.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum SweepForm {
+    List(Vec<Value>),
+    Steps(StepsForm),
+}
+
+/// Values from one to another.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StepsForm {
+    pub(super) from: f64,
+    pub(super) to: f64,
+    pub(super) steps: u32,
+}
+
+/// How a frame is cut.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SplitForm {
+    #[serde(default = "one_piece")]
+    pub(super) bands: u32,
+    #[serde(default = "one_piece")]
+    pub(super) shares: u32,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn up() -> [f64; 3] {
+    [0.0, 1.0, 0.0]
+}
+
+/// Frames a second of films.
+fn film() -> f64 {
+    24.0
+}
+
+fn one_piece() -> u32 {
+    1
+}
+
+/// A name or a number.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Word(pub(super) String);
+
+/// One name or number, or several.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Words(pub(super) Vec<String>);
+
+struct WordVisitor<T>(PhantomData<T>);
+
+impl Visitor<'_> for WordVisitor<Word> {
+    type Value = Word;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a name or a number")
+    }
+
+    fn visit_str<E: de::Error>(self, word: &str) -> Result<Word, E> {
+        Ok(Word(word.to_owned()))
+    }
+
+    fn visit_i64<E: de::Error>(self, number: i64) -> Result<Word, E> {
+        Ok(Word(number.to_string()))
+    }
+}
+
+impl<'de> Deserialize<'de> for Word {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Word, D::Error> {
+        deserializer.deserialize_any(WordVisitor::<Word>(PhantomData))
+    }
+}
+
+impl<'de> Visitor<'de> for WordVisitor<Words> {
+    type Value = Words;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a name, a number, or a list of them")
+    }
+
+    fn visit_str<E: de::Error>(self, word: &str) -> Result<Words, E> {
+        Ok(Words(vec![word.to_owned()]))
+    }
+
+    fn visit_i64<E: de::Error>(self, number: i64) -> Result<Words, E> {
+        Ok(Words(vec![number.to_string()]))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Words, A::Error> {
+        let words: Vec<Word> = Vec::deserialize(SeqAccessDeserializer::new(list))?;
+        Ok(Words(words.into_iter().map(|word| word.0).collect()))
+    }
+}
+
+impl<'de> Deserialize<'de> for Words {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Words, D::Error> {
+        deserializer.deserialize_any(WordVisitor::<Words>(PhantomData))
+    }
+}

@@ -1,0 +1,108 @@
+//! Numbers of frames, as people write them.
+
+use std::fmt;
+
+use serde::de::{self, Deserializer, Visitor};
+
+/// The most frames of a file: more would be a slip.
+pub(super) const MOST_FRAMES: usize = 1_000_000;
+
+/// Frames by their numbers: every so many from one to another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct FrameRange {
+    pub(super) first: u32,
+    pub(super) last: u32,
+    pub(super) step: u32,
+}
+
+impl FrameRange {
+    /// A single frame.
+    pub(super) const ONE: FrameRange = FrameRange {
+        first: 1,
+        last: 1,
+        step: 1,
+    };
+
+    /// The numbers.
+    pub(super) fn numbers(&self) -> impl Iterator<Item = u32> + use<> {
+        (self.first..=self.last).step_by(self.step as usize)
+    }
+
+    /// How many frames there would be without a step.
+    pub(super) fn span(&self) -> u32 {
+        self.last - self.first + 1
+    }
+
+    fn parse(text: &str) -> Result<FrameRange, String> {
+        let form = || "give a number of frames, or as in \"1-24\" or \"1-24x2\"".to_owned();
+        let (range, step) = match text.split_once('x') {
+            Some((range, step)) => (range, step.parse().map_err(|_| form())?),
+            None => (text, 1),
+        };
+        let (first, last) = range.split_once('-').unwrap_or((range, range));
+        let [first, last] = [first, last].map(|number| number.parse::<u32>().map_err(|_| form()));
+        FrameRange {
+            first: first?,
+            last: last?,
+            step,
+        }
+        .checked()
+    }
+
+    fn checked(self) -> Result<FrameRange, String> {
+        if self.last < self.first || self.step == 0 {
+            return Err(
+                "has no frames: give a first number that is not after the last, and a step of 1 or more"
+                    .into(),
+            );
+        }
+        if self.numbers().count() > MOST_FRAMES {
+            return Err(format!("has more than {MOST_FRAMES} frames: split the file"));
+        }
+        Ok(self)
+    }
+}
+
+impl<'de> de::Deserialize<'de> for FrameRange {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<FrameRange, D::Error> {
+        struct RangeVisitor;
+        impl Visitor<'_> for RangeVisitor {
+            type Value = FrameRange;
+
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a number of frames or a range as in \"1-24\"")
+            }
+
+            fn visit_i64<E: de::Error>(self, count: i64) -> Result<FrameRange, E> {
+                let last = u32::try_from(count).unwrap_or(0);
+                let all = FrameRange {
+                    first: 1,
+                    last,
+                    step: 1,
+                };
+                all.checked().map_err(E::custom)
+            }
+
+            fn visit_str<E: de::Error>(self, text: &str) -> Result<FrameRange, E> {
+                FrameRange::parse(text).map_err(E::custom)
+            }
+        }
+        deserializer.deserialize_any(RangeVisitor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_read_as_written() {
+        let numbers = |text| FrameRange::parse(text).map(|range| range.numbers().collect::<Vec<_>>());
+        assert_eq!(numbers("3"), Ok(vec![3]));
+        assert_eq!(numbers("0-3"), Ok(vec![0, 1, 2, 3]));
+        assert_eq!(numbers("1-8x3"), Ok(vec![1, 4, 7]));
+        for bad in ["", "a", "3-1", "1-3x0", "-1", "1-", "1-4294967295"] {
+            assert!(numbers(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! Names of pictures, made from a pattern with fields in braces.
+
+use std::path::{Component, Path, PathBuf};
+
+/// More zeros than this nobody wants.
+const MOST_DIGITS: usize = 18;
+
+/// A pattern, understood.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Template(Vec<Piece>);
+
+#[derive(Clone, Debug, PartialEq)]
+enum Piece {
+    Text(String),
+    /// A field, and how many digits it has at least.
+    Field(String, usize),
+}
+
+impl Template {
+    /// Reads a pattern; the fields that there are, are `known`.
+    pub(super) fn parse(text: &str, known: &[&str]) -> Result<Template, String> {
+        let mut pieces = Vec::new();
+        let mut rest = text;
+        while let Some((before, after)) = rest.split_once('{') {
+            let (field, after) = after.split_once('}').ok_or("has a `{` without a `}`: close it")?;
+            let (name, width) = field.split_once(':').unwrap_or((field, "0"));
+            let width: usize = width
+                .parse()
+                .ok()
+                .filter(|&width| width <= MOST_DIGITS)
+                .ok_or_else(|| format!("has `{{{field}}}`: give a number of digits as in {{frame:04}}"))?;
+            if !known.contains(&name) {
+                let known = known.join("}, {");
+                return Err(format!("has no field `{{{name}}}`: there are {{{known}}}"));
+            }
+            pieces.push(Piece::Text(before.to_owned()));
+            pieces.push(Piece::Field(name.to_owned(), width));
+            rest = after;
+        }
+        pieces.push(Piece::Text(rest.to_owned()));
+        let template = Template(pieces);
+        check_path(&template.name(|_| "x".to_owned()))?;
+        Ok(template)
+    }
+
+    /// The name with the values of its fields.
+    pub(super) fn name(&self, value: impl Fn(&str) -> String) -> PathBuf {
+        let mut name = String::new();
+        for piece in &self.0 {
+            match piece {
+                Piece::Text(text) => name.push_str(text),
+                Piece::Field(field, width) => name.push_str(&filled(&safe(&value(field)), *width)),
+            }
+        }
+        PathBuf::from(name)
+    }
+}
+
+/// A value that no folder is made of.
+fn safe(value: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "-_+.,=@ ".contains(c);
+    let plain: String = value.chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
+    match plain.trim_matches('.') {
+        "" => "_".into(),
+        _ => plain,
+    }
+}
+
+/// A number with zeros before it, up to `width` digits.
+fn filled(value: &str, width: usize) -> String {
+    match value.parse::<u64>() {
+        Ok(number) => format!("{number:0width$}"),
+        Err(_) => value.to_owned(),
+    }
+}
+
+/// Refuses names that lead out of the folder of results.
+fn check_path(path: &Path) -> Result<(), String> {
+    let stays = path.components().all(|part| matches!(part, Component::Normal(_)));
+    match stays && path.file_name().is_some() {
+        true => Ok(()),
+        false => Err(
+            "leads out of the folder of results: give a name without `..` and without a `/` at its start"
+                .into(),
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KNOWN: [&str; 3] = ["scene", "frame", "rough"];
+
+    #[test]
+    fn fields_become_their_values() {
+        let template = Template::parse("{scene}/a.{frame:04}.{rough}.png", &KNOWN).unwrap();
+        let name = template.name(|field| match field {
+            "scene" => "../b c".into(),
+            "frame" => "7".into(),
+            _ => "0.25".into(),
+        });
+        assert_eq!(name, Path::new(".._b c/a.0007.0.25.png"));
+    }
+
+    #[test]
+    fn a_value_makes_no_folder() {
+        assert_eq!([".", "..", "a/b", ""].map(safe), ["_", "_", "a_b", "_"]);
+        // A number that is too long to be one stays as it is.
+        assert_eq!(filled("123456789012345678901", 4), "123456789012345678901");
+    }
+
+    #[test]
+    fn what_is_no_pattern_is_told() {
+        for (bad, word) in [
+            ("{scene", "close it"),
+            ("{hue}.png", "no field `{hue}`"),
+            ("{frame:x}.png", "digits"),
+            ("{frame:99}.png", "digits"),
+            ("../{scene}.png", "leads out"),
+            ("/tmp/{scene}.png", "leads out"),
+        ] {
+            let message = Template::parse(bad, &KNOWN).unwrap_err();
+            assert!(message.contains(word), "{bad}: {message}");
+        }
+    }
+}

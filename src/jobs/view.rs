@@ -1,0 +1,232 @@
+//! Where a frame's camera stands.
+
+use std::f64::consts::TAU;
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use crate::scene::{Camera, Projection, Scene};
+
+/// How a camera is moved from where its scene has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum View {
+    /// Not at all.
+    #[default]
+    Own,
+    /// Turned about an axis, all of it: it goes on looking at what it looked at from there.
+    Turn {
+        /// Full turns, counterclockwise as seen from the axis' end.
+        turns: f64,
+        /// Direction of the axis, of length 1.
+        axis: DVec3,
+        /// A point of the axis, in the file's coordinates; the middle of what there is if none is given.
+        center: Option<DVec3>,
+    },
+    /// Placed anew.
+    Pose(Pose),
+}
+
+/// Where a camera is and where it looks, in the file's coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Where it is.
+    pub from: DVec3,
+    /// A point that it looks at.
+    pub at: DVec3,
+    /// Which way is up in the picture; a direction.
+    pub up: DVec3,
+    /// Vertical field of view in radians; the camera's own if none is given.
+    pub y_fov: Option<f64>,
+}
+
+impl View {
+    /// The camera of `scene` as the frame has it. `middle` is that of what there is, in the scene's coordinates.
+    ///
+    /// A camera that moves while its shutter is open moves along.
+    pub fn of(&self, camera: &Camera, scene: &Scene, middle: DVec3) -> Camera {
+        let mut moved = camera.clone();
+        match *self {
+            View::Own => {}
+            View::Turn { turns, axis, center } => {
+                let center = center.map_or(middle, |center| scene.normalisation.point(center));
+                let turn = DAffine3::from_rotation_translation(
+                    DQuat::from_axis_angle(axis, TAU * turns),
+                    DVec3::ZERO,
+                );
+                let about = DAffine3::from_translation(center) * turn * DAffine3::from_translation(-center);
+                moved.world_from_camera = about * camera.world_from_camera;
+                moved.world_from_camera_end = camera.world_from_camera_end.map(|end| about * end);
+            }
+            View::Pose(pose) => {
+                let [from, at] = [pose.from, pose.at].map(|p| scene.normalisation.point(p));
+                let end = camera
+                    .world_from_camera_end
+                    .map(|end| end * camera.world_from_camera.inverse());
+                moved.world_from_camera = looking(from, at - from, pose.up);
+                moved.world_from_camera_end = end.map(|end| end * moved.world_from_camera);
+                if let (Some(fov), Projection::Perspective { y_fov, .. }) =
+                    (pose.y_fov, &mut moved.projection)
+                {
+                    *y_fov = fov;
+                }
+            }
+        }
+        moved
+    }
+}
+
+impl Pose {
+    /// Whether it looks somewhere, and not along what is to be up.
+    pub(super) fn is_possible(&self) -> bool {
+        let side = (self.at - self.from).cross(self.up);
+        side.is_finite() && side != DVec3::ZERO
+    }
+}
+
+/// A camera at `from` that looks along `forward`.
+fn looking(from: DVec3, forward: DVec3, up: DVec3) -> DAffine3 {
+    let back = -forward.normalize();
+    let right = up.cross(back).normalize();
+    DAffine3::from_mat3_translation(DMat3::from_cols(right, back.cross(right), back), from)
+}
+
+/// A pose at some frame of a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Key {
+    pub(super) frame: f64,
+    pub(super) pose: Pose,
+}
+
+/// The pose of a path at a frame; before the first key it is the first's, behind the last the last's.
+///
+/// Between keys each number follows the cubic through them whose slopes are those of the parabola through a key and its
+/// neighbours, so that the camera neither stops nor turns sharply at a key, however unevenly the keys lie (a
+/// Catmull-Rom spline for unequal steps; E. Catmull and R. Rom, "A class of local interpolating splines", 1974).
+pub(super) fn along(keys: &[Key], frame: f64) -> Option<Pose> {
+    let (first, last) = (keys.first()?, keys.last()?);
+    let next = keys.partition_point(|key| key.frame <= frame);
+    if next == 0 {
+        return Some(first.pose);
+    }
+    if next == keys.len() {
+        return Some(last.pose);
+    }
+    let near: Vec<&Key> = keys[next.saturating_sub(2)..(next + 2).min(keys.len())]
+        .iter()
+        .collect();
+    let index = if next >= 2 { 1 } else { 0 };
+    let vector = |part: fn(&Pose) -> DVec3| {
+        let values: Vec<(f64, DVec3)> = near.iter().map(|key| (key.frame, part(&key.pose))).collect();
+        cubic(&values, index, frame)
+    };
+    let fovs: Option<Vec<(f64, DVec3)>> = near
+        .iter()
+        .map(|key| Some((key.frame, DVec3::splat(key.pose.y_fov?))))
+        .collect();
+    Some(Pose {
+        from: vector(|pose| pose.from),
+        at: vector(|pose| pose.at),
+        up: vector(|pose| pose.up),
+        y_fov: fovs.map(|values| cubic(&values, index, frame).x),
+    })
+}
+
+/// The cubic between values `index` and the next.
+fn cubic(values: &[(f64, DVec3)], index: usize, at: f64) -> DVec3 {
+    let ((start, a), (end, b)) = (values[index], values[index + 1]);
+    let length = end - start;
+    let u = (at - start) / length;
+    let [m, n] = [slope(values, index) * length, slope(values, index + 1) * length];
+    let (u2, u3) = (u * u, u * u * u);
+    a * (2.0 * u3 - 3.0 * u2 + 1.0) + m * (u3 - 2.0 * u2 + u) + b * (3.0 * u2 - 2.0 * u3) + n * (u3 - u2)
+}
+
+/// The slope at a value: of the parabola through it and its neighbours, or of the line to the only one.
+fn slope(values: &[(f64, DVec3)], index: usize) -> DVec3 {
+    let line = |i: usize| (values[i + 1].1 - values[i].1) / (values[i + 1].0 - values[i].0);
+    if index == 0 {
+        return line(0);
+    }
+    if index + 1 == values.len() {
+        return line(index - 1);
+    }
+    let [before, behind] = [
+        values[index].0 - values[index - 1].0,
+        values[index + 1].0 - values[index].0,
+    ];
+    (line(index - 1) * behind + line(index) * before) / (before + behind)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn turned(turns: f64) -> Camera {
+        let camera = Camera {
+            world_from_camera: looking(DVec3::new(1.0, 2.0, 5.0), DVec3::NEG_Z, DVec3::Y),
+            ..Camera::default()
+        };
+        let view = View::Turn {
+            turns,
+            axis: DVec3::Y,
+            center: None,
+        };
+        view.of(&camera, &Scene::default(), DVec3::new(1.0, 0.0, 1.0))
+    }
+
+    /// Far above what f64 rounds here.
+    const NEAR: f64 = 1e-14;
+
+    #[test]
+    fn quarters_of_a_turn_are_the_four_sides() {
+        let sides = [[1.0, 5.0], [5.0, 1.0], [1.0, -3.0], [-3.0, 1.0]];
+        for (quarter, [x, z]) in sides.into_iter().enumerate() {
+            let camera = turned(0.25 * quarter as f64);
+            let at = camera.world_from_camera.translation;
+            assert!(at.abs_diff_eq(DVec3::new(x, 2.0, z), NEAR), "{at}");
+            // It still looks at the axis, level.
+            let looks = camera.world_from_camera.transform_vector3(DVec3::NEG_Z);
+            let inward = DVec3::new(1.0 - x, 0.0, 1.0 - z).normalize();
+            assert!(looks.abs_diff_eq(inward, NEAR), "{looks}");
+        }
+    }
+
+    fn key(frame: f64, x: f64) -> Key {
+        Key {
+            frame,
+            pose: Pose {
+                from: DVec3::new(x, 0.0, 5.0),
+                at: DVec3::ZERO,
+                up: DVec3::Y,
+                y_fov: Some(x),
+            },
+        }
+    }
+
+    #[test]
+    fn a_path_goes_through_its_keys_and_along_a_parabola_of_three() {
+        // x = t^2 at 0, 1 and 3: slopes by the parabola through all are 2 t in the middle.
+        let keys = [key(0.0, 0.0), key(1.0, 1.0), key(3.0, 9.0)];
+        let x = |frame| along(&keys, frame).unwrap().from.x;
+        assert_eq!(
+            [x(-5.0), x(0.0), x(1.0), x(3.0), x(9.0)],
+            [0.0, 0.0, 1.0, 9.0, 9.0]
+        );
+        // From (1, 1) with slope 2 to (3, 9) with slope 4, that of the last line: in the middle (1 + 9) / 2 + 2 (2 - 4) / 8.
+        assert!((x(2.0) - 4.5).abs() < NEAR);
+        assert!((along(&keys, 2.0).unwrap().y_fov.unwrap() - 4.5).abs() < NEAR);
+        assert_eq!(along(&[], 1.0), None);
+    }
+
+    #[test]
+    fn a_pose_looks_where_it_is_told() {
+        let pose = key(0.0, 0.0).pose;
+        let camera = View::Pose(pose).of(&Camera::default(), &Scene::default(), DVec3::ZERO);
+        assert_eq!(camera.world_from_camera.translation, DVec3::new(0.0, 0.0, 5.0));
+        assert_eq!(
+            camera.world_from_camera.transform_vector3(DVec3::NEG_Z),
+            DVec3::NEG_Z
+        );
+        let blind = Pose { up: DVec3::Z, ..pose };
+        assert!(pose.is_possible() && !blind.is_possible());
+    }
+}

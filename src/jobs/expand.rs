@@ -11,11 +11,11 @@ use super::form::{AnimationForm, Document, JobForm, KeyForm, SplitForm, SweepFor
 use super::range::{FrameRange, MOST_FRAMES};
 use super::template::Template;
 use super::view::{Key, Pose, View, along};
-use super::{Edit, FlagValue, Frame, JobSettings, Jobs, Moment};
-use crate::scene_file::SceneFileError;
+use super::{FlagValue, Frame, JobSettings, Jobs, Moment};
 use crate::scene_file::assembly::read;
 use crate::scene_file::fault::{Fault, Source, file_error};
 use crate::scene_file::value::At;
+use crate::scene_file::{Edit, SceneFileError};
 
 /// The most pieces of a frame.
 const MOST_PIECES: u32 = 4096;

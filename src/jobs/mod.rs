@@ -42,7 +42,6 @@
 //!
 //! Nothing here opens a scene.
 
-mod edit;
 mod expand;
 mod form;
 mod range;
@@ -52,10 +51,9 @@ mod view;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-pub use edit::Edit;
 pub use view::{Pose, View};
 
-use crate::scene_file::SceneFileError;
+use crate::scene_file::{Edit, SceneFileError};
 
 /// All frames of a job file.
 #[derive(Clone, Debug)]

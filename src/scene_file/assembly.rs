@@ -12,6 +12,7 @@ use glam::DAffine3;
 use super::SceneFileError;
 use super::appearance::{TEXEL_BYTES, budget_of};
 use super::document::{Document, ObjectForm};
+use super::edit::Edit;
 use super::fault::{Fault, Source, file_error, suggestion};
 use super::light::LampForm;
 use super::placement::{Copies, Step, map_of};
@@ -108,6 +109,8 @@ pub(super) struct Assembler {
     imports: HashMap<PathBuf, Rc<Assembly>>,
     words: HashMap<String, u32>,
     default_material: Option<u32>,
+    /// Changes of the first file.
+    edits: Vec<Edit>,
     pub(super) group_count: usize,
 }
 
@@ -123,8 +126,9 @@ struct Unit {
 }
 
 impl Assembler {
-    pub(super) fn new(options: &LoadOptions) -> Assembler {
+    pub(super) fn new(options: &LoadOptions, edits: &[Edit]) -> Assembler {
         Assembler {
+            edits: edits.to_vec(),
             scene: Scene::default(),
             texels_left: options.max_texels,
             without: options.without,
@@ -155,7 +159,7 @@ impl Assembler {
 
     /// The objects of the file at `path`, and the file as it is written.
     pub(super) fn file(&mut self, path: &Path) -> Result<(Assembly, Document, Rc<Source>), SceneFileError> {
-        let source = Rc::new(read(path)?);
+        let source = Rc::new(edited(read(path)?, &std::mem::take(&mut self.edits))?);
         let document: Document = toml::from_str(&source.text).map_err(|e| source.toml_error(&e))?;
         let mut unit = Unit {
             folder: path.parent().unwrap_or(Path::new("")).to_owned(),
@@ -577,6 +581,22 @@ pub(super) fn find<T: Copy>(kind: &str, name: &At<String>, known: &HashMap<Strin
             suggestion(name, &names)
         };
         name.fault(format!("there is no {kind} `{}`: {advice}", **name))
+    })
+}
+
+/// A file after changes of it.
+fn edited(source: Source, edits: &[Edit]) -> Result<Source, SceneFileError> {
+    if edits.is_empty() {
+        return Ok(source);
+    }
+    let mut table: toml::Table = toml::from_str(&source.text).map_err(|error| source.toml_error(&error))?;
+    for edit in edits {
+        edit.apply(&mut table)
+            .map_err(|sentence| file_error(&source.path, format!("cannot have {edit}: {sentence}")))?;
+    }
+    Ok(Source {
+        text: table.to_string(),
+        ..source
     })
 }
 

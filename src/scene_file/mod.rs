@@ -69,6 +69,7 @@ mod appearance;
 pub(crate) mod assembly;
 mod camera;
 mod document;
+mod edit;
 pub(crate) mod fault;
 mod flatten;
 mod light;
@@ -96,6 +97,7 @@ use document::{Document, OutputForm};
 use fault::{Source, file_error};
 use value::At;
 
+pub use edit::Edit;
 pub use fault::SceneFileError;
 pub use schema::json_schema;
 
@@ -160,10 +162,35 @@ impl Output {
 /// A file that cannot be read, is not TOML, has keys that are not known, refers to what is not there, contains itself,
 /// or says what makes no sense.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileError> {
+    load_edited(path, &[], options)
+}
+
+/// Loads a scene file after changes of what it says.
+///
+/// # Errors
+/// Those of [`load`], and changes of what is not there. Where there are changes, lines are those of nothing that anybody
+/// wrote, and are not told.
+pub fn load_edited(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<SceneFile, SceneFileError> {
+    let loaded = load_with(path, edits, options);
+    loaded.map_err(|error| match error {
+        SceneFileError::Item {
+            file, item, fault, ..
+        } if !edits.is_empty() && file == path => {
+            let changes: Vec<String> = edits.iter().map(Edit::to_string).collect();
+            SceneFileError::File {
+                file,
+                fault: format!("with {}: {item}: {fault}", changes.join(", ")),
+            }
+        }
+        error => error,
+    })
+}
+
+fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<SceneFile, SceneFileError> {
     let key = path
         .canonicalize()
         .map_err(|e| file_error(path, format!("cannot be read ({e}): check the path")))?;
-    let mut assembler = Assembler::new(options);
+    let mut assembler = Assembler::new(options, edits);
     let (assembly, document, source) = assembler.opened(path, key)?;
     if assembly.count == 0 {
         return Err(file_error(path, "holds nothing to render: add an [[object]]"));

@@ -21,7 +21,7 @@ impl fmt::Display for Edit {
 
 impl Edit {
     /// The words of a key that is written with points, of which quoted parts may have some: `material."a.b".ior`.
-    pub(super) fn words(key: &str) -> Result<Vec<String>, String> {
+    pub(crate) fn words(key: &str) -> Result<Vec<String>, String> {
         let mut words = vec![String::new()];
         let mut is_quoted = false;
         for c in key.chars() {

@@ -155,7 +155,7 @@ impl<W: Write + Seek> RowEncoder<W> {
 
     /// How many rows these values are.
     fn row_count(&self, channels: &[Samples]) -> io::Result<usize> {
-        let refuse = |fault: String| Err(io::Error::new(io::ErrorKind::InvalidInput, fault));
+        let refuse = |fault: String| Err(refusal(fault));
         let (wanted, given) = (self.sources.len(), channels.len());
         if given != wanted {
             return refuse(format!("values of {given} channels were given for {wanted}"));
@@ -244,45 +244,53 @@ impl<W: Write + Seek> RowEncoder<W> {
 
 /// The header of a file whose channels are those of the layout in the order of `sources`.
 fn header(layout: &ExrLayout, sources: &[usize]) -> io::Result<Header> {
-    let name = |name: &str| Text::new_or_none(name).filter(|_| name.is_ascii() && !name.is_empty());
-    let mut list = Vec::with_capacity(sources.len());
-    for &source in sources {
+    if sources.is_empty() || layout.data_window.size.contains(&0) || layout.display_window.size.contains(&0) {
+        return Err(refusal("it has no pixels or no channels".into()));
+    }
+    let channel = |&source: &usize| {
         let channel = &layout.channels[source];
-        let Some(name) = name(&channel.name) else {
-            let fault = format!(
-                "`{}` cannot be the name of a channel: use ASCII letters",
-                channel.name
-            );
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, fault));
-        };
-        list.push(ChannelDescription::new(name, channel.sample.to_exr(), false));
-    }
-    if list.is_empty() || layout.data_window.size.contains(&0) || layout.display_window.size.contains(&0) {
-        return Err(io::Error::new(
-            io::ErrorKind::InvalidInput,
-            "it has no pixels or no channels",
-        ));
-    }
+        Ok(ChannelDescription::new(
+            name(&channel.name)?,
+            channel.sample.to_exr(),
+            false,
+        ))
+    };
+    let channels: Vec<ChannelDescription> = sources.iter().map(channel).collect::<io::Result<_>>()?;
     let data = layout.data_window.bounds();
-    Ok(Header::new(Text::from(""), data.size, list.into())
+    Ok(Header::new(Text::from(""), data.size, channels.into())
         .with_encoding(
             layout.compression.to_exr(),
             BlockDescription::ScanLines,
             LineOrder::Increasing,
         )
         .with_display_window(layout.display_window.bounds())
-        .with_attributes(attributes(layout.notes).with_position(data.position)))
+        .with_attributes(attributes(layout.notes)?.with_position(data.position)))
 }
 
 /// The notes that a file carries, and its maker.
-fn attributes(notes: &[Note]) -> LayerAttributes {
-    let ascii = |text: &str| Text::new_or_none(text.replace(|c: char| !c.is_ascii(), "?"));
-    let attribute = |note: &Note| Some((Text::from(note.name), AttributeValue::Text(ascii(note.text)?)));
-    LayerAttributes {
+fn attributes(notes: &[Note]) -> io::Result<LayerAttributes> {
+    let mut attributes = LayerAttributes {
         software_name: Some(Text::from(SOFTWARE)),
-        other: notes.iter().filter_map(attribute).collect(),
         ..LayerAttributes::default()
+    };
+    for note in notes {
+        let ascii = note.text.replace(|c: char| !c.is_ascii(), "?");
+        let text = AttributeValue::Text(Text::from(&ascii[..]));
+        attributes.other.insert(name(note.name)?, text);
     }
+    Ok(attributes)
+}
+
+/// The name of a channel or of an attribute.
+fn name(name: &str) -> io::Result<Text> {
+    Text::new_or_none(name)
+        .filter(|_| name.is_ascii() && !name.is_empty())
+        .ok_or_else(|| refusal(format!("`{name}` cannot be a name in it: use ASCII letters")))
+}
+
+/// An error of who gives what the file cannot hold.
+fn refusal(fault: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, fault)
 }
 
 /// All that stands before the table of blocks.
@@ -383,7 +391,15 @@ mod tests {
             ExrLayout::of_size([0, 3], vec![channel("Y")]),
             ExrLayout::of_size([4, 3], vec![channel("Y"), channel("Y")]),
             ExrLayout::of_size([4, 3], vec![channel("Ü")]),
+            ExrLayout::of_size([4, 3], vec![channel("")]),
             ExrLayout::of_size([4, u32::MAX], vec![channel("Y")]),
+            ExrLayout {
+                notes: &[Note {
+                    name: "☂",
+                    text: "rain",
+                }],
+                ..layout()
+            },
             ExrLayout {
                 notes: &[Note {
                     name: "dataWindow",

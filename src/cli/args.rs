@@ -5,6 +5,7 @@ mod compare;
 mod compare_stats;
 mod cost;
 mod leaving;
+mod output;
 mod verify;
 
 use std::fmt;
@@ -19,6 +20,7 @@ pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
 pub(super) use leaving::LeavingArgs;
+pub(super) use output::OutputArgs;
 pub(super) use verify::VerifyArgs;
 
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
@@ -110,7 +112,7 @@ pub(super) struct RenderArgs {
     #[arg(required = true, value_name = "SCENE")]
     pub(super) scenes: Vec<PathBuf>,
 
-    /// Image to write, .png (8-bit sRGB) or .exr (linear float radiance); for one scene
+    /// Image to write, .png (sRGB) or .exr (linear radiance); for one scene
     #[arg(short = 'o', value_name = "FILE")]
     pub(super) output: Option<PathBuf>,
 
@@ -121,6 +123,9 @@ pub(super) struct RenderArgs {
     /// Kind of the images in --out [default: png]
     #[arg(long, requires = "out")]
     pub(super) format: Option<ImageFormat>,
+
+    #[command(flatten)]
+    pub(super) encoding: OutputArgs,
 
     #[command(flatten)]
     pub(super) frame: FrameArgs,

@@ -16,6 +16,7 @@ use crate::scene::{Camera, Effect, EffectOverrides, Scene};
 use crate::scene_file::Output;
 
 use super::args::{Aov, FrameArgs, RenderArgs};
+use super::encoding::Encoding;
 use super::failure::Failure;
 use super::progress::Verbosity;
 use super::scene;
@@ -26,6 +27,8 @@ pub(super) use super::tracing::{Tracing, check_instancing, effective_precision};
 #[derive(Clone, Debug)]
 pub(super) struct RenderJob {
     pub(super) targets: Vec<Target>,
+    /// How the images are held by their files.
+    pub(super) encoding: Encoding,
     /// What the command line says; where it leaves something open, the scene may say it: see [`RenderJob::shot`].
     wish: Output,
     /// The standard error that pixels may have.
@@ -123,6 +126,7 @@ impl RenderJob {
         check_backend(&args.tracing, backend)?;
         check_instancing(&args.tracing)?;
         let targets = targets(args)?;
+        let encoding = Encoding::new(&args.encoding, targets.iter().map(|target| target.format))?;
         let stats = args.stats.as_deref().map(StatsTo::of);
         let aovs = args.sampling.aov.clone();
         if !aovs.is_empty() && targets.iter().any(|target| target.format != ImageFormat::Exr) {
@@ -154,6 +158,7 @@ impl RenderJob {
         }
         let mut job = RenderJob {
             targets,
+            encoding,
             wish: Output {
                 spp: args.sampling.spp,
                 pattern: args.sampling.pattern,

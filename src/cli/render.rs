@@ -6,7 +6,7 @@ use std::time::Instant;
 use crate::accel::extents::{ExtentKind, ListLimits, ProjectedAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::cost::{Findings, Settings};
-use crate::image::{self, ExtraChannel, ImageFormat, Note, ToneMap};
+use crate::image::{self, ExtraChannel, ImageFormat, Note, PngEncoding, ToneMap};
 use crate::render::{self, Account, Monitor, RenderSettings, Rendering};
 use crate::report::cost::AimText;
 use crate::report::stats::{
@@ -22,6 +22,7 @@ use super::args::{Aov, RenderArgs};
 use super::failure::Failure;
 use super::interrupt;
 use super::job::{RenderJob, Shot, StatsTo, Target, choose_camera, effective_precision};
+use super::notes::Notes;
 use super::output;
 use super::progress::{Progress, Verbosity};
 use super::scene;
@@ -121,7 +122,9 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<(
     }
 
     let (heat, write_seconds) = timed(|| {
-        write_image((job, &shot), target, &rendering)?;
+        let embree = accel.report().embree;
+        let notes = Notes::of((job, &shot), camera, embree.as_ref(), &rendering.plan);
+        write_image((job, &shot), target, &rendering, &notes.list())?;
         write_heat(job, &rendering)
     })?;
     seconds.write = write_seconds;
@@ -262,28 +265,27 @@ fn write_image(
     (job, shot): (&RenderJob, &Shot),
     target: &Target,
     rendering: &Rendering,
+    notes: &[Note],
 ) -> Result<(), Failure> {
     let (image, path) = (&rendering.image, &target.image);
     if target.format == ImageFormat::Png {
-        interrupt::finish_first(|| image::write(image, path, target.format, shot.tone))?;
+        let encoding = PngEncoding {
+            tone: shot.tone,
+            bits: job.encoding.png_bits,
+        };
+        interrupt::finish_first(|| image::write_png_with(image, encoding, notes, path))?;
         return Ok(());
     }
     let costs = cost_channels(job, rendering);
     let mut extra: Vec<ExtraChannel> = costs
         .iter()
-        .map(|(name, values)| ExtraChannel { name, values })
+        .map(|(name, values)| ExtraChannel::exact(name, values))
         .collect();
     if let Some(aovs) = &rendering.aovs {
-        let channel = |name, values| ExtraChannel { name, values };
-        extra.push(channel("samples", &aovs.samples[..]));
-        extra.push(channel("variance", &aovs.variance[..]));
+        extra.push(ExtraChannel::exact("samples", &aovs.samples));
+        extra.push(ExtraChannel::exact("variance", &aovs.variance));
     }
-    let plan = rendering.plan.to_string();
-    let note = Note {
-        name: "whit.plan",
-        text: &plan,
-    };
-    interrupt::finish_first(|| image::write_exr_with(image, &extra, &[note], path))?;
+    interrupt::finish_first(|| image::write_exr_with(image, &extra, job.encoding.exr, notes, path))?;
     Ok(())
 }
 

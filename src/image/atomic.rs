@@ -1,10 +1,10 @@
-//! Files that appear whole or not at all: a temporary neighbour, then a rename.
+//! Files that appear whole or not at all: a temporary neighbour, forced to the disk, then a rename.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
 use super::ImageError;
 
@@ -26,24 +26,92 @@ pub fn check_writable(path: &Path) -> Result<(), ImageError> {
 
 /// Lets `write` fill a temporary file beside `path`, then renames it to `path`.
 ///
-/// If anything fails the temporary file is removed and `path` is as it was. A crash of the whole machine may lose
-/// the new file, as it is not forced to the disk.
+/// If anything fails the temporary file is removed and `path` is as it was. When this returns, the new file is on the
+/// disk; a crash of the whole machine before that leaves the old one.
 pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), ImageError> {
-    let fail = |error: &dyn std::fmt::Display| ImageError::Write {
+    let attempt = || {
+        let mut file = AtomicFile::create(path)?;
+        write(&mut file.file)?;
+        file.commit()
+    };
+    attempt().map_err(|error| write_error(path, &error))
+}
+
+/// Why `path` could not be written.
+pub(super) fn write_error(path: &Path, error: &io::Error) -> ImageError {
+    ImageError::Write {
         path: path.to_owned(),
         message: error.to_string(),
-    };
-    let (file, name) = temporary_in(&folder_of(path)).map_err(|e| fail(&e))?.into_parts();
-    let mut file = BufWriter::with_capacity(BUFFER_BYTES, file);
-    write(&mut file)
-        .and_then(|()| file.flush())
-        .map_err(|e| fail(&e))?;
-    // Closed before the rename, which some systems refuse for an open file.
-    drop(file);
-    name.persist(path).map_err(|e| fail(&e.error))
+    }
+}
+
+/// A file that is written under a name of its own beside its place, which it takes when it is whole.
+///
+/// Dropped before [`AtomicFile::commit`] it leaves nothing.
+#[derive(Debug)]
+pub(super) struct AtomicFile {
+    path: PathBuf,
+    file: BufWriter<File>,
+    name: TempPath,
+}
+
+impl AtomicFile {
+    /// Opens the temporary neighbour of `path`.
+    pub(super) fn create(path: &Path) -> io::Result<AtomicFile> {
+        let (file, name) = temporary_in(&folder_of(path))?.into_parts();
+        Ok(AtomicFile {
+            path: path.to_owned(),
+            file: BufWriter::with_capacity(BUFFER_BYTES, file),
+            name,
+        })
+    }
+
+    /// Forces the contents to the disk, then gives the file its name, and forces that to the disk too.
+    pub(super) fn commit(self) -> io::Result<()> {
+        let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
+        // The rename could otherwise reach the disk before what it names.
+        file.sync_all()?;
+        // Closed before the rename, which some systems refuse for an open file.
+        drop(file);
+        self.name.persist(&self.path).map_err(|failed| failed.error)?;
+        sync_folder(&folder_of(&self.path))
+    }
+}
+
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for AtomicFile {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
+/// Forces the names in a folder to the disk, where the system can do that.
+#[cfg(unix)]
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    use io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
+    match File::open(folder).and_then(|folder| folder.sync_all()) {
+        // Some file systems keep names safe in their own way, and a folder may take files without showing them.
+        Err(error) if matches!(error.kind(), InvalidInput | PermissionDenied | Unsupported) => Ok(()),
+        result => result,
+    }
+}
+
+/// Other systems have no such call.
+#[cfg(not(unix))]
+fn sync_folder(_: &Path) -> io::Result<()> {
+    Ok(())
 }
 
 /// Encoders write in small pieces; this many bytes reach the system at once.
@@ -107,6 +175,49 @@ mod tests {
         write_atomically(&path, |file| file.write_all(b"new")).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
         assert_eq!(names_in(folder.path()), ["a.png"]);
+    }
+
+    #[test]
+    fn a_file_that_is_dropped_before_it_is_whole_leaves_the_old_one_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        std::fs::write(&path, b"old").unwrap();
+        let mut file = AtomicFile::create(&path).unwrap();
+        file.write_all(b"half of the n").unwrap();
+        file.flush().unwrap();
+        drop(file);
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(names_in(folder.path()), ["a.exr"]);
+    }
+
+    #[test]
+    fn a_file_whose_place_is_taken_by_a_folder_fails_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        std::fs::create_dir(&path).unwrap();
+        write_atomically(&path, |file| file.write_all(b"new")).unwrap_err();
+        assert!(path.is_dir());
+        assert_eq!(names_in(folder.path()), ["a.exr"]);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_told_in_the_systems_words() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        std::fs::write(&path, b"old").unwrap();
+        let error = write_atomically(&path, |_| {
+            // A device that is always full.
+            let mut full = File::options().write(true).open("/dev/full")?;
+            full.write_all(b"new")
+        })
+        .unwrap_err();
+        let said = error.to_string();
+        assert!(
+            said.starts_with(&format!("could not write {}: No space left", path.display())),
+            "{said}"
+        );
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
     }
 
     #[cfg(unix)]

@@ -1,77 +1,76 @@
-//! OpenEXR: 32-bit float linear RGB and further channels beside it, in one part of uncompressed scan lines.
-//!
-//! Not compressed: rendered floats shrink little, and on this path writing plain bytes is the faster way.
+//! OpenEXR: linear RGB and further channels beside it, in one part of scan lines.
 
 use std::io::{self, Seek, Write};
 use std::path::Path;
 
-use exr::image::write::channels::WritableChannels;
-use exr::prelude::{
-    self as openexr, AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, Layer,
-    LayerAttributes, ReadChannels, ReadLayers, SpecificChannels, Text, Vec2, WritableImage,
-};
+use exr::prelude::{self as openexr, ReadChannels, ReadLayers};
 
-use super::{ExtraChannel, ImageError, LinearImage, Note, SOFTWARE};
+use super::rows::{Compression, ExrChannel, ExrLayout, RowEncoder, SampleType, Samples};
+use super::{ExtraChannel, ExtraKind, ImageError, LinearImage, Note};
 
-/// Writes `image` as an EXR file.
-pub(super) fn encode(image: &LinearImage, notes: &[Note], out: &mut (impl Write + Seek)) -> io::Result<()> {
-    let width = image.width as usize;
-    let channels = SpecificChannels::rgb(|position: Vec2<usize>| {
-        let [r, g, b] = image.pixels[position.y() * width + position.x()];
-        (r, g, b)
-    });
-    Image::from_layer(layer(image, channels, notes))
-        .write()
-        .non_parallel()
-        .to_buffered(out)
-        .map_err(io::Error::other)
+/// How an EXR file holds what was rendered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ExrEncoding {
+    /// What values of colours are, floats or halves.
+    pub sample: SampleType,
+    /// How rows are packed.
+    pub compression: Compression,
 }
 
-/// Writes `image` with further channels, which hold a value a pixel.
-pub(super) fn encode_with(
+/// Rows that are turned into planes at once: whole blocks by any compression.
+const ROWS: usize = 32;
+
+/// Writes `image` with further channels, which hold a value a pixel, as an EXR file.
+pub(super) fn encode(
     image: &LinearImage,
     extra: &[ExtraChannel],
+    encoding: ExrEncoding,
     notes: &[Note],
-    out: &mut (impl Write + Seek),
+    out: impl Write + Seek,
 ) -> io::Result<()> {
+    check_lengths(image, extra)?;
+    let layout = ExrLayout {
+        compression: encoding.compression,
+        notes,
+        ..ExrLayout::of_size([image.width, image.height], channels(extra, encoding.sample))
+    };
+    let mut encoder = RowEncoder::new(out, &layout)?;
+    let pixels_at_once = ROWS * image.width as usize;
+    for (index, pixels) in image.pixels.chunks(pixels_at_once).enumerate() {
+        let start = index * pixels_at_once;
+        let plane = |channel: usize| pixels.iter().map(|pixel| pixel[channel]).collect::<Vec<f32>>();
+        let colors = [0, 1, 2].map(|channel| Samples::from(plane(channel)));
+        let others = extra
+            .iter()
+            .map(|channel| Samples::from(&channel.values[start..start + pixels.len()]));
+        let rows: Vec<Samples> = colors.into_iter().chain(others).collect();
+        encoder.write_rows(&rows)?;
+    }
+    encoder.finish().map(drop)
+}
+
+fn check_lengths(image: &LinearImage, extra: &[ExtraChannel]) -> io::Result<()> {
     let pixel_count = image.pixels.len();
-    if let Some(channel) = extra.iter().find(|channel| channel.values.len() != pixel_count) {
-        return Err(io::Error::other(format!(
+    match extra.iter().find(|channel| channel.values.len() != pixel_count) {
+        None => Ok(()),
+        Some(channel) => Err(io::Error::other(format!(
             "channel {} has {} values for {pixel_count} pixels",
             channel.name,
             channel.values.len()
-        )));
+        ))),
     }
-    let plane = |channel: usize| image.pixels.iter().map(|pixel| pixel[channel]).collect();
-    let rgb = ["R", "G", "B"]
-        .into_iter()
-        .enumerate()
-        .map(|(channel, name)| AnyChannel::new(name, FlatSamples::F32(plane(channel))));
-    let others = extra
-        .iter()
-        .map(|channel| AnyChannel::new(channel.name, FlatSamples::F32(channel.values.to_vec())));
-    let channels = AnyChannels::sort(rgb.chain(others).collect());
-    Image::from_layer(layer(image, channels, notes))
-        .write()
-        .non_parallel()
-        .to_buffered(out)
-        .map_err(io::Error::other)
 }
 
-/// The one part of a file.
-fn layer<'c, C: WritableChannels<'c> + 'c>(image: &LinearImage, channels: C, notes: &[Note]) -> Layer<C> {
-    let size = (image.width as usize, image.height as usize);
-    Layer::new(size, attributes(notes), Encoding::UNCOMPRESSED, channels)
-}
-
-fn attributes(notes: &[Note]) -> LayerAttributes {
-    let ascii = |text: &str| Text::new_or_none(text.replace(|c: char| !c.is_ascii(), "?"));
-    let attribute = |note: &Note| Some((Text::from(note.name), AttributeValue::Text(ascii(note.text)?)));
-    LayerAttributes {
-        software_name: Some(Text::from(SOFTWARE)),
-        other: notes.iter().filter_map(attribute).collect(),
-        ..LayerAttributes::default()
-    }
+fn channels(extra: &[ExtraChannel], color: SampleType) -> Vec<ExrChannel> {
+    let colors = ["R", "G", "B"].map(|name| ExrChannel::new(name, color));
+    let others = extra.iter().map(|channel| {
+        let sample = match channel.kind {
+            ExtraKind::Exact => SampleType::Float,
+            ExtraKind::Color => color,
+        };
+        ExrChannel::new(channel.name, sample)
+    });
+    colors.into_iter().chain(others).collect()
 }
 
 /// Reads the R, G and B channels of the first layer that has them.
@@ -98,8 +97,15 @@ pub(super) fn read(path: &Path) -> Result<LinearImage, ImageError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{ImageFormat, ToneMap, write, write_exr_with};
+    use exr::prelude::{AttributeValue, FlatSamples, Text};
+
+    use super::super::{ImageFormat, SOFTWARE, ToneMap, write, write_exr_with};
     use super::*;
+
+    const PLAIN: ExrEncoding = ExrEncoding {
+        sample: SampleType::Float,
+        compression: Compression::None,
+    };
 
     #[test]
     fn an_exr_keeps_every_bit_and_names_its_maker() {
@@ -124,7 +130,7 @@ mod tests {
             name: "whit.plan",
             text: "shadow on: light `Ü`\n",
         };
-        write_exr_with(&LinearImage::black(2, 2), &[], &[note], &path).unwrap();
+        write_exr_with(&LinearImage::black(2, 2), &[], PLAIN, &[note], &path).unwrap();
         let meta = exr::meta::MetaData::read_from_file(&path, true).unwrap();
         let kept = &meta.headers[0].own_attributes.other[&Text::from("whit.plan")];
         assert_eq!(*kept, AttributeValue::Text(Text::from("shadow on: light `?`\n")));
@@ -139,25 +145,64 @@ mod tests {
             *pixel = [i as f32, 0.5, -1.0];
         }
         let values: Vec<f32> = (0..15).map(|i| 0.25 * i as f32).collect();
-        let channel = |name| ExtraChannel {
-            name,
-            values: &values,
-        };
-        write_exr_with(&image, &[channel("variance"), channel("a.b")], &[], &path).unwrap();
+        let channel = |name| ExtraChannel::exact(name, &values);
+        write_exr_with(&image, &[channel("variance"), channel("a.b")], PLAIN, &[], &path).unwrap();
         assert_eq!(super::super::read_exr(&path).unwrap(), image);
         let file = openexr::read_first_flat_layer_from_file(&path).unwrap();
         let channels = &file.layer_data.channel_data.list;
         let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
         assert_eq!(names, ["B", "G", "R", "a.b", "variance"]);
         assert_eq!(channels[4].sample_data, FlatSamples::F32(values.clone()));
-        let short = ExtraChannel {
-            name: "short",
-            values: &values[1..],
-        };
-        let message = write_exr_with(&image, &[short], &[], &path)
+        let short = ExtraChannel::exact("short", &values[1..]);
+        let message = write_exr_with(&image, &[short], PLAIN, &[], &path)
             .unwrap_err()
             .to_string();
         assert!(message.contains("14 values for 15 pixels"), "{message}");
+    }
+
+    #[test]
+    fn halves_are_for_colours_only_and_round_to_the_nearest() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let mut image = LinearImage::black(1, 1);
+        // 2049 lies halfway between the halves 2048, which is even, and 2050; beyond 65504 halves are infinite.
+        image.pixels[0] = [2049.0, 1e6, -0.125];
+        let extra = [
+            ExtraChannel::color("albedo.R", &[2049.0]),
+            ExtraChannel::exact("depth", &[2049.0]),
+        ];
+        let encoding = ExrEncoding {
+            sample: SampleType::Half,
+            compression: Compression::Zip,
+        };
+        write_exr_with(&image, &extra, encoding, &[], &path).unwrap();
+        let file = openexr::read_first_flat_layer_from_file(&path).unwrap();
+        let values: Vec<(String, f32, bool)> = file
+            .layer_data
+            .channel_data
+            .list
+            .iter()
+            .map(|channel| {
+                let is_half = matches!(channel.sample_data, FlatSamples::F16(_));
+                let value = channel.sample_data.values_as_f32().next().unwrap();
+                (channel.name.to_string(), value, is_half)
+            })
+            .collect();
+        let value = |name: &str, value, is_half| (name.to_owned(), value, is_half);
+        assert_eq!(
+            values,
+            [
+                value("B", -0.125, true),
+                value("G", f32::INFINITY, true),
+                value("R", 2048.0, true),
+                value("albedo.R", 2048.0, true),
+                value("depth", 2049.0, false),
+            ]
+        );
+        assert_eq!(
+            super::super::read_exr(&path).unwrap().pixels,
+            [[2048.0, f32::INFINITY, -0.125]]
+        );
     }
 
     #[test]

@@ -10,11 +10,14 @@ pub mod metrics;
 mod picture;
 mod png;
 mod read;
+pub mod rows;
 mod tone;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+pub use self::exr::ExrEncoding;
+pub use self::png::{PngBits, PngEncoding};
 pub use atomic::{check_writable, write_atomically};
 pub use picture::{Picture, read_picture};
 pub use read::{ReadImage, ReadPixels, TransferCurve, read, read_size};
@@ -61,22 +64,22 @@ impl LinearImage {
     }
 }
 
-/// A text that an EXR file carries beside its pixels.
+/// A text that a file carries beside its pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct Note<'a> {
-    /// Name of the attribute, ASCII.
+    /// Its name: ASCII, at most 79 letters.
     pub name: &'a str,
-    /// Its value; what is not ASCII becomes a question mark.
+    /// What it says; in an EXR what is not ASCII becomes a question mark.
     pub text: &'a str,
 }
 
 /// The kinds of image file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum ImageFormat {
-    /// 8-bit sRGB, after exposure.
+    /// sRGB, after exposure.
     #[default]
     Png,
-    /// 32-bit float linear RGB, as rendered.
+    /// Floating-point linear RGB, as rendered.
     Exr,
 }
 
@@ -155,10 +158,26 @@ pub enum ImageError {
 ///
 /// The file appears whole or, on an error, not at all; what stood there before stays until then.
 pub fn write(image: &LinearImage, path: &Path, format: ImageFormat, tone: ToneMap) -> Result<(), ImageError> {
-    write_atomically(path, |file| match format {
-        ImageFormat::Png => png::encode(image, tone, file),
-        ImageFormat::Exr => exr::encode(image, &[], file),
-    })
+    match format {
+        ImageFormat::Png => {
+            let encoding = PngEncoding {
+                tone,
+                ..PngEncoding::default()
+            };
+            write_png_with(image, encoding, &[], path)
+        }
+        ImageFormat::Exr => write_exr_with(image, &[], ExrEncoding::default(), &[], path),
+    }
+}
+
+/// Writes `image` and notes to `path` as a PNG, whole or, on an error, not at all.
+pub fn write_png_with(
+    image: &LinearImage,
+    encoding: PngEncoding,
+    notes: &[Note],
+    path: &Path,
+) -> Result<(), ImageError> {
+    write_atomically(path, |file| png::encode(image, &encoding, notes, file))
 }
 
 /// `image` as the bytes of a PNG, for what holds pictures itself.
@@ -167,8 +186,12 @@ pub fn write(image: &LinearImage, path: &Path, format: ImageFormat, tone: ToneMa
 ///
 /// Where the picture has more pixels than a PNG.
 pub fn png_bytes(image: &LinearImage, tone: ToneMap) -> std::io::Result<Vec<u8>> {
+    let encoding = PngEncoding {
+        tone,
+        ..PngEncoding::default()
+    };
     let mut bytes = Vec::new();
-    png::encode(image, tone, &mut bytes)?;
+    png::encode(image, &encoding, &[], &mut bytes)?;
     Ok(bytes)
 }
 
@@ -179,19 +202,49 @@ pub struct ExtraChannel<'a> {
     pub name: &'a str,
     /// As many as there are pixels, row by row, the top row first.
     pub values: &'a [f32],
+    /// Whether a file of halves may round them.
+    pub kind: ExtraKind,
+}
+
+/// What the values of a channel are good for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ExtraKind {
+    /// Counts, distances, ids, hashes: always 32-bit floats.
+    #[default]
+    Exact,
+    /// What is looked at: halves where the picture's colours are.
+    Color,
+}
+
+impl<'a> ExtraChannel<'a> {
+    /// A channel that keeps every bit.
+    pub fn exact(name: &'a str, values: &'a [f32]) -> ExtraChannel<'a> {
+        ExtraChannel {
+            name,
+            values,
+            kind: ExtraKind::Exact,
+        }
+    }
+
+    /// A channel that is rounded as colours are.
+    pub fn color(name: &'a str, values: &'a [f32]) -> ExtraChannel<'a> {
+        ExtraChannel {
+            name,
+            values,
+            kind: ExtraKind::Color,
+        }
+    }
 }
 
 /// Writes `image`, further channels and notes to `path` as an EXR, whole or, on an error, not at all.
 pub fn write_exr_with(
     image: &LinearImage,
     extra: &[ExtraChannel],
+    encoding: ExrEncoding,
     notes: &[Note],
     path: &Path,
 ) -> Result<(), ImageError> {
-    write_atomically(path, |file| match extra {
-        [] => exr::encode(image, notes, file),
-        extra => exr::encode_with(image, extra, notes, file),
-    })
+    write_atomically(path, |file| exr::encode(image, extra, encoding, notes, file))
 }
 
 /// Reads the linear RGB of an EXR file.

@@ -1,34 +1,153 @@
-//! PNG: 8-bit sRGB, compressed for speed.
+//! PNG: sRGB of 8 or 16 bits, compressed for speed.
 
 use std::io::{self, Write};
 
-use image::ImageEncoder;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use ::png::{BitDepth, ColorType, Compression, EncodingError, Filter, SrgbRenderingIntent, Writer};
 
-use super::{LinearImage, ToneMap};
+use super::{LinearImage, Note, SOFTWARE, ToneMap};
+
+/// How radiance becomes the codes of a PNG.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PngEncoding {
+    /// Exposure.
+    pub tone: ToneMap,
+    /// The size of a code.
+    pub bits: PngBits,
+}
+
+/// Bits of each of a pixel's three codes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum PngBits {
+    /// What screens show.
+    #[default]
+    #[value(name = "8")]
+    Eight,
+    /// For what is worked on further: 257 steps for each one of eight bits.
+    #[value(name = "16")]
+    Sixteen,
+}
+
+impl PngEncoding {
+    /// The codes of `pixels` as the bytes of a PNG.
+    pub(super) fn codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
+        match self.bits {
+            PngBits::Eight => self.tone.srgb_codes(pixels),
+            PngBits::Sixteen => self.tone.srgb_wide_codes(pixels),
+        }
+    }
+
+    /// Writes what comes before the pixels of a picture of `size`, width and height.
+    pub(super) fn begin<W: Write>(&self, out: W, size: [u32; 2], notes: &[Note]) -> io::Result<Writer<W>> {
+        let [width, height] = size;
+        let mut encoder = ::png::Encoder::new(out, width, height);
+        encoder.set_color(ColorType::Rgb);
+        encoder.set_depth(match self.bits {
+            PngBits::Eight => BitDepth::Eight,
+            PngBits::Sixteen => BitDepth::Sixteen,
+        });
+        encoder.set_source_srgb(SrgbRenderingIntent::Perceptual);
+        encoder.set_compression(Compression::Fast);
+        encoder.set_filter(Filter::Sub);
+        let maker = Note {
+            name: "Software",
+            text: SOFTWARE,
+        };
+        for Note { name, text } in [&maker].into_iter().chain(notes) {
+            let (name, text) = ((*name).to_owned(), (*text).to_owned());
+            // The older kind of text has Latin letters only, and every reader knows it.
+            let added = match text.is_ascii() {
+                true => encoder.add_text_chunk(name, text),
+                false => encoder.add_itxt_chunk(name, text),
+            };
+            added.map_err(io_error)?;
+        }
+        encoder.write_header().map_err(io_error)
+    }
+}
 
 /// Writes `image` as a PNG.
-pub(super) fn encode(image: &LinearImage, tone: ToneMap, out: &mut impl Write) -> io::Result<()> {
-    let bytes = tone.srgb_bytes(image);
-    PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Sub)
-        .write_image(&bytes, image.width, image.height, image::ExtendedColorType::Rgb8)
-        .map_err(io::Error::other)
+pub(super) fn encode(
+    image: &LinearImage,
+    encoding: &PngEncoding,
+    notes: &[Note],
+    out: &mut impl Write,
+) -> io::Result<()> {
+    let mut writer = encoding.begin(out, [image.width, image.height], notes)?;
+    let codes = encoding.codes(&image.pixels);
+    writer.write_image_data(&codes).map_err(io_error)?;
+    writer.finish().map_err(io_error)
+}
+
+/// What the system said, where it was the system.
+pub(super) fn io_error(error: EncodingError) -> io::Error {
+    match error {
+        EncodingError::IoError(error) => error,
+        other => io::Error::other(other),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_png_reads_back_as_the_tone_mapped_bytes() {
+    fn ramp() -> LinearImage {
         let mut image = LinearImage::black(5, 3);
         for (i, pixel) in image.pixels.iter_mut().enumerate() {
             *pixel = [0.01 * i as f32, 0.07 * i as f32, 0.5];
         }
+        image
+    }
+
+    #[test]
+    fn a_png_reads_back_as_the_tone_mapped_codes() {
+        let image = ramp();
         let mut file = Vec::new();
-        encode(&image, ToneMap::default(), &mut file).unwrap();
-        let read = image::load_from_memory(&file).unwrap().into_rgb8();
+        encode(&image, &PngEncoding::default(), &[], &mut file).unwrap();
+        let read = image::load_from_memory(&file).unwrap();
+        assert_eq!(read.color(), image::ColorType::Rgb8);
         assert_eq!((read.width(), read.height()), (5, 3));
-        assert_eq!(read.into_raw(), ToneMap::default().srgb_bytes(&image));
+        assert_eq!(read.into_rgb8().into_raw(), ToneMap::default().srgb_bytes(&image));
+    }
+
+    #[test]
+    fn sixteen_bits_are_the_curve_in_65535_steps() {
+        let mut file = Vec::new();
+        let encoding = PngEncoding {
+            bits: PngBits::Sixteen,
+            ..PngEncoding::default()
+        };
+        encode(&ramp(), &encoding, &[], &mut file).unwrap();
+        let read = image::load_from_memory(&file).unwrap();
+        assert_eq!(read.color(), image::ColorType::Rgb16);
+        let codes = read.into_rgb16().into_raw();
+        // 1.055 · 0.01^(1/2.4) - 0.055 = 0.0998528 -> 6543.9; 0.07 -> 0.2933721 -> 19226.1; 0.5 -> 0.7353570 -> 48191.6
+        assert_eq!(codes[3..6], [6544, 19226, 48192]);
+    }
+
+    #[test]
+    fn notes_stand_beside_the_pixels_in_any_letters() {
+        let notes = [
+            Note {
+                name: "whit.plan",
+                text: "shadow on\n",
+            },
+            Note {
+                name: "whit.scene",
+                text: "Ü",
+            },
+        ];
+        let mut file = Vec::new();
+        encode(&ramp(), &PngEncoding::default(), &notes, &mut file).unwrap();
+        let reader = ::png::Decoder::new(io::Cursor::new(&file)).read_info().unwrap();
+        let info = reader.info();
+        let texts: Vec<(&str, &str)> = info
+            .uncompressed_latin1_text
+            .iter()
+            .map(|chunk| (&chunk.keyword[..], &chunk.text[..]))
+            .collect();
+        assert_eq!(texts, [("Software", SOFTWARE), ("whit.plan", "shadow on\n")]);
+        assert_eq!(info.utf8_text[0].keyword, "whit.scene");
+        assert_eq!(info.utf8_text[0].get_text().unwrap(), "Ü");
+        assert_eq!(info.srgb, Some(SrgbRenderingIntent::Perceptual));
     }
 }

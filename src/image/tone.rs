@@ -1,6 +1,6 @@
-//! Linear radiance -> 8-bit sRGB: exposure, the exact curve, rounding to the nearest code.
+//! Linear radiance -> sRGB of 8 or 16 bits: exposure, the exact curve, rounding to the nearest code.
 //!
-//! The curve of IEC 61966-2-1 is turned round: a code is a count of the 255 radiances at which the rounded curve
+//! For eight bits the curve of IEC 61966-2-1 is turned round: a code is a count of the 255 radiances at which the rounded curve
 //! steps, so that no power is taken per pixel and the result is exact. The float's own exponent and leading mantissa
 //! bits index a table that starts the count at most two steps short.
 
@@ -22,19 +22,58 @@ impl ToneMap {
     ///
     /// Radiance above 1 is white, below 0 and NaN black.
     pub fn srgb_bytes(&self, image: &LinearImage) -> Vec<u8> {
-        const CHUNK: usize = 1 << 14;
+        self.srgb_codes(&image.pixels)
+    }
+
+    /// The 8-bit sRGB of `pixels`, three bytes each.
+    pub(super) fn srgb_codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
         let gain = self.exposure_ev.exp2();
         let curve = &*CURVE;
-        let mut bytes = vec![0; 3 * image.pixels.len()];
+        let mut bytes = vec![0; 3 * pixels.len()];
         bytes
             .par_chunks_mut(3 * CHUNK)
-            .zip(image.pixels.par_chunks(CHUNK))
+            .zip(pixels.par_chunks(CHUNK))
             .for_each(|(bytes, pixels)| {
                 for (byte, &value) in bytes.iter_mut().zip(pixels.as_flattened()) {
                     *byte = curve.code(value * gain);
                 }
             });
         bytes
+    }
+
+    /// The 16-bit sRGB of `pixels`, three codes each, the upper byte of a code first.
+    pub(super) fn srgb_wide_codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
+        let gain = self.exposure_ev.exp2();
+        let mut bytes = vec![[0; 2]; 3 * pixels.len()];
+        bytes
+            .par_chunks_mut(3 * CHUNK)
+            .zip(pixels.par_chunks(CHUNK))
+            .for_each(|(bytes, pixels)| {
+                for (code, &value) in bytes.iter_mut().zip(pixels.as_flattened()) {
+                    *code = wide_code(value * gain).to_be_bytes();
+                }
+            });
+        bytes.into_flattened()
+    }
+}
+
+/// Pixels that a thread takes at once.
+const CHUNK: usize = 1 << 14;
+
+/// The nearest of 65535 steps; NaN is black.
+fn wide_code(radiance: f32) -> u16 {
+    let encoded = srgb_from_linear(f64::from(radiance));
+    // A cast keeps within the range, and makes zero of NaN.
+    (encoded * f64::from(u16::MAX)).round() as u16
+}
+
+/// The sRGB value of a radiance: what [`linear_from_srgb`] undoes.
+fn srgb_from_linear(radiance: f64) -> f64 {
+    let encoded = 12.92 * radiance;
+    if encoded <= 0.040_45 {
+        encoded
+    } else {
+        1.055 * radiance.powf(1.0 / 2.4) - 0.055
     }
 }
 
@@ -143,6 +182,21 @@ mod tests {
         let dark = [f32::NAN, -f32::NAN, -1.0, f32::NEG_INFINITY, -0.0, 1e-40];
         assert_eq!(dark.map(|r| curve.code(r)), [0; 6]);
         assert_eq!([1.0, 7.0, f32::INFINITY].map(|r| curve.code(r)), [255; 3]);
+    }
+
+    #[test]
+    fn sixteen_bits_hold_every_step_of_the_curve_and_clamp_what_is_beyond() {
+        for code in 0..=u16::MAX {
+            let radiance = linear_from_srgb(f64::from(code) / 65535.0);
+            assert_eq!(wide_code(radiance as f32), code);
+        }
+        let beyond = [f32::NAN, -1.0, f32::NEG_INFINITY, 7.0, f32::INFINITY];
+        assert_eq!(beyond.map(wide_code), [0, 0, 0, u16::MAX, u16::MAX]);
+        let pixel = [[0.25, 0.5, 1.0]];
+        let stop = ToneMap { exposure_ev: 1.0 };
+        let brighter = stop.srgb_wide_codes(&pixel);
+        // 1.055 · 0.5^(1/2.4) - 0.055 = 0.7353570 -> 48191.6 = 0xbc40
+        assert_eq!(brighter, [0xbc, 0x40, 0xff, 0xff, 0xff, 0xff]);
     }
 
     #[test]

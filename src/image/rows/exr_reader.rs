@@ -1,0 +1,452 @@
+//! Rows from EXR files: the table in the file says where each block of rows lies, so that any can be read alone.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use exr::block::UncompressedBlock;
+use exr::block::chunk::Chunk;
+use exr::error::{Error, Result as ExrResult};
+use exr::io::PeekRead;
+use exr::meta::header::Header;
+use exr::meta::{BlockDescription, MetaData, Requirements, magic_number};
+use exr::prelude::{AttributeValue, Text, Vec2, f16};
+use rayon::prelude::*;
+
+use super::super::ImageError;
+use super::{ExrChannel, SampleType, Samples, Window};
+
+/// Most bytes of a block of rows: 64 channels of 32 rows of 2^17 pixels.
+const MOST_BLOCK_BYTES: u64 = 1 << 30;
+
+/// An EXR file of one part of scan lines, of which rows are read as they are asked for.
+#[derive(Debug)]
+pub struct ExrRowsReader {
+    path: PathBuf,
+    file: BufReader<File>,
+    meta: MetaData,
+    channels: Vec<ExrChannel>,
+    /// Where each block begins, from the top.
+    blocks_at: Vec<u64>,
+    /// The block that was read last, which the next rows may begin in.
+    last: Option<UncompressedBlock>,
+}
+
+impl ExrRowsReader {
+    /// Reads the header of the file at `path`.
+    ///
+    /// # Errors
+    ///
+    /// Where it cannot be read, is no EXR file, or one of tiles, of several parts, of deep or of subsampled pixels.
+    pub fn open(path: &Path) -> Result<ExrRowsReader, ImageError> {
+        let opened = File::open(path).map_err(Error::from).and_then(|file| {
+            let mut file = BufReader::new(file);
+            let (meta, blocks_at) = read_head(&mut file)?;
+            Ok((file, meta, blocks_at))
+        });
+        let (file, meta, blocks_at) = opened.map_err(|error| read_error(path, &error))?;
+        let channel = |channel: &exr::prelude::ChannelDescription| {
+            ExrChannel::new(channel.name.to_string(), SampleType::of_exr(channel.sample_type))
+        };
+        Ok(ExrRowsReader {
+            path: path.to_owned(),
+            file,
+            channels: meta.headers[0].channels.list.iter().map(channel).collect(),
+            meta,
+            blocks_at,
+            last: None,
+        })
+    }
+
+    /// The rectangle that the file has pixels of.
+    pub fn data_window(&self) -> Window {
+        Window::of_bounds(self.header().data_window())
+    }
+
+    /// The whole picture, of which the file may hold a part.
+    pub fn display_window(&self) -> Window {
+        Window::of_bounds(self.header().shared_attributes.display_window)
+    }
+
+    /// The channels, by name.
+    pub fn channels(&self) -> &[ExrChannel] {
+        &self.channels
+    }
+
+    /// The text that the file carries under `name`.
+    pub fn note(&self, name: &str) -> Option<String> {
+        match self
+            .header()
+            .own_attributes
+            .other
+            .get(&Text::new_or_none(name)?)?
+        {
+            AttributeValue::Text(text) => Some(text.to_string()),
+            _ => None,
+        }
+    }
+
+    /// How many rows are packed together: whole blocks of them, counted from the top, are read without waste.
+    pub fn rows_per_block(&self) -> u32 {
+        self.header().compression.scan_lines_per_block() as u32
+    }
+
+    /// The values of `rows`, counted from the top of the data window: channel by channel, in the order of
+    /// [`ExrRowsReader::channels`].
+    ///
+    /// # Errors
+    ///
+    /// Where the file cannot be read or is damaged, or has no such rows.
+    pub fn read_rows(&mut self, rows: Range<u32>) -> Result<Vec<Samples<'static>>, ImageError> {
+        let rows = rows.start as usize..rows.end as usize;
+        let result = self.blocks(&rows);
+        let blocks = result.map_err(|error| read_error(&self.path, &error))?;
+        let samples = self.gather(&blocks, &rows);
+        self.last = blocks.into_iter().next_back();
+        Ok(samples)
+    }
+
+    fn header(&self) -> &Header {
+        &self.meta.headers[0]
+    }
+
+    /// The blocks that hold `rows`.
+    fn blocks(&mut self, rows: &Range<usize>) -> ExrResult<Vec<UncompressedBlock>> {
+        let height = self.header().layer_size.height();
+        if rows.start > rows.end || rows.end > height {
+            let fault = format!("it has no rows {} to {}, only {height}", rows.start, rows.end);
+            return Err(Error::Invalid(fault.into()));
+        }
+        if rows.is_empty() {
+            return Ok(Vec::new());
+        }
+        let block_rows = self.header().compression.scan_lines_per_block();
+        let mut indices = rows.start / block_rows..rows.end.div_ceil(block_rows);
+        let begins = |block: &UncompressedBlock| block.index.pixel_position.y() == indices.start * block_rows;
+        let kept = self.last.take().filter(begins);
+        indices.start += usize::from(kept.is_some());
+        let chunks = indices
+            .clone()
+            .map(|index| self.chunk(index))
+            .collect::<ExrResult<Vec<Chunk>>>()?;
+        let read = chunks
+            .into_par_iter()
+            .zip(indices)
+            .map(|(chunk, index)| unpack(chunk, &self.meta, index * block_rows))
+            .collect::<ExrResult<Vec<UncompressedBlock>>>()?;
+        Ok(kept.into_iter().chain(read).collect())
+    }
+
+    fn chunk(&mut self, index: usize) -> ExrResult<Chunk> {
+        self.file.seek(SeekFrom::Start(self.blocks_at[index]))?;
+        Chunk::read(&mut self.file, &self.meta)
+    }
+
+    /// The values of `rows` out of the blocks that hold them.
+    fn gather(&self, blocks: &[UncompressedBlock], rows: &Range<usize>) -> Vec<Samples<'static>> {
+        let header = self.header();
+        let value_count = rows.len() * header.layer_size.width();
+        let mut planes: Vec<Samples> = self
+            .channels
+            .iter()
+            .map(|channel| match channel.sample {
+                SampleType::Uint => Samples::from(Vec::<u32>::with_capacity(value_count)),
+                SampleType::Half | SampleType::Float => Samples::from(Vec::<f32>::with_capacity(value_count)),
+            })
+            .collect();
+        for line in blocks.iter().flat_map(|block| block.lines(&header.channels)) {
+            if rows.contains(&line.location.position.y()) {
+                let channel = line.location.channel;
+                append(&mut planes[channel], self.channels[channel].sample, line.value);
+            }
+        }
+        planes
+    }
+}
+
+/// Appends the values whose bytes these are.
+fn append(plane: &mut Samples, sample: SampleType, bytes: &[u8]) {
+    match plane {
+        Samples::Integers(values) => {
+            let (words, _) = bytes.as_chunks();
+            values
+                .to_mut()
+                .extend(words.iter().map(|&word| u32::from_ne_bytes(word)));
+        }
+        Samples::Floats(values) if sample == SampleType::Half => {
+            let (halves, _) = bytes.as_chunks();
+            let floats = halves.iter().map(|&half| f16::from_ne_bytes(half).to_f32());
+            values.to_mut().extend(floats);
+        }
+        Samples::Floats(values) => {
+            let (words, _) = bytes.as_chunks();
+            values
+                .to_mut()
+                .extend(words.iter().map(|&word| f32::from_ne_bytes(word)));
+        }
+    }
+}
+
+/// The rows of a block, which is to begin at `first_row`.
+fn unpack(chunk: Chunk, meta: &MetaData, first_row: usize) -> ExrResult<UncompressedBlock> {
+    let block = UncompressedBlock::decompress_chunk(chunk, meta, false)?;
+    if block.index.pixel_position != Vec2(0, first_row) {
+        return Err(Error::Invalid("its table of blocks leads to other rows".into()));
+    }
+    Ok(block)
+}
+
+/// The header and where the blocks begin.
+fn read_head(file: &mut impl Read) -> ExrResult<(MetaData, Vec<u64>)> {
+    let mut file = PeekRead::new(file);
+    magic_number::validate_exr(&mut file)?;
+    let requirements = Requirements::read(&mut file)?;
+    requirements.validate()?;
+    let headers = Header::read_all(&mut file, &requirements, false)?;
+    MetaData::validate(&headers, false)?;
+    let meta = MetaData {
+        requirements,
+        headers,
+    };
+    check_kind(&meta)?;
+    let tables = MetaData::read_offset_tables(&mut file, &meta.headers)?;
+    let blocks_at = tables.into_iter().next().unwrap_or_default();
+    Ok((meta, blocks_at))
+}
+
+/// Refuses what is not one part of scan lines with every channel in every pixel.
+fn check_kind(meta: &MetaData) -> ExrResult<()> {
+    let refuse = |fault: &'static str| Err(Error::NotSupported(fault.into()));
+    let [header] = &meta.headers[..] else {
+        return refuse("it has several parts");
+    };
+    if header.deep || header.blocks != BlockDescription::ScanLines {
+        return refuse("it is not made of scan lines");
+    }
+    if header
+        .channels
+        .list
+        .iter()
+        .any(|channel| channel.sampling != Vec2(1, 1))
+    {
+        return refuse("it has channels with fewer values than pixels");
+    }
+    let row_bytes = header.layer_size.width() as u64 * header.channels.bytes_per_pixel as u64;
+    if row_bytes.saturating_mul(header.compression.scan_lines_per_block() as u64) > MOST_BLOCK_BYTES {
+        return refuse("its rows are too long");
+    }
+    Ok(())
+}
+
+fn read_error(path: &Path, error: &dyn std::fmt::Display) -> ImageError {
+    ImageError::Read {
+        path: path.to_owned(),
+        message: error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::Note;
+    use super::super::{Compression, ExrLayout, ExrRowsWriter};
+    use super::*;
+
+    const ALL: [Compression; 5] = [
+        Compression::None,
+        Compression::Rle,
+        Compression::Zips,
+        Compression::Zip,
+        Compression::Piz,
+    ];
+
+    /// A part of a picture, of each kind of channel, in no order.
+    fn layout(compression: Compression) -> ExrLayout<'static> {
+        ExrLayout {
+            data_window: Window {
+                origin: [-3, 40],
+                size: [13, 75],
+            },
+            display_window: Window::of_size([200, 150]),
+            channels: vec![
+                ExrChannel::new("sum.upper", SampleType::Uint),
+                ExrChannel::new("a", SampleType::Half),
+                ExrChannel::new("depth.Z", SampleType::Float),
+            ],
+            compression,
+            notes: &[
+                Note {
+                    name: "whit.plan",
+                    text: "shadow on\n",
+                },
+                Note {
+                    name: "whit.frame",
+                    text: "7",
+                },
+            ],
+        }
+    }
+
+    /// Every bit pattern is as likely; among the floats are NaN and infinities.
+    fn noise(count: usize) -> (Vec<u32>, Vec<f32>, Vec<f32>) {
+        let mut state = 1u32;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            state ^ (state >> 15)
+        };
+        let integers: Vec<u32> = (0..count).map(|_| next()).collect();
+        let halves = (0..count).map(|i| (i % 2048) as f32 / 8.0).collect();
+        let floats = (0..count).map(|_| f32::from_bits(next())).collect();
+        (integers, halves, floats)
+    }
+
+    fn bits(samples: &Samples) -> Vec<u32> {
+        match samples {
+            Samples::Integers(values) => values.to_vec(),
+            Samples::Floats(values) => values.iter().map(|value| value.to_bits()).collect(),
+        }
+    }
+
+    /// Writes noise in pieces of unequal heights.
+    fn write(path: &Path, compression: Compression) -> (Vec<u32>, Vec<f32>, Vec<f32>) {
+        let (integers, halves, floats) = noise(13 * 75);
+        let mut writer = ExrRowsWriter::create(path, &layout(compression)).unwrap();
+        let mut start = 0;
+        for rows in [1, 30, 0, 33, 11] {
+            let range = 13 * start..13 * (start + rows);
+            let pieces = [
+                Samples::from(&integers[range.clone()]),
+                Samples::from(&halves[range.clone()]),
+                Samples::from(&floats[range]),
+            ];
+            writer.write_rows(&pieces).unwrap();
+            start += rows;
+            assert_eq!(writer.rows_written() as usize, start);
+        }
+        assert!(!path.exists());
+        writer.finish().unwrap();
+        (integers, halves, floats)
+    }
+
+    #[test]
+    fn rows_come_back_as_they_were_written_bit_for_bit_by_any_compression_and_in_any_pieces() {
+        let folder = tempfile::tempdir().unwrap();
+        for compression in ALL {
+            let path = folder.path().join(format!("{compression:?}.exr"));
+            let (integers, halves, floats) = write(&path, compression);
+            let mut reader = ExrRowsReader::open(&path).unwrap();
+            let names: Vec<&str> = reader
+                .channels()
+                .iter()
+                .map(|channel| &channel.name[..])
+                .collect();
+            assert_eq!(names, ["a", "depth.Z", "sum.upper"]);
+            for rows in [0..75, 0..1, 1..33, 32..64, 33..34, 34..34, 70..75, 5..6] {
+                let range = 13 * rows.start as usize..13 * rows.end as usize;
+                let read = reader.read_rows(rows.clone()).unwrap();
+                let expected = [
+                    Samples::from(&halves[range.clone()]),
+                    Samples::from(&floats[range.clone()]),
+                    Samples::from(&integers[range]),
+                ];
+                for (read, expected) in read.iter().zip(&expected) {
+                    assert_eq!(bits(read), bits(expected), "{compression:?} {rows:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_part_of_a_picture_says_where_it_lies_and_keeps_its_notes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("part.exr");
+        write(&path, Compression::Zip);
+        let reader = ExrRowsReader::open(&path).unwrap();
+        let expected = layout(Compression::Zip);
+        assert_eq!(reader.data_window(), expected.data_window);
+        assert_eq!(reader.display_window(), expected.display_window);
+        assert_eq!(reader.rows_per_block(), 16);
+        assert_eq!(reader.note("whit.plan").unwrap(), "shadow on\n");
+        assert_eq!(reader.note("whit.frame").unwrap(), "7");
+        assert_eq!(reader.note("whit.none"), None);
+    }
+
+    #[test]
+    fn the_same_rows_give_the_same_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str| {
+            let path = folder.path().join(name);
+            write(&path, Compression::Piz);
+            std::fs::read(path).unwrap()
+        };
+        // The order of attributes in memory is another in each of these.
+        let first = file("0.exr");
+        for again in 1..8 {
+            assert_eq!(file(&format!("{again}.exr")), first);
+        }
+    }
+
+    #[test]
+    fn rows_that_are_not_there_are_refused_with_the_files_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("part.exr");
+        write(&path, Compression::None);
+        let mut reader = ExrRowsReader::open(&path).unwrap();
+        let said = reader.read_rows(70..76).unwrap_err().to_string();
+        assert!(
+            said.starts_with(&format!("could not read {}", path.display())),
+            "{said}"
+        );
+        assert!(said.contains("it has no rows 70 to 76, only 75"), "{said}");
+    }
+
+    #[test]
+    fn files_of_other_makers_are_read_unless_they_are_of_tiles() {
+        use exr::prelude::{Encoding, Image, Layer, LayerAttributes, SpecificChannels, WritableImage};
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("other.exr");
+        for encoding in [Encoding::FAST_LOSSLESS, Encoding::UNCOMPRESSED] {
+            let channels = SpecificChannels::rgb(|at: Vec2<usize>| (at.x() as f32, at.y() as f32, 0.5f32));
+            let layer = Layer::new((4, 3), LayerAttributes::default(), encoding, channels);
+            Image::from_layer(layer).write().to_file(&path).unwrap();
+            match (ExrRowsReader::open(&path), encoding.blocks) {
+                (Ok(mut reader), exr::prelude::Blocks::ScanLines) => {
+                    let rows = reader.read_rows(2..3).unwrap();
+                    assert_eq!(rows[1], Samples::from(vec![2.0f32; 4]));
+                }
+                (Err(error), exr::prelude::Blocks::Tiles(_)) => {
+                    assert!(error.to_string().contains("not made of scan lines"), "{error}");
+                }
+                (_, blocks) => panic!("{blocks:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_cut_off_or_scrambled_gives_an_error_or_rows_and_no_panic() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("part.exr");
+        let read = |bytes: &[u8]| {
+            let damaged = folder.path().join("damaged.exr");
+            std::fs::write(&damaged, bytes).unwrap();
+            ExrRowsReader::open(&damaged).and_then(|mut reader| {
+                let height = reader.data_window().size[1];
+                reader.read_rows(height.saturating_sub(9)..height)
+            })
+        };
+        for compression in ALL {
+            write(&path, compression);
+            let whole = std::fs::read(&path).unwrap();
+            read(&whole).unwrap();
+            for length in (0..whole.len()).step_by(37) {
+                let _ = read(&whole[..length]);
+            }
+            read(&whole[..whole.len() / 2]).unwrap_err();
+            for at in (0..whole.len()).step_by(11) {
+                let mut bytes = whole.clone();
+                bytes[at] ^= 0xff;
+                let _ = read(&bytes);
+            }
+        }
+    }
+}

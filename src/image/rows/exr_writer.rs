@@ -1,0 +1,427 @@
+//! EXR files from rows: the header, room for a table of where the blocks lie, the blocks, then the table.
+//!
+//! A block is as many rows as the compression packs together. Blocks wait until some megabytes of them can be packed
+//! by several threads; no more than that is ever held. Attributes are written in the order of their names, so that the
+//! same picture has the same bytes.
+
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::slice;
+
+use exr::block::chunk::Chunk;
+use exr::block::{BlockIndex, UncompressedBlock};
+use exr::meta::attribute;
+use exr::meta::header::Header;
+use exr::meta::{BlockDescription, MetaData, magic_number, sequence_end};
+use exr::prelude::{AttributeValue, ChannelDescription, LayerAttributes, LineOrder, Text, Vec2, f16};
+use rayon::prelude::*;
+
+use super::super::atomic::{AtomicFile, write_error};
+use super::super::{ImageError, Note, SOFTWARE};
+use super::{ExrLayout, Samples};
+
+/// Bytes of blocks that wait to be packed together.
+const WAITING_BYTES: usize = 1 << 24;
+
+/// Bytes before a block's own: its first row and its length.
+const BLOCK_HEAD_BYTES: u64 = 8;
+
+/// An EXR file that is written row by row, from the top to the bottom.
+///
+/// It appears when [`ExrRowsWriter::finish`] returns; dropped before that it leaves nothing. Beside the rows at hand it
+/// holds some 16 MiB, or one block where that is larger.
+#[derive(Debug)]
+pub struct ExrRowsWriter {
+    path: PathBuf,
+    encoder: RowEncoder<AtomicFile>,
+}
+
+impl ExrRowsWriter {
+    /// Begins the file at `path`, beside its place.
+    ///
+    /// # Errors
+    ///
+    /// Where the folder takes no files, or the layout is none: no pixels, no channels or one twice, names that EXR keeps
+    /// for itself.
+    pub fn create(path: &Path, layout: &ExrLayout) -> Result<ExrRowsWriter, ImageError> {
+        let encoder = AtomicFile::create(path).and_then(|file| RowEncoder::new(file, layout));
+        Ok(ExrRowsWriter {
+            path: path.to_owned(),
+            encoder: encoder.map_err(|error| write_error(path, &error))?,
+        })
+    }
+
+    /// Adds the next rows: for each channel of the layout, in its order, as many values as the rows have pixels.
+    ///
+    /// # Errors
+    ///
+    /// Where channels are missing or of another kind, rows are broken or more than the picture has, or the disk is full.
+    pub fn write_rows(&mut self, channels: &[Samples]) -> Result<(), ImageError> {
+        self.encoder
+            .write_rows(channels)
+            .map_err(|error| write_error(&self.path, &error))
+    }
+
+    /// How many rows were added.
+    pub fn rows_written(&self) -> u32 {
+        self.encoder.next_row as u32
+    }
+
+    /// Ends the file and gives it its name, after it has reached the disk.
+    ///
+    /// # Errors
+    ///
+    /// Where rows are missing or the disk is full.
+    pub fn finish(self) -> Result<(), ImageError> {
+        let file = self.encoder.finish();
+        file.and_then(AtomicFile::commit)
+            .map_err(|error| write_error(&self.path, &error))
+    }
+}
+
+/// What [`ExrRowsWriter`] does, to whatever takes bytes.
+#[derive(Debug)]
+pub(in super::super) struct RowEncoder<W> {
+    out: W,
+    header: Header,
+    /// For each channel of the file, which of the caller's it is.
+    sources: Vec<usize>,
+    /// The row that comes next.
+    next_row: usize,
+    /// The rows of a block that is not full.
+    block: Vec<u8>,
+    waiting: Vec<UncompressedBlock>,
+    /// Where the table of blocks is to stand.
+    table_at: u64,
+    /// Where each block that is written begins.
+    blocks_at: Vec<u64>,
+    /// Where the next block begins.
+    position: u64,
+}
+
+impl<W: Write + Seek> RowEncoder<W> {
+    /// Writes the header.
+    pub(in super::super) fn new(mut out: W, layout: &ExrLayout) -> io::Result<RowEncoder<W>> {
+        let mut sources: Vec<usize> = (0..layout.channels.len()).collect();
+        sources.sort_by(|&a, &b| layout.channels[a].name.cmp(&layout.channels[b].name));
+        let header = header(layout, &sources)?;
+        let bytes = header_bytes(&header)?;
+        out.write_all(&bytes)?;
+        let table = vec![0; header.chunk_count * size_of::<u64>()];
+        out.write_all(&table)?;
+        Ok(RowEncoder {
+            out,
+            sources,
+            next_row: 0,
+            block: Vec::new(),
+            waiting: Vec::new(),
+            table_at: bytes.len() as u64,
+            blocks_at: Vec::with_capacity(header.chunk_count),
+            position: (bytes.len() + table.len()) as u64,
+            header,
+        })
+    }
+
+    /// See [`ExrRowsWriter::write_rows`].
+    pub(in super::super) fn write_rows(&mut self, channels: &[Samples]) -> io::Result<()> {
+        let row_count = self.row_count(channels)?;
+        for row in 0..row_count {
+            self.push_row(channels, row);
+            let block_rows = self.header.compression.scan_lines_per_block();
+            if self.next_row.is_multiple_of(block_rows) || self.next_row == self.header.layer_size.height() {
+                self.end_block()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes what is left, and the table; gives back what took the bytes, all of them passed on.
+    pub(in super::super) fn finish(mut self) -> io::Result<W> {
+        let height = self.header.layer_size.height();
+        if self.next_row < height {
+            let fault = format!("only {} of {height} rows are there", self.next_row);
+            return Err(io::Error::other(fault));
+        }
+        self.write_waiting()?;
+        if self.blocks_at.len() < self.header.chunk_count {
+            return Err(io::Error::other("an earlier failure left a gap in it"));
+        }
+        let table: Vec<u8> = self.blocks_at.iter().flat_map(|at| at.to_le_bytes()).collect();
+        self.out.seek(SeekFrom::Start(self.table_at))?;
+        self.out.write_all(&table)?;
+        self.out.flush()?;
+        Ok(self.out)
+    }
+
+    /// How many rows these values are.
+    fn row_count(&self, channels: &[Samples]) -> io::Result<usize> {
+        let refuse = |fault: String| Err(refusal(fault));
+        let (wanted, given) = (self.sources.len(), channels.len());
+        if given != wanted {
+            return refuse(format!("values of {given} channels were given for {wanted}"));
+        }
+        let Vec2(width, height) = self.header.layer_size;
+        let value_count = channels[0].len();
+        for (description, &source) in self.header.channels.list.iter().zip(&self.sources) {
+            let (name, values) = (&description.name, &channels[source]);
+            if values.len() != value_count || !value_count.is_multiple_of(width) {
+                let fault = format!("channel {name} has {} values for rows of {width}", values.len());
+                return refuse(fault);
+            }
+            if !values.fits(super::SampleType::of_exr(description.sample_type)) {
+                return refuse(format!("channel {name} was given values of another kind"));
+            }
+        }
+        let row_count = value_count / width;
+        if row_count > height - self.next_row {
+            return refuse(format!("more than its {height} rows were given"));
+        }
+        Ok(row_count)
+    }
+
+    /// Adds a row to the block: channel by channel.
+    fn push_row(&mut self, channels: &[Samples], row: usize) {
+        let width = self.header.layer_size.width();
+        let range = row * width..(row + 1) * width;
+        for (description, &source) in self.header.channels.list.iter().zip(&self.sources) {
+            match &channels[source] {
+                Samples::Integers(values) => self
+                    .block
+                    .extend(bytemuck::cast_slice::<u32, u8>(&values[range.clone()])),
+                Samples::Floats(values) if description.sample_type == exr::prelude::SampleType::F16 => {
+                    let halves = values[range.clone()].iter().map(|&value| f16::from_f32(value));
+                    self.block.extend(halves.flat_map(f16::to_ne_bytes));
+                }
+                Samples::Floats(values) => self
+                    .block
+                    .extend(bytemuck::cast_slice::<f32, u8>(&values[range.clone()])),
+            }
+        }
+        self.next_row += 1;
+    }
+
+    /// Lets the block wait to be packed, or packs what waits.
+    fn end_block(&mut self) -> io::Result<()> {
+        let Vec2(width, _) = self.header.layer_size;
+        let block_rows = self.header.compression.scan_lines_per_block();
+        let first_row = (self.next_row - 1) / block_rows * block_rows;
+        let bytes = self.block.len();
+        self.waiting.push(UncompressedBlock {
+            index: BlockIndex {
+                layer: 0,
+                pixel_position: Vec2(0, first_row),
+                pixel_size: Vec2(width, self.next_row - first_row),
+                level: Vec2(0, 0),
+            },
+            data: std::mem::replace(&mut self.block, Vec::with_capacity(bytes)),
+        });
+        if self.waiting.len() * bytes >= WAITING_BYTES {
+            self.write_waiting()?;
+        }
+        Ok(())
+    }
+
+    fn write_waiting(&mut self) -> io::Result<()> {
+        let waiting = std::mem::take(&mut self.waiting);
+        let header = slice::from_ref(&self.header);
+        let chunks: Vec<Chunk> = waiting
+            .into_par_iter()
+            .map(|block| block.compress_to_chunk(header))
+            .collect::<exr::error::Result<_>>()
+            .map_err(io_error)?;
+        for chunk in chunks {
+            let exr::block::chunk::CompressedBlock::ScanLine(lines) = &chunk.compressed_block else {
+                return Err(io::Error::other("a block of rows became another kind of block"));
+            };
+            let bytes = BLOCK_HEAD_BYTES + lines.compressed_pixels_le.len() as u64;
+            chunk.write(&mut self.out, 1).map_err(io_error)?;
+            self.blocks_at.push(self.position);
+            self.position += bytes;
+        }
+        Ok(())
+    }
+}
+
+/// The header of a file whose channels are those of the layout in the order of `sources`.
+fn header(layout: &ExrLayout, sources: &[usize]) -> io::Result<Header> {
+    if sources.is_empty() || layout.data_window.size.contains(&0) || layout.display_window.size.contains(&0) {
+        return Err(refusal("it has no pixels or no channels".into()));
+    }
+    let channel = |&source: &usize| {
+        let channel = &layout.channels[source];
+        Ok(ChannelDescription::new(
+            name(&channel.name)?,
+            channel.sample.to_exr(),
+            false,
+        ))
+    };
+    let channels: Vec<ChannelDescription> = sources.iter().map(channel).collect::<io::Result<_>>()?;
+    let data = layout.data_window.bounds();
+    Ok(Header::new(Text::from(""), data.size, channels.into())
+        .with_encoding(
+            layout.compression.to_exr(),
+            BlockDescription::ScanLines,
+            LineOrder::Increasing,
+        )
+        .with_display_window(layout.display_window.bounds())
+        .with_attributes(attributes(layout.notes)?.with_position(data.position)))
+}
+
+/// The notes that a file carries, and its maker.
+fn attributes(notes: &[Note]) -> io::Result<LayerAttributes> {
+    let mut attributes = LayerAttributes {
+        software_name: Some(Text::from(SOFTWARE)),
+        ..LayerAttributes::default()
+    };
+    for note in notes {
+        let ascii = note.text.replace(|c: char| !c.is_ascii(), "?");
+        let text = AttributeValue::Text(Text::from(&ascii[..]));
+        attributes.other.insert(name(note.name)?, text);
+    }
+    Ok(attributes)
+}
+
+/// The name of a channel or of an attribute.
+fn name(name: &str) -> io::Result<Text> {
+    Text::new_or_none(name)
+        .filter(|_| name.is_ascii() && !name.is_empty())
+        .ok_or_else(|| refusal(format!("`{name}` cannot be a name in it: use ASCII letters")))
+}
+
+/// An error of who gives what the file cannot hold.
+fn refusal(fault: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, fault)
+}
+
+/// All that stands before the table of blocks.
+fn header_bytes(header: &Header) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let mut write = || {
+        let requirements = MetaData::validate(slice::from_ref(header), true)?;
+        magic_number::write(&mut bytes)?;
+        requirements.write(&mut bytes)?;
+        let mut attributes: Vec<_> = header.all_named_attributes().collect();
+        attributes.sort_by_key(|(name, _)| *name);
+        for (name, value) in attributes {
+            attribute::write(name, &value, &mut bytes)?;
+        }
+        sequence_end::write(&mut bytes)
+    };
+    write().map_err(io_error)?;
+    Ok(bytes)
+}
+
+/// What the system said, where it was the system.
+fn io_error(error: exr::error::Error) -> io::Error {
+    match error {
+        exr::error::Error::Io(error) => error,
+        other => io::Error::other(other),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Compression, ExrChannel, SampleType};
+    use super::*;
+
+    fn layout() -> ExrLayout<'static> {
+        ExrLayout {
+            compression: Compression::Zips,
+            ..ExrLayout::of_size([4, 3], vec![ExrChannel::new("Y", SampleType::Float)])
+        }
+    }
+
+    fn names_in(folder: &Path) -> Vec<String> {
+        let names = std::fs::read_dir(folder).unwrap();
+        names
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect()
+    }
+
+    #[test]
+    fn a_file_that_is_not_finished_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let begun = || {
+            let mut writer = ExrRowsWriter::create(&path, &layout()).unwrap();
+            writer.write_rows(&[Samples::from(vec![0.5f32; 8])]).unwrap();
+            writer
+        };
+        drop(begun());
+        let said = begun().finish().unwrap_err().to_string();
+        assert!(said.ends_with("only 2 of 3 rows are there"), "{said}");
+        assert_eq!(names_in(folder.path()), Vec::<String>::new());
+    }
+
+    #[test]
+    fn rows_that_do_not_fit_are_refused_and_change_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let mut writer = ExrRowsWriter::create(&path, &layout()).unwrap();
+        let mut said = |channels: &[Samples]| writer.write_rows(channels).unwrap_err().to_string();
+        let refused = [
+            (said(&[]), "values of 0 channels were given for 1"),
+            (
+                said(&[vec![0.0f32; 7].into()]),
+                "channel Y has 7 values for rows of 4",
+            ),
+            (
+                said(&[vec![0u32; 4].into()]),
+                "channel Y was given values of another kind",
+            ),
+            (
+                said(&[vec![0.0f32; 16].into()]),
+                "more than its 3 rows were given",
+            ),
+        ];
+        for (said, expected) in refused {
+            assert_eq!(said, format!("could not write {}: {expected}", path.display()));
+        }
+        writer.write_rows(&[vec![0.5f32; 12].into()]).unwrap();
+        writer.finish().unwrap();
+        assert_eq!(names_in(folder.path()), ["a.exr"]);
+    }
+
+    #[test]
+    fn layouts_that_are_none_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let channel = |name: &str| ExrChannel::new(name, SampleType::Float);
+        let layouts = [
+            ExrLayout::of_size([4, 3], Vec::new()),
+            ExrLayout::of_size([0, 3], vec![channel("Y")]),
+            ExrLayout::of_size([4, 3], vec![channel("Y"), channel("Y")]),
+            ExrLayout::of_size([4, 3], vec![channel("Ü")]),
+            ExrLayout::of_size([4, 3], vec![channel("")]),
+            ExrLayout::of_size([4, u32::MAX], vec![channel("Y")]),
+            ExrLayout {
+                notes: &[Note {
+                    name: "☂",
+                    text: "rain",
+                }],
+                ..layout()
+            },
+            ExrLayout {
+                notes: &[Note {
+                    name: "dataWindow",
+                    text: "all of it",
+                }],
+                ..layout()
+            },
+        ];
+        for layout in layouts {
+            let path = folder.path().join("a.exr");
+            let said = ExrRowsWriter::create(&path, &layout).unwrap_err().to_string();
+            assert!(said.starts_with("could not write"), "{said}");
+        }
+        assert_eq!(names_in(folder.path()), Vec::<String>::new());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_disk_that_is_full_is_an_error_of_the_system() {
+        // A device that is always full.
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let error = RowEncoder::new(full, &layout()).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+    }
+}

@@ -1,0 +1,47 @@
+//! f64 values as two integer channels, as EXR has no channels of 64 bits and sums must lose none of them.
+
+/// The upper and the lower 32 bits of every value.
+pub fn split_f64(values: &[f64]) -> [Vec<u32>; 2] {
+    let upper = values.iter().map(|value| (value.to_bits() >> 32) as u32);
+    let lower = values.iter().map(|value| value.to_bits() as u32);
+    [upper.collect(), lower.collect()]
+}
+
+/// The values whose upper and lower 32 bits these are, as many as the shorter has.
+pub fn join_f64(upper: &[u32], lower: &[u32]) -> Vec<f64> {
+    upper
+        .iter()
+        .zip(lower)
+        .map(|(&upper, &lower)| f64::from_bits(u64::from(upper) << 32 | u64::from(lower)))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_split_and_joined_keep_every_bit() {
+        let nan = f64::from_bits(0x7ff8_0000_dead_beef);
+        let values = [
+            0.0,
+            -0.0,
+            1.0 / 3.0,
+            f64::MIN_POSITIVE / 8.0,
+            f64::MAX,
+            f64::NEG_INFINITY,
+            nan,
+        ];
+        let [upper, lower] = split_f64(&values);
+        let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&join_f64(&upper, &lower)), bits(&values));
+    }
+
+    #[test]
+    fn the_upper_half_holds_the_sign_and_the_exponent() {
+        // -2 is sign 1, exponent 1024, mantissa 0; one more unit in the last place is the lowest bit.
+        let [upper, lower] = split_f64(&[-2.0, (-2.0f64).next_down()]);
+        assert_eq!(upper, [0xc000_0000; 2]);
+        assert_eq!(lower, [0, 1]);
+    }
+}

@@ -1,0 +1,194 @@
+//! PNG files from rows. They appear whole or not at all, as every file does.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use png::StreamWriter;
+
+use super::super::atomic::{AtomicFile, write_error};
+use super::super::png::{PngEncoding, io_error};
+use super::super::{ImageError, Note};
+
+/// A PNG that is written row by row, from the top to the bottom.
+///
+/// It appears when [`PngRowsWriter::finish`] returns; dropped before that it leaves nothing.
+pub struct PngRowsWriter {
+    path: PathBuf,
+    encoding: PngEncoding,
+    row_pixels: usize,
+    rows_left: u32,
+    encoder: StreamWriter<'static, Output>,
+    /// What the encoder writes to.
+    output: Output,
+}
+
+impl PngRowsWriter {
+    /// Begins the file at `path`, beside its place, of a picture of `size`, width and height.
+    ///
+    /// # Errors
+    ///
+    /// Where the folder takes no files, there are no pixels, or a note's name is none for a PNG.
+    pub fn create(
+        path: &Path,
+        size: [u32; 2],
+        encoding: PngEncoding,
+        notes: &[Note],
+    ) -> Result<PngRowsWriter, ImageError> {
+        let begin = || {
+            let output = Output::new(AtomicFile::create(path)?);
+            let header = encoding.begin(output.clone(), size, notes)?;
+            Ok((header.into_stream_writer().map_err(io_error)?, output))
+        };
+        let (encoder, output) = begin().map_err(|error: io::Error| write_error(path, &error))?;
+        Ok(PngRowsWriter {
+            path: path.to_owned(),
+            encoding,
+            row_pixels: size[0] as usize,
+            rows_left: size[1],
+            encoder,
+            output,
+        })
+    }
+
+    /// Adds the next rows, whose linear pixels these are.
+    ///
+    /// # Errors
+    ///
+    /// Where rows are broken or more than the picture has, or the disk is full.
+    pub fn write_rows(&mut self, pixels: &[[f32; 3]]) -> Result<(), ImageError> {
+        let rows = pixels.len() / self.row_pixels;
+        let result = if !pixels.len().is_multiple_of(self.row_pixels) || rows > self.rows_left as usize {
+            let (width, left) = (self.row_pixels, self.rows_left);
+            let fault = format!(
+                "{} pixels were given where {left} rows of {width} are left",
+                pixels.len()
+            );
+            Err(io::Error::new(io::ErrorKind::InvalidInput, fault))
+        } else {
+            self.rows_left -= rows as u32;
+            self.encoder.write_all(&self.encoding.codes(pixels))
+        };
+        result.map_err(|error| write_error(&self.path, &error))
+    }
+
+    /// Ends the file and gives it its name, after it has reached the disk.
+    ///
+    /// # Errors
+    ///
+    /// Where rows are missing or the disk is full.
+    pub fn finish(self) -> Result<(), ImageError> {
+        let PngRowsWriter {
+            path,
+            rows_left,
+            encoder,
+            output,
+            ..
+        } = self;
+        let end = || {
+            if rows_left > 0 {
+                return Err(io::Error::other(format!("{rows_left} rows are missing")));
+            }
+            // The encoder ends the file only as it goes, and has no way to say how that went.
+            encoder.finish().map_err(io_error)?;
+            output.close()?.commit()
+        };
+        end().map_err(|error| write_error(&path, &error))
+    }
+}
+
+/// A file that an encoder keeps to itself, and what went wrong with it, which the encoder may keep to itself too.
+#[derive(Clone)]
+struct Output(Arc<Mutex<(Option<AtomicFile>, Option<io::Error>)>>);
+
+impl Output {
+    fn new(file: AtomicFile) -> Output {
+        Output(Arc::new(Mutex::new((Some(file), None))))
+    }
+
+    /// The file, if all was written to it.
+    fn close(self) -> io::Result<AtomicFile> {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match (state.0.take(), state.1.take()) {
+            (Some(file), None) => Ok(file),
+            (_, fault) => Err(fault.unwrap_or_else(|| io::Error::other("it is closed"))),
+        }
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (file, fault) = &mut *state;
+        let file = file.as_mut().ok_or_else(|| io::Error::other("it is closed"))?;
+        let result = file.write(bytes);
+        if let Err(error) = &result
+            && error.kind() != io::ErrorKind::Interrupted
+        {
+            let again = error.raw_os_error().map(io::Error::from_raw_os_error);
+            fault.get_or_insert(again.unwrap_or_else(|| io::Error::other(error.to_string())));
+        }
+        result
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        // The file flushes what it holds when it is committed.
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::{LinearImage, PngBits, ToneMap, write_png_with};
+    use super::*;
+
+    #[test]
+    fn rows_give_the_picture_that_is_written_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut image = LinearImage::black(7, 50);
+        for (i, pixel) in image.pixels.iter_mut().enumerate() {
+            *pixel = [i as f32 / 350.0, 0.5, 1.5 - i as f32 / 200.0];
+        }
+        let notes = [Note {
+            name: "whit.plan",
+            text: "shadow on",
+        }];
+        for bits in [PngBits::Eight, PngBits::Sixteen] {
+            let tone = ToneMap { exposure_ev: 0.5 };
+            let encoding = PngEncoding { tone, bits };
+            let [whole, path] = ["whole.png", "rows.png"].map(|name| folder.path().join(name));
+            write_png_with(&image, encoding, &notes, &whole).unwrap();
+            let mut writer = PngRowsWriter::create(&path, [7, 50], encoding, &notes).unwrap();
+            for pixels in [&image.pixels[..7], &image.pixels[7..7], &image.pixels[7..]] {
+                writer.write_rows(pixels).unwrap();
+            }
+            writer.finish().unwrap();
+            let read = |path: &Path| image::open(path).unwrap();
+            assert_eq!(read(&path), read(&whole));
+            let bytes = std::fs::read(&path).unwrap();
+            // The length, the name and the checksum of the last chunk.
+            assert_eq!(bytes[bytes.len() - 12..], *b"\0\0\0\0IEND\xae\x42\x60\x82");
+            std::fs::remove_file(path).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_picture_with_missing_or_broken_rows_does_not_appear() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let begin = || PngRowsWriter::create(&path, [3, 2], PngEncoding::default(), &[]).unwrap();
+        let mut writer = begin();
+        writer.write_rows(&[[0.5; 3]; 3]).unwrap();
+        let said = writer.write_rows(&[[0.5; 3]; 4]).unwrap_err().to_string();
+        assert!(
+            said.ends_with("4 pixels were given where 1 rows of 3 are left"),
+            "{said}"
+        );
+        writer.write_rows(&[[0.5; 3]; 6]).unwrap_err();
+        let said = writer.finish().unwrap_err().to_string();
+        assert!(said.ends_with("1 rows are missing"), "{said}");
+        drop(begin());
+        assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none());
+        assert!(PngRowsWriter::create(&path, [0, 2], PngEncoding::default(), &[]).is_err());
+    }
+}

@@ -1,0 +1,46 @@
+//! Pictures larger than what is held of them: rows come and go, and memory does not grow with the picture.
+
+use whit::image::rows::{
+    Compression, ExrChannel, ExrLayout, ExrRowsReader, ExrRowsWriter, SampleType, Samples,
+};
+use whit::report::memory;
+
+const WIDTH: u32 = 8192;
+const HEIGHT: u32 = 4096;
+/// Rows that are given and taken at once.
+const ROWS: u32 = 64;
+
+/// The picture has 400 MB; a third of that is room for what waits to be packed and for the threads that do it.
+const MOST_BYTES: u64 = 128 << 20;
+
+#[test]
+fn a_large_picture_is_written_and_read_in_a_part_of_its_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("large.exr");
+    let channels = ["R", "G", "B"].map(|name| ExrChannel::new(name, SampleType::Float));
+    let layout = ExrLayout {
+        compression: Compression::Zips,
+        ..ExrLayout::of_size([WIDTH, HEIGHT], channels.to_vec())
+    };
+    let mut writer = ExrRowsWriter::create(&path, &layout).unwrap();
+    for first_row in (0..HEIGHT).step_by(ROWS as usize) {
+        let plane = vec![first_row as f32; (WIDTH * ROWS) as usize];
+        let plane = Samples::from(&plane[..]);
+        writer.write_rows(&[plane.clone(), plane.clone(), plane]).unwrap();
+    }
+    writer.finish().unwrap();
+
+    let mut reader = ExrRowsReader::open(&path).unwrap();
+    for first_row in (0..HEIGHT).step_by(ROWS as usize) {
+        for plane in reader.read_rows(first_row..first_row + ROWS).unwrap() {
+            let Samples::Floats(values) = plane else {
+                panic!("{plane:?}");
+            };
+            assert!(values.iter().all(|&value| value == first_row as f32));
+        }
+    }
+    match memory::peak_bytes() {
+        Some(peak) => assert!(peak < MOST_BYTES, "{peak} bytes"),
+        None => println!("skipped: the system does not tell what a process holds"),
+    }
+}

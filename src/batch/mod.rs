@@ -8,7 +8,9 @@
 mod key;
 mod lock;
 mod manifest;
+mod merge;
 mod piece;
+mod piece_file;
 mod shard;
 pub mod slurm;
 mod sources;
@@ -16,6 +18,8 @@ mod sources;
 pub use key::{Key, Keyring};
 pub use lock::{Lock, LockError};
 pub use manifest::{Done, Manifest};
+pub use merge::{Merge, MergeError, color_planes, planes_of};
 pub use piece::{Coverage, Cut, Part, Piece};
+pub use piece_file::{FrameHead, PieceFolder, PieceReader, PieceRows, Plane};
 pub use shard::Shard;
 pub use sources::Sources;

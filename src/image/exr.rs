@@ -9,7 +9,7 @@ use super::rows::{Compression, ExrChannel, ExrLayout, RowEncoder, SampleType, Sa
 use super::{ExtraChannel, ExtraKind, ImageError, LinearImage, Note};
 
 /// How an EXR file holds what was rendered.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ExrEncoding {
     /// What values of colours are, floats or halves.
     pub sample: SampleType,

@@ -7,7 +7,7 @@ use ::png::{BitDepth, ColorType, Compression, EncodingError, Filter, SrgbRenderi
 use super::{LinearImage, Note, SOFTWARE, ToneMap};
 
 /// How radiance becomes the codes of a PNG.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PngEncoding {
     /// Exposure.
     pub tone: ToneMap,
@@ -16,7 +16,9 @@ pub struct PngEncoding {
 }
 
 /// Bits of each of a pixel's three codes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
+)]
 pub enum PngBits {
     /// What screens show.
     #[default]

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::LinearImage;
 
 /// How radiance becomes what a screen shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ToneMap {
     /// Stops of exposure: radiance is multiplied by 2 to this power; a radiance of 1 is then white.
     pub exposure_ev: f32,

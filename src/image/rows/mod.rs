@@ -97,7 +97,9 @@ impl ExrChannel {
 }
 
 /// What the values of a channel are, by OpenEXR's names.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
+)]
 pub enum SampleType {
     /// 16-bit floats: 11 significant bits; beyond 65504 infinite, as OpenEXR's own conversion has it.
     Half,
@@ -128,7 +130,9 @@ impl SampleType {
 }
 
 /// How the rows of an EXR file are packed; all of these keep every bit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
+)]
 pub enum Compression {
     /// Not at all: the fastest to write.
     #[default]

@@ -1,0 +1,228 @@
+//! Pieces of a frame, put together row by row: of each only the rows at hand are in memory.
+//!
+//! Which piece gives a row does not matter where several have it, as all have the same bits. Sums of shares are added in
+//! the order of the shares.
+
+use std::collections::HashMap;
+use std::io;
+use std::ops::Range;
+use std::path::PathBuf;
+
+use super::piece::{Coverage, Part, Piece};
+use super::piece_file::{PieceFolder, PieceReader, PieceRows, Plane};
+use crate::image::{ExtraKind, ImageError};
+use crate::render::Sums;
+
+/// Rows that are read at a time: as many as EXR's compressions take together at most.
+const STEP: u32 = 32;
+
+/// Why pieces make no frame.
+#[derive(Debug, thiserror::Error)]
+pub enum MergeError {
+    /// Some are not there yet.
+    #[error("{missing} of {height} rows are missing")]
+    Missing {
+        /// Rows that are not finished.
+        missing: u32,
+        /// Of how many.
+        height: u32,
+    },
+    /// The folder cannot be read.
+    #[error("its pieces cannot be read: {0}")]
+    Folder(#[from] io::Error),
+    /// A piece cannot be used.
+    #[error(transparent)]
+    Piece(#[from] ImageError),
+}
+
+/// A frame that is read from its pieces, from the top to the bottom.
+#[derive(Debug)]
+pub struct Merge<'f> {
+    folder: &'f PieceFolder,
+    pieces: Vec<(Piece, PathBuf)>,
+    /// Those that are being read.
+    open: HashMap<usize, PieceReader>,
+    /// The row that comes next.
+    next: u32,
+}
+
+impl<'f> Merge<'f> {
+    /// Begins with a frame all of whose pieces are there.
+    ///
+    /// # Errors
+    ///
+    /// Where some are not.
+    pub fn of(folder: &'f PieceFolder) -> Result<Merge<'f>, MergeError> {
+        let pieces = folder.pieces()?;
+        let cut = folder.cut();
+        let mut coverage = Coverage::none(cut);
+        pieces.iter().for_each(|(piece, _)| coverage.add(piece));
+        let missing = coverage.missing(&cut.all()).iter().map(Range::len).sum::<usize>() as u32;
+        if missing > 0 {
+            let height = cut.height;
+            return Err(MergeError::Missing { missing, height });
+        }
+        Ok(Merge {
+            folder,
+            pieces,
+            open: HashMap::new(),
+            next: 0,
+        })
+    }
+
+    /// The channels of the next rows; nothing when all have been read.
+    ///
+    /// # Errors
+    ///
+    /// Where a piece cannot be read.
+    pub fn next_rows(&mut self) -> Result<Option<Vec<Plane>>, MergeError> {
+        let height = self.folder.cut().height;
+        if self.next == height {
+            return Ok(None);
+        }
+        let rows = self.next..self.end_of_step(height);
+        self.open.retain(|_, reader| reader.piece().rows.end > rows.start);
+        let planes = match self.holder(&rows, Part::All) {
+            Some(index) => match self.read(index, &rows)? {
+                PieceRows::Finished(planes) => planes,
+                // What its name says it holds.
+                PieceRows::Sums(sums) => planes_of(&sums),
+            },
+            None => planes_of(&self.sums(&rows)?),
+        };
+        self.next = rows.end;
+        Ok(Some(planes))
+    }
+
+    /// How far the next rows go: not over the edge of any piece.
+    fn end_of_step(&self, height: u32) -> u32 {
+        let edges = self
+            .pieces
+            .iter()
+            .flat_map(|(piece, _)| [piece.rows.start, piece.rows.end]);
+        let end = (self.next + STEP).min(height);
+        edges.filter(|&edge| edge > self.next).fold(end, u32::min)
+    }
+
+    /// A piece that has these rows.
+    fn holder(&self, rows: &Range<u32>, part: Part) -> Option<usize> {
+        let has = |(piece, _): &(Piece, PathBuf)| {
+            piece.part == part && piece.rows.start <= rows.start && piece.rows.end >= rows.end
+        };
+        self.pieces.iter().position(has)
+    }
+
+    fn read(&mut self, index: usize, rows: &Range<u32>) -> Result<PieceRows, MergeError> {
+        if !self.open.contains_key(&index) {
+            let (piece, path) = &self.pieces[index];
+            self.open.insert(index, self.folder.open(piece, path)?);
+        }
+        let reader = self
+            .open
+            .get_mut(&index)
+            .ok_or_else(|| io::Error::other("a piece is gone"))?;
+        Ok(reader.read(rows)?)
+    }
+
+    /// What all samples of these rows add up to.
+    fn sums(&mut self, rows: &Range<u32>) -> Result<Sums, MergeError> {
+        let mut all: Option<Sums> = None;
+        for share in 0..self.folder.cut().shares {
+            let holder = self.holder(rows, Part::Share(share));
+            let index = holder.ok_or_else(|| io::Error::other("a piece is gone"))?;
+            match (self.read(index, rows)?, &mut all) {
+                (PieceRows::Sums(sums), None) => all = Some(sums),
+                (PieceRows::Sums(sums), Some(all)) => all.add(&sums),
+                (PieceRows::Finished(_), _) => return Err(io::Error::other("a share holds no sums").into()),
+            }
+        }
+        all.ok_or_else(|| io::Error::other("there are no shares").into())
+    }
+}
+
+/// The channels that sums give.
+pub fn planes_of(sums: &Sums) -> Vec<Plane> {
+    let mut planes = color_planes(&sums.pixels());
+    if let Some(aovs) = sums.aovs() {
+        planes.push(exact("samples", aovs.samples));
+        planes.push(exact("variance", aovs.variance));
+    }
+    planes
+}
+
+/// The channels of colours.
+pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<Plane> {
+    let plane = |(channel, name): (usize, &str)| Plane {
+        name: name.to_owned(),
+        kind: ExtraKind::Color,
+        values: pixels.iter().map(|pixel| pixel[channel]).collect(),
+    };
+    ["R", "G", "B"].into_iter().enumerate().map(plane).collect()
+}
+
+fn exact(name: &str, values: Vec<f32>) -> Plane {
+    Plane {
+        name: name.to_owned(),
+        kind: ExtraKind::Exact,
+        values,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::key::Keyring;
+    use super::super::piece_file::FrameHead;
+    use super::*;
+    use crate::image::{ExrEncoding, PngEncoding};
+
+    fn sums(samples: u32, value: f64, rows: u32) -> Sums {
+        Sums {
+            samples,
+            radiance: vec![[value, 2.0 * value, 0.0]; rows as usize],
+            weighted: None,
+            squares: None,
+        }
+    }
+
+    fn red(merge: &mut Merge) -> Vec<f32> {
+        let mut all = Vec::new();
+        while let Some(planes) = merge.next_rows().unwrap() {
+            let red = planes.iter().find(|plane| plane.name == "R").unwrap();
+            all.extend(&red.values);
+        }
+        all
+    }
+
+    #[test]
+    fn shares_are_added_and_finished_rows_taken_as_they_are() {
+        let out = tempfile::tempdir().unwrap();
+        let head = FrameHead {
+            key: Keyring::default().key(),
+            number: 0,
+            image: "a.exr".into(),
+            size: [1, 100],
+            shares: 2,
+            exr: ExrEncoding::default(),
+            png: PngEncoding::default(),
+            notes: Vec::new(),
+        };
+        let folder = PieceFolder::new(out.path(), head);
+        folder.make().unwrap();
+        folder.write_sums(&(0..100), 0, &sums(16, 16.0, 100)).unwrap();
+        assert!(matches!(
+            Merge::of(&folder),
+            Err(MergeError::Missing {
+                missing: 100,
+                height: 100
+            })
+        ));
+        folder.write_sums(&(0..40), 1, &sums(16, 48.0, 40)).unwrap();
+        folder.write_sums(&(30..60), 1, &sums(16, 48.0, 30)).unwrap();
+        let finished = color_planes(&[[7.0; 3]; 45]);
+        folder.write_finished(&(55..100), &finished).unwrap();
+        let mut merge = Merge::of(&folder).unwrap();
+        // (16 + 48) / 32 = 2.
+        let expected: Vec<f32> = (0..100).map(|row| if row < 55 { 2.0 } else { 7.0 }).collect();
+        assert_eq!(red(&mut merge), expected);
+    }
+}

@@ -33,7 +33,7 @@
 //! let scene = whit::gltf::load(Path::new("scenes/first_light.gltf"), &LoadOptions::default())?;
 //! let accel = accel::build(&scene, Backend::default(), &AccelOptions::default())?;
 //! let settings = RenderSettings { width: 640, height: 480, spp: 16, ..RenderSettings::default() };
-//! let monitor = Monitor { progress: &|_| {}, cancel: &AtomicBool::new(false) };
+//! let monitor = Monitor { progress: &|_| {}, cancel: &AtomicBool::new(false), tiles: None };
 //! let rendering = whit::render::render(&scene, &scene.cameras[0], &*accel, &settings, &monitor)
 //!     .expect("nobody cancels it");
 //! whit::image::write(&rendering.image, Path::new("out.png"), ImageFormat::Png, ToneMap::default())?;
@@ -59,3 +59,4 @@ pub mod shading;
 pub mod shape;
 pub mod verify;
 pub mod volume;
+pub mod watch;

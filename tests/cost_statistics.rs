@@ -107,6 +107,7 @@ fn picture(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Displ
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     let rendering = render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap();
     Displayed::new(&rendering.image, TONE)

@@ -24,6 +24,7 @@ fn seen(material: &str, settings: &RenderSettings) -> Rendering {
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     render(&scene, &scene.cameras[0], &*accel, settings, &monitor).unwrap()
 }

@@ -35,6 +35,7 @@ static GOES_ON: AtomicBool = AtomicBool::new(false);
 const MONITOR: Monitor = Monitor {
     progress: &|_| {},
     cancel: &GOES_ON,
+    tiles: None,
 };
 
 fn filed(name: &str) -> FiledScene {

@@ -66,6 +66,7 @@ fn picture(scene: &Scene, backend: Backend) -> LinearImage {
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     render(scene, &scene.cameras[0], &*accel, &settings, &monitor)
         .unwrap()

@@ -55,6 +55,7 @@ fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Rend
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap()
 }

@@ -73,6 +73,7 @@ fn picture(scene: &Scene, accel: &dyn Accel, width: u32, spp: u32) -> LinearImag
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     render(scene, &scene.cameras[0], accel, &settings, &monitor)
         .unwrap()

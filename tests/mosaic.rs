@@ -34,6 +34,7 @@ fn both(scene: &Scene, settings: &RenderSettings, pixels: f64) -> (Rendering, Re
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     let camera = &scene.cameras[0];
     let mosaic = Mosaic::of(settings, pixels).unwrap();

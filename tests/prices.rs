@@ -84,6 +84,7 @@ fn the_tiles_of_a_sample_have_the_bits_of_the_whole_picture() {
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &cancel,
+        tiles: None,
     };
     for (kind, spp) in [
         (FilterKind::Box, 1),

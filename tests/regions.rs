@@ -16,6 +16,7 @@ static GO_ON: AtomicBool = AtomicBool::new(false);
 const MONITOR: Monitor = Monitor {
     progress: &|_| (),
     cancel: &GO_ON,
+    tiles: None,
 };
 
 fn load(name: &str) -> Scene {

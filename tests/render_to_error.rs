@@ -63,6 +63,7 @@ fn picture(sets: &[Set], configuration: &Configuration, seed: u32, seconds: f64)
     let monitor = Monitor {
         progress: &watch,
         cancel: &cancel,
+        tiles: None,
     };
     let camera: &Camera = &set.scene.cameras[0];
     let rendering = render(set.scene, camera, &*set.accel, &settings, &monitor)?;

@@ -58,6 +58,7 @@ fn rendered(scene: &Scene, settings: RenderSettings) -> Rendering {
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     render(scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap()
 }

@@ -365,6 +365,7 @@ fn nobody_waits_for_a_picture_that_was_cancelled() {
     let monitor = Monitor {
         progress: &|_| panic!("nothing is finished"),
         cancel: &AtomicBool::new(true),
+        tiles: None,
     };
     assert!(render(&scene, &camera, &*accel, &settings(16, SPP), &monitor).is_none());
 }

@@ -107,6 +107,7 @@ fn middle(scene: &Scene) -> [f32; 3] {
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     let rendering = render(scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap();
     rendering.image.pixel(1, 1)

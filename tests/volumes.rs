@@ -103,6 +103,7 @@ fn rendered(scene: &Scene, backend: Backend, settings: &RenderSettings) -> Rende
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     render(scene, &scene.cameras[0], &*accel, settings, &monitor).unwrap()
 }

@@ -50,6 +50,7 @@ fn rendered(scene: &Scene, backend: Backend, request: Request) -> LinearImage {
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     let rendering = render(scene, &scene.cameras[0], accel.as_ref(), &settings, &monitor);
     rendering.unwrap().image
@@ -320,6 +321,7 @@ fn a_cancelled_render_gives_no_picture() {
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(true),
+        tiles: None,
     };
     let settings = RenderSettings::default();
     let camera = &wave_scene.scene.cameras[0];

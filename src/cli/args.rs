@@ -7,6 +7,7 @@ mod cost;
 mod leaving;
 mod output;
 mod verify;
+mod watching;
 
 use std::fmt;
 use std::path::PathBuf;
@@ -22,6 +23,7 @@ pub(super) use cost::CostArgs;
 pub(super) use leaving::LeavingArgs;
 pub(super) use output::OutputArgs;
 pub(super) use verify::VerifyArgs;
+pub(super) use watching::WatchingArgs;
 
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::image::ImageFormat;
@@ -192,6 +194,9 @@ pub(super) struct RenderArgs {
     /// Write a heat map of the time that each pixel took, with a scale; for one scene. Slows the render down
     #[arg(long, value_name = "FILE.png", requires = "output")]
     pub(super) heat: Option<PathBuf>,
+
+    #[command(flatten)]
+    pub(super) watching: WatchingArgs,
 
     /// Say nothing but errors
     #[arg(long, short)]

@@ -5,6 +5,7 @@ use crate::gltf::GltfError;
 use crate::image::ImageError;
 use crate::scene_file::SceneFileError;
 
+use super::events::{self, Event};
 use super::output;
 
 /// Why a command did not do what was asked.
@@ -30,6 +31,12 @@ pub(super) enum Failure {
     /// Ctrl-C.
     #[error("interrupted")]
     Interrupted,
+    /// Something that has been told already.
+    #[error("failed")]
+    Told {
+        /// The process's exit code.
+        exit_code: i32,
+    },
 }
 
 impl Failure {
@@ -45,6 +52,7 @@ impl Failure {
             Failure::Input(_) => 2,
             Failure::Work(_) | Failure::Some { .. } => 1,
             Failure::Interrupted => 130,
+            Failure::Told { exit_code } => *exit_code,
         }
     }
 
@@ -56,6 +64,13 @@ impl Failure {
                 let _ = error.print();
             }
             Failure::Usage(error) => output::tell(&usage_sentence(error)),
+            Failure::Told { .. } => {}
+            _ if events::are_spoken() => events::tell(&Event::Failed {
+                scene: None,
+                image: None,
+                message: &self.to_string(),
+                exit_code: self.exit_code(),
+            }),
             _ => output::tell(&format!("whit: {self}")),
         }
     }

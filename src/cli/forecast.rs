@@ -52,6 +52,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> 
         let monitor = Monitor {
             progress: &|_| {},
             cancel: &interrupt::CANCELLED,
+            tiles: None,
         };
         let Some(probe) = render::probe((scene, camera), &*accel, &settings, &monitor) else {
             return Err(Failure::Interrupted);

@@ -170,6 +170,7 @@ fn draw(
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &interrupt::CANCELLED,
+        tiles: None,
     };
     let rendering = render::render(scene, camera, accel, &settings, &monitor);
     interrupt::check()?;

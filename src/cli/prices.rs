@@ -224,6 +224,7 @@ impl Studio<'_> {
         let monitor = Monitor {
             progress: &|_| {},
             cancel: &interrupt::CANCELLED,
+            tiles: None,
         };
         render_sample(
             (self.scene, self.camera),

@@ -7,7 +7,7 @@ use crate::accel::extents::{ExtentKind, ListLimits, ProjectedAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::cost::{Findings, Settings};
 use crate::image::{self, ExtraChannel, ImageFormat, Note, PngEncoding, ToneMap};
-use crate::render::{self, Account, Monitor, RenderSettings, Rendering};
+use crate::render::{self, Account, FinishedTile, Monitor, RenderSettings, Rendering};
 use crate::report::cost::AimText;
 use crate::report::stats::{
     AccelStats, CutoffStats, ImageStats, LedgerStats, PhaseSeconds, RayCounts, RenderStats, SceneStats,
@@ -16,12 +16,14 @@ use crate::report::stats::{
 use crate::report::{heat, memory, table};
 use crate::scene::{Background, Camera, Scene};
 use crate::scene_file::{Output, SceneFile};
+use crate::watch::TevViewer;
 
 use super::aim;
 use super::args::{Aov, RenderArgs};
 use super::failure::Failure;
 use super::interrupt;
 use super::job::{RenderJob, Shot, StatsTo, Target, choose_camera, effective_precision};
+use super::live::{self, Live};
 use super::notes::Notes;
 use super::output;
 use super::progress::{Progress, Verbosity};
@@ -36,33 +38,45 @@ const COARSE: f64 = 1.25;
 
 /// Renders what the arguments ask for.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let verbosity = if args.quiet {
+        Verbosity::Quiet
+    } else {
+        Verbosity::Normal
+    };
+    let progress = Progress::of_kind(args.watching.progress, verbosity);
     let job = RenderJob::new(args)?;
     let pool = job.tracing.pool()?;
-    let progress = Progress::new(job.verbosity);
+    let viewer = live::connect(args.watching.tev.as_deref())?;
     let mut finished = Vec::with_capacity(job.targets.len());
     let mut failed = 0;
     for target in &job.targets {
         let result = pool
-            .install(|| render_one(&job, target, &progress))
+            .install(|| render_one(&job, target, viewer.as_ref(), &progress))
             .and_then(|(stats, reached)| {
                 let verdict = check_finite(&stats).and_then(|()| check_reached(reached));
+                let seconds = stats.seconds.total;
                 finished.push(stats);
                 // After each image, so that later trouble loses nothing.
                 write_stats(&job, &finished, &progress)?;
-                verdict
+                verdict.map(|()| seconds)
             });
+        live::warn_if_gone(viewer.as_ref(), &progress);
         match result {
-            Ok(()) => {}
+            Ok(seconds) => progress.done(seconds),
             Err(failure) if job.targets.len() == 1 || matches!(failure, Failure::Interrupted) => {
                 progress.clear();
-                return Err(failure);
+                progress.failed(&failure);
+                return Err(Failure::Told {
+                    exit_code: failure.exit_code(),
+                });
             }
             Err(failure) => {
-                progress.suspend(|| failure.print());
+                progress.failed(&failure);
                 failed += 1;
             }
         }
     }
+    live::finish(viewer, &progress);
     progress.clear();
     match failed {
         0 => Ok(()),
@@ -74,11 +88,18 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
 }
 
 /// One scene, from its file to its image; whether settings were found that reach what was asked for, if anything was.
-fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<(RenderStats, bool), Failure> {
+fn render_one(
+    job: &RenderJob,
+    target: &Target,
+    viewer: Option<&TevViewer>,
+    progress: &Progress,
+) -> Result<(RenderStats, bool), Failure> {
     let start = Instant::now();
     let name = target.scene.display().to_string();
     let mut seconds = PhaseSeconds::default();
 
+    let image_name = target.image.display().to_string();
+    progress.start(&name, &image_name);
     progress.phase(&name, "load");
     let (
         SceneFile {
@@ -105,7 +126,9 @@ fn render_one(job: &RenderJob, target: &Target, progress: &Progress) -> Result<(
         let accel = projected
             .as_ref()
             .map_or(&*accel, |projected| projected as &dyn Accel);
-        trace(&shot, &scene, camera, accel, progress)
+        let size = [shot.settings.width, shot.settings.height];
+        let live = viewer.map(|viewer| Live::begin(viewer, &image_name, size));
+        trace(&shot.settings, (&scene, camera), accel, (progress, live))
     })?;
     seconds.render = render_seconds;
     seconds.trace = rendering.ledger.trace_seconds();
@@ -248,17 +271,22 @@ fn project<'a>(
 }
 
 fn trace(
-    shot: &Shot,
-    scene: &Scene,
-    camera: &Camera,
+    settings: &RenderSettings,
+    (scene, camera): (&Scene, &Camera),
     accel: &dyn Accel,
-    progress: &Progress,
+    (progress, live): (&Progress, Option<Live>),
 ) -> Result<Rendering, Failure> {
+    let show = live.map(|live| move |tile: FinishedTile| live.show(tile));
     let monitor = Monitor {
         progress: &|fraction| progress.fraction(fraction),
         cancel: &interrupt::CANCELLED,
+        tiles: show.as_ref().map(|show| show as _),
     };
-    render::render(scene, camera, accel, &shot.settings, &monitor).ok_or(Failure::Interrupted)
+    let rendering = render::render(scene, camera, accel, settings, &monitor).ok_or(Failure::Interrupted)?;
+    if let Some(live) = live {
+        live.finish(&rendering.image);
+    }
+    Ok(rendering)
 }
 
 fn write_image(

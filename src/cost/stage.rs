@@ -139,6 +139,7 @@ impl Stage<'_, '_> {
         let monitor = Monitor {
             progress: &|_| {},
             cancel: self.watcher.cancel,
+            tiles: None,
         };
         let scene = &self.scenes[self.scene_index(&configuration.change)].1;
         let accel = &*self.built(configuration).accel;

@@ -109,6 +109,7 @@ pub(super) fn render(
         for (site, visits, estimates, tile_ledger) in visited {
             ledger += tile_ledger;
             picture.merge(site, &visits, &estimates);
+            monitor.show_estimates(site, &picture.estimates, picture.width);
         }
         meter.lap(Account::Sampling);
         if picture.looks.is_empty() {

@@ -18,6 +18,7 @@ mod look;
 mod losses;
 mod memory;
 mod meter;
+mod monitor;
 mod mosaic;
 mod outcome;
 mod pilot;
@@ -45,7 +46,7 @@ mod volumes;
 mod wave;
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
@@ -58,6 +59,7 @@ pub use film::pixel_sum;
 pub use filter::PixelFilter;
 pub use ledger::{Account, Ledger, Loss, Tally};
 pub use memory::{Holding, Memory};
+pub use monitor::{FinishedTile, Monitor};
 pub use mosaic::{Mosaic, render_mosaic};
 pub use plan::Plan;
 pub use probe::{Probe, probe};
@@ -198,15 +200,6 @@ pub struct Rendering {
     pub subsurface: Option<SubsurfaceStats>,
 }
 
-/// How a long render talks to whoever waits for it.
-#[derive(Clone, Copy)]
-pub struct Monitor<'a> {
-    /// Told the finished fraction, from any thread.
-    pub progress: &'a (dyn Fn(f64) + Sync),
-    /// Set by anyone to stop the render.
-    pub cancel: &'a AtomicBool,
-}
-
 /// Everything that stays the same over one picture.
 struct Frame<'s> {
     scene: &'s Scene,
@@ -339,6 +332,7 @@ fn render_tiles(
             return None;
         }
         let (picture, ledger) = wave.render_tile(tile);
+        monitor.show(tile, &picture.means);
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / tiles.len() as f64);
         Some(((tile, picture), ledger))

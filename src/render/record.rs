@@ -29,6 +29,7 @@ pub fn record(scene: &Scene, camera: &Camera, accel: &dyn Accel, settings: &Rend
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     let render_all = || render(scene, camera, &recorder, settings, &monitor);
     // One thread takes the tiles from first to last. Without a pool of its own the rays are the same in another order.

@@ -16,6 +16,7 @@ pub mod crossing;
 pub mod difference;
 pub mod extents;
 pub mod forecast;
+pub mod gallery;
 pub mod heat;
 pub mod info;
 mod letters;

@@ -368,6 +368,7 @@ fn shown(trial: &Trial, scene: &Scene, size: u32) -> Result<Option<(Vec<u8>, usi
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     let rendering = render(scene, &scene.cameras[0], &*accel, &settings, &monitor);
     Ok(rendering.map(|rendering| {

@@ -80,6 +80,7 @@ fn bits(scene: &Scene, accel: &dyn Accel, thread_count: usize) -> Option<Vec<[u3
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(thread_count)

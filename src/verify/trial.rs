@@ -257,6 +257,7 @@ impl<'a> Trial<'a> {
         let monitor = Monitor {
             progress: &|_| {},
             cancel: &AtomicBool::new(false),
+            tiles: None,
         };
         Ok((self.subject.formulas.render)(
             scene, camera, &*accel, &settings, &monitor,

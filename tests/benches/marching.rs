@@ -115,6 +115,7 @@ fn race(name: &str, scene: &Scene, film: u32) -> Result<(), Box<dyn std::error::
         let monitor = Monitor {
             progress: &|_| {},
             cancel: &AtomicBool::new(false),
+            tiles: None,
         };
         let (before, start) = (processor_seconds(), Instant::now());
         let rendering =

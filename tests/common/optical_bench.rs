@@ -284,6 +284,7 @@ pub fn picture(scene: &Scene, camera: &Camera, backend: Backend, settings: &Rend
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     let rendering = render(scene, camera, accel.as_ref(), settings, &monitor).unwrap();
     let pixels = rendering.image.pixels.iter();

@@ -50,6 +50,7 @@ impl<'s> Judge<'s> {
         let monitor = Monitor {
             progress: &|_| {},
             cancel: &AtomicBool::new(false),
+            tiles: None,
         };
         render(
             self.scene,

@@ -52,6 +52,7 @@ pub fn rendered_by(
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     render(scene, camera, &*accel, settings, &monitor).unwrap()
 }

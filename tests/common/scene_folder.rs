@@ -63,6 +63,7 @@ impl FiledScene {
         let monitor = Monitor {
             progress: &|_| {},
             cancel: &AtomicBool::new(false),
+            tiles: None,
         };
         render(&self.scene, &self.scene.cameras[0], &*accel, settings, &monitor)
             .unwrap()

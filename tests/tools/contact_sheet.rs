@@ -200,6 +200,7 @@ fn picture(file: &Path, [width, height]: [u32; 2], effects: EffectOverrides) -> 
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
+        tiles: None,
     };
     let rendering = render::render(&scene, camera, &*accel, &settings, &monitor).ok_or("it was stopped")?;
     let tone = ToneMap {

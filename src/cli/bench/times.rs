@@ -58,6 +58,7 @@ impl Frame<'_> {
         let monitor = Monitor {
             progress: &|_| {},
             cancel: &interrupt::CANCELLED,
+            tiles: None,
         };
         let settings = RenderSettings {
             ledger: true,

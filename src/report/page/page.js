@@ -4,7 +4,8 @@ document.documentElement.classList.add("scripted");
 for (const form of document.querySelectorAll("form.filter")) {
   const field = form.querySelector("input[type=search]");
   const boxes = [...form.querySelectorAll("input[type=checkbox]")];
-  const rows = [...document.querySelectorAll("table.filtered tr[data-verdict]")];
+  const rows = [...document.querySelectorAll("table.filtered tr[data-verdict], .frames > [data-verdict]")];
+  const what = document.querySelector(".frames") ? "frames" : "rows";
   const others = [...document.querySelectorAll("section[data-item], table.overview tr[data-item]")];
   const apply = () => {
     const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
@@ -21,7 +22,7 @@ for (const form of document.querySelectorAll("form.filter")) {
       }
     }
     for (const other of others) other.hidden = !items.has(other.dataset.item);
-    form.querySelector("output").textContent = shown === rows.length ? `${shown} rows` : `${shown} of ${rows.length} rows`;
+    form.querySelector("output").textContent = shown === rows.length ? `${shown} ${what}` : `${shown} of ${rows.length} ${what}`;
   };
   form.addEventListener("input", apply);
   form.addEventListener("submit", (event) => event.preventDefault());
@@ -101,4 +102,50 @@ for (const entry of document.querySelectorAll(".legend [data-series]")) {
   const show = (is) => all.forEach((series) => series.classList.toggle("faded", !is(series)));
   entry.addEventListener("pointerenter", () => show((series) => series.dataset.series === entry.dataset.series));
   entry.addEventListener("pointerleave", () => show(() => true));
+}
+
+// Puts the frames of a gallery in order, and goes from one to the next by keys.
+for (const list of document.querySelectorAll(".frames")) {
+  const order = document.querySelector("form.order");
+  const select = order.querySelector("select");
+  const statuses = ["fails", "measured", "holds", "skipped"];
+  const number = (frame) => Number(frame.dataset.number);
+  const orders = {
+    number: () => 0,
+    name: (a, b) => a.dataset.name.localeCompare(b.dataset.name, "en", { numeric: true }),
+    time: (a, b) => b.dataset.seconds - a.dataset.seconds,
+    status: (a, b) => statuses.indexOf(a.dataset.verdict) - statuses.indexOf(b.dataset.verdict),
+  };
+  const sort = () => list.append(...[...list.children].sort((a, b) => orders[select.value](a, b) || number(a) - number(b)));
+  order.addEventListener("input", sort);
+  order.addEventListener("submit", (event) => event.preventDefault());
+  sort();
+
+  // How far each key goes among the frames that are shown, of which `across` stand side by side.
+  const steps = {
+    ArrowRight: () => 1,
+    ArrowLeft: () => -1,
+    ArrowDown: (across) => across,
+    ArrowUp: (across) => -across,
+    Home: (_, shown, at) => -at,
+    End: (_, shown, at) => shown.length - 1 - at,
+  };
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input, select")) return;
+    if (event.key === "/") {
+      event.preventDefault();
+      document.querySelector("form.filter input[type=search]").focus();
+      return;
+    }
+    const shown = [...list.children].filter((frame) => !frame.hidden);
+    const at = shown.indexOf(document.activeElement.closest(".frame"));
+    if (event.key === "Enter" && event.target === shown[at]) shown[at].querySelector("a.open")?.click();
+    const step = steps[event.key];
+    // From elsewhere on the page arrows to the side go to the first; the others scroll.
+    if (!step || (at < 0 && event.key !== "ArrowRight")) return;
+    event.preventDefault();
+    const across = shown.filter((frame) => frame.offsetTop === shown[0].offsetTop).length;
+    const to = at < 0 ? 0 : at + step(across, shown, at);
+    if (shown[to]) shown[to].focus();
+  });
 }

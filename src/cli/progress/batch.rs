@@ -1,0 +1,294 @@
+//! Progress of a whole batch: how many pictures are finished, which are being made, and how long it will still take.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use indicatif::ProgressStyle;
+
+use super::lines::Pace;
+use super::time_left::{Durations, Running};
+use super::{Progress, STEPS, TICK};
+use crate::cli::events::{self, Event};
+use crate::cli::failure::Failure;
+
+/// Names of pictures that a bar has room for.
+const MOST_NAMES: usize = 2;
+
+/// A picture in the making.
+struct Current {
+    number: usize,
+    image: String,
+    since: Instant,
+    fraction: f64,
+}
+
+struct State {
+    current: Vec<Current>,
+    durations: Durations,
+    finished: usize,
+    begun: usize,
+    pace: Pace,
+}
+
+/// A batch of pictures, several of which may be made at once; for any thread.
+pub(in crate::cli) struct Batch<'p> {
+    progress: &'p Progress,
+    total: usize,
+    since: Instant,
+    state: Mutex<State>,
+}
+
+/// A picture of a batch that has been begun. One that is dropped without a word was given up: it is not counted.
+pub(in crate::cli) struct BatchFrame<'b> {
+    batch: &'b Batch<'b>,
+    number: usize,
+}
+
+/// Where a batch stands.
+struct Standing {
+    images: Vec<String>,
+    fraction: f64,
+    seconds_left: Option<f64>,
+}
+
+impl<'p> Batch<'p> {
+    pub(super) fn new(progress: &'p Progress, total: usize) -> Batch<'p> {
+        if let Ok(style) =
+            ProgressStyle::with_template("{prefix} {wide_bar} {percent:>3} % {elapsed:>4} {msg}")
+        {
+            progress.bar.set_style(style);
+        }
+        progress.bar.set_prefix(format!("0 of {total}"));
+        progress.bar.set_message("");
+        progress.bar.set_position(0);
+        progress.bar.reset_elapsed();
+        if !progress.bar.is_hidden() {
+            progress.bar.enable_steady_tick(TICK);
+        }
+        Batch {
+            progress,
+            total,
+            since: Instant::now(),
+            state: Mutex::new(State {
+                current: Vec::new(),
+                durations: Durations::default(),
+                finished: 0,
+                begun: 0,
+                pace: Pace::default(),
+            }),
+        }
+    }
+
+    /// Begins a picture.
+    pub(in crate::cli) fn begin(&self, image: &str) -> BatchFrame<'_> {
+        let mut state = self.lock();
+        state.begun += 1;
+        let number = state.begun;
+        state.current.push(Current {
+            number,
+            image: image.to_owned(),
+            since: Instant::now(),
+            fraction: 0.0,
+        });
+        self.show(&mut state);
+        BatchFrame { batch: self, number }
+    }
+
+    /// A picture need not be made, as it is there already.
+    pub(in crate::cli) fn skip(&self, image: &str) {
+        let mut state = self.lock();
+        state.finished += 1;
+        self.tell(&state, (image, "skipped", None), 0.0);
+        self.show(&mut state);
+    }
+
+    /// Prints a warning above the bar, unless quiet.
+    pub(in crate::cli) fn warn(&self, warning: &str) {
+        self.progress.warn(warning);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Nothing is left half-changed by a panic elsewhere.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn standing(&self, state: &State) -> Standing {
+        let of_current = |frame: &Current| Running {
+            fraction: frame.fraction,
+            seconds: frame.since.elapsed().as_secs_f64(),
+        };
+        let running: Vec<Running> = state.current.iter().map(of_current).collect();
+        let waiting = self.total.saturating_sub(state.finished + running.len());
+        let parts: f64 = running.iter().map(|frame| frame.fraction).sum();
+        Standing {
+            images: state.current.iter().map(|frame| frame.image.clone()).collect(),
+            fraction: ((state.finished as f64 + parts) / self.total.max(1) as f64).min(1.0),
+            seconds_left: state.durations.left(&running, waiting),
+        }
+    }
+
+    /// Shows where it stands, if it is time to.
+    fn show(&self, state: &mut State) {
+        if !state.pace.allows(Instant::now()) {
+            return;
+        }
+        let Standing {
+            images,
+            fraction,
+            seconds_left,
+        } = self.standing(state);
+        if self.progress.lines.is_some() {
+            return events::tell(&Event::Batch {
+                images: &images,
+                fraction,
+                finished: state.finished,
+                total: self.total,
+                seconds: self.since.elapsed().as_secs_f64(),
+                seconds_left,
+            });
+        }
+        let bar = &self.progress.bar;
+        bar.set_position((fraction * STEPS) as u64);
+        bar.set_prefix(format!("{} of {}", state.finished, self.total));
+        bar.set_message(message(&images, seconds_left));
+    }
+
+    /// Tells that a picture has come to its end.
+    fn tell(&self, state: &State, (image, status, message): (&str, &str, Option<&str>), seconds: f64) {
+        if self.progress.lines.is_none() {
+            return;
+        }
+        events::tell(&Event::Frame {
+            image,
+            status,
+            message,
+            seconds,
+            finished: state.finished,
+            total: self.total,
+            seconds_left: self.standing(state).seconds_left,
+        });
+    }
+
+    /// Takes a picture from those that are being made.
+    fn take(state: &mut State, number: usize) -> Option<Current> {
+        let place = state.current.iter().position(|frame| frame.number == number)?;
+        Some(state.current.remove(place))
+    }
+
+    fn end(&self, number: usize, failure: Option<&Failure>) {
+        let mut state = self.lock();
+        let Some(frame) = Batch::take(&mut state, number) else {
+            return;
+        };
+        let seconds = frame.since.elapsed().as_secs_f64();
+        state.finished += 1;
+        match failure {
+            None => {
+                state.durations.note(seconds);
+                self.tell(&state, (&frame.image, "done", None), seconds);
+            }
+            Some(failure) if self.progress.lines.is_some() => {
+                self.tell(
+                    &state,
+                    (&frame.image, "failed", Some(&failure.to_string())),
+                    seconds,
+                );
+            }
+            Some(failure) => self.progress.suspend(|| failure.print()),
+        }
+        self.show(&mut state);
+    }
+}
+
+impl BatchFrame<'_> {
+    /// Shows the finished fraction of the picture; from any thread. Threads that find another one telling go on.
+    pub(in crate::cli) fn fraction(&self, fraction: f64) {
+        let Ok(mut state) = self.batch.state.try_lock() else {
+            return;
+        };
+        if let Some(frame) = state.current.iter_mut().find(|frame| frame.number == self.number) {
+            // Fractions of several threads may come out of order.
+            frame.fraction = frame.fraction.max(fraction.clamp(0.0, 1.0));
+            self.batch.show(&mut state);
+        }
+    }
+
+    /// The picture is written.
+    pub(in crate::cli) fn finish(self) {
+        self.batch.end(self.number, None);
+    }
+
+    /// The picture has failed; says why.
+    pub(in crate::cli) fn fail(self, failure: &Failure) {
+        self.batch.end(self.number, Some(failure));
+    }
+}
+
+impl Drop for BatchFrame<'_> {
+    fn drop(&mut self) {
+        // Nothing is left to take of one that came to an end.
+        Batch::take(&mut self.batch.lock(), self.number);
+    }
+}
+
+/// What stands behind the bar.
+fn message(images: &[String], seconds_left: Option<f64>) -> String {
+    let left = match seconds_left {
+        Some(seconds) => format!("{} left", duration(seconds)),
+        None => "time left unknown".to_owned(),
+    };
+    let names = images[..images.len().min(MOST_NAMES)].join(", ");
+    match images.len() {
+        0 => left,
+        1..=MOST_NAMES => format!("{left}: {names}"),
+        more => format!("{left}: {names} and {} more", more - MOST_NAMES),
+    }
+}
+
+/// Seconds in as few words as tell them.
+fn duration(seconds: f64) -> String {
+    let whole = seconds.max(0.0).ceil() as u64;
+    match (whole / 3600, whole / 60 % 60, whole % 60) {
+        (0, 0, seconds) => format!("{seconds} s"),
+        (0, minutes, seconds) => format!("{minutes} min {seconds:02} s"),
+        (hours, minutes, _) => format!("{hours} h {minutes:02} min"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Verbosity;
+    use super::*;
+
+    #[test]
+    fn a_batch_counts_what_is_finished_and_parts_of_what_is_being_made() {
+        let progress = Progress::new(Verbosity::Quiet);
+        let batch = progress.batch(4);
+        batch.skip("a");
+        batch.begin("b").finish();
+        let frame = batch.begin("c");
+        frame.fraction(0.5);
+        frame.fraction(0.25);
+        let standing = batch.standing(&batch.lock());
+        assert_eq!(
+            (standing.fraction, &*standing.images),
+            (2.5 / 4.0, &["c".to_owned()][..])
+        );
+        assert!(standing.seconds_left.is_some());
+        drop(frame);
+        let standing = batch.standing(&batch.lock());
+        assert_eq!((standing.fraction, standing.images.len()), (0.5, 0));
+    }
+
+    #[test]
+    fn the_time_that_is_left_is_told_in_few_words() {
+        assert_eq!(
+            [0.2, 59.5, 61.0, 3599.2, 86_400.0].map(duration),
+            ["1 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "24 h 00 min"]
+        );
+        let names: Vec<String> = ["a", "b", "c"].map(str::to_owned).into();
+        assert_eq!(message(&names, Some(1.0)), "1 s left: a, b and 1 more");
+        assert_eq!(message(&names[..1], None), "time left unknown: a");
+        assert_eq!(message(&[], Some(0.0)), "0 s left");
+    }
+}

@@ -1,0 +1,214 @@
+//! What waits to be sent to a viewer: a bounded queue that never keeps the one who fills it waiting.
+//!
+//! A rectangle that is changed again before it was sent is sent once, with the newest pixels. Where a viewer takes less
+//! than is rendered, the oldest rectangles are left out.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use super::tev::Rectangle;
+
+/// Bytes that may wait: a picture of 22 million pixels.
+const MOST_BYTES: usize = 1 << 28;
+
+/// Packets that belong together.
+pub(super) struct Message {
+    /// Which rectangle of which picture they change; none for what must not be left out.
+    pub(super) changes: Option<(String, Rectangle)>,
+    pub(super) packets: Vec<Vec<u8>>,
+}
+
+impl Message {
+    fn byte_count(&self) -> usize {
+        self.packets.iter().map(Vec::len).sum()
+    }
+
+    /// Whether it need not be sent, as `newer` says all of it and more.
+    fn is_outdone_by(&self, newer: &Message) -> bool {
+        match (&self.changes, &newer.changes) {
+            (Some((name, old)), Some((newer_name, new))) => name == newer_name && new.holds(old),
+            _ => false,
+        }
+    }
+}
+
+#[derive(Default)]
+struct State {
+    waiting: VecDeque<Message>,
+    byte_count: usize,
+    /// Whether a message was taken that is not yet known to be sent.
+    sending: bool,
+    /// Packets that went out.
+    sent_count: u64,
+    /// No more will come, or nobody takes any.
+    ended: bool,
+}
+
+/// The queue between a render's threads and the one that sends.
+#[derive(Default)]
+pub(super) struct Queue {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+impl Queue {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // No state is left half-changed by a panic elsewhere.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a message; takes no longer than it takes to look through what waits.
+    pub(super) fn push(&self, message: Message) {
+        let mut state = self.lock();
+        if state.ended {
+            return;
+        }
+        state.waiting.retain(|old| !old.is_outdone_by(&message));
+        state.waiting.push_back(message);
+        state.byte_count = state.waiting.iter().map(Message::byte_count).sum();
+        while state.byte_count > MOST_BYTES {
+            let oldest = state.waiting.iter().position(|old| old.changes.is_some());
+            let Some(left_out) = oldest.and_then(|place| state.waiting.remove(place)) else {
+                break;
+            };
+            state.byte_count -= left_out.byte_count();
+        }
+        drop(state);
+        self.changed.notify_all();
+    }
+
+    /// The next message, once there is one; `None` at the end. The one before it is known to be sent.
+    pub(super) fn next(&self) -> Option<Message> {
+        let mut state = self.lock();
+        state.sending = false;
+        self.changed.notify_all();
+        loop {
+            if state.ended {
+                return None;
+            }
+            if let Some(message) = state.waiting.pop_front() {
+                state.byte_count -= message.byte_count();
+                state.sending = true;
+                return Some(message);
+            }
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Counts a packet that went out.
+    pub(super) fn note_sent(&self) {
+        self.lock().sent_count += 1;
+        self.changed.notify_all();
+    }
+
+    /// Ends it; what waits is forgotten.
+    pub(super) fn end(&self) {
+        let mut state = self.lock();
+        state.ended = true;
+        state.waiting.clear();
+        state.byte_count = 0;
+        drop(state);
+        self.changed.notify_all();
+    }
+
+    /// Waits until all is sent, or for as long as `patience` after the last packet; whether all is sent.
+    pub(super) fn drain(&self, patience: Duration) -> bool {
+        let mut state = self.lock();
+        let mut deadline = Instant::now() + patience;
+        loop {
+            if state.ended || (state.waiting.is_empty() && !state.sending) {
+                return !state.ended;
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return false;
+            }
+            let before = state.sent_count;
+            state = self
+                .changed
+                .wait_timeout(state, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
+            if state.sent_count != before {
+                deadline = Instant::now() + patience;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn change(name: &str, x: u32, width: u32, byte: u8, count: usize) -> Message {
+        let rectangle = Rectangle {
+            x,
+            y: 0,
+            width,
+            height: 1,
+        };
+        Message {
+            changes: Some((name.to_owned(), rectangle)),
+            packets: vec![vec![byte; count]],
+        }
+    }
+
+    /// The first byte of everything that waits.
+    fn waiting(queue: &Queue) -> Vec<u8> {
+        let state = queue.lock();
+        assert_eq!(
+            state.byte_count,
+            state.waiting.iter().map(Message::byte_count).sum::<usize>()
+        );
+        state
+            .waiting
+            .iter()
+            .map(|message| message.packets[0][0])
+            .collect()
+    }
+
+    #[test]
+    fn a_newer_rectangle_takes_the_place_of_those_that_it_covers() {
+        let queue = Queue::default();
+        for message in [
+            change("a", 0, 4, 1, 9),
+            change("a", 4, 4, 2, 9),
+            change("b", 0, 4, 3, 9),
+            change("a", 0, 4, 4, 9),
+        ] {
+            queue.push(message);
+        }
+        assert_eq!(waiting(&queue), [2, 3, 4]);
+        queue.push(change("a", 0, 8, 5, 9));
+        assert_eq!(waiting(&queue), [3, 5]);
+    }
+
+    #[test]
+    fn the_oldest_rectangles_are_left_out_where_too_many_wait_and_nothing_else_is() {
+        let queue = Queue::default();
+        queue.push(Message {
+            changes: None,
+            packets: vec![vec![1; 10]],
+        });
+        for byte in 2..5 {
+            queue.push(change("a", u32::from(byte), 1, byte, MOST_BYTES / 2 - 10));
+        }
+        assert_eq!(waiting(&queue), [1, 3, 4]);
+    }
+
+    #[test]
+    fn waiting_for_one_who_takes_nothing_ends() {
+        let queue = Queue::default();
+        assert!(queue.drain(Duration::ZERO));
+        queue.push(change("a", 0, 1, 1, 9));
+        assert!(!queue.drain(Duration::from_millis(1)));
+        assert!(queue.next().is_some());
+        // It was taken, but nobody knows whether it was sent.
+        assert!(!queue.drain(Duration::from_millis(1)));
+        queue.end();
+        assert!(queue.next().is_none());
+        queue.push(change("a", 0, 1, 1, 9));
+        assert!(waiting(&queue).is_empty());
+    }
+}

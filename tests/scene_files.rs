@@ -40,6 +40,7 @@ fn examples() -> Vec<PathBuf> {
         .unwrap()
         .map(|entry| entry.unwrap().path())
         .filter(|path| path.extension().is_some_and(|e| e == "toml"))
+        .filter(|path| !path.to_string_lossy().ends_with(".jobs.toml"))
         .collect();
     paths.sort();
     paths

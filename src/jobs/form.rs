@@ -5,19 +5,24 @@ use std::fmt;
 use std::marker::PhantomData;
 
 use serde::Deserialize;
-use serde::de::value::SeqAccessDeserializer;
-use serde::de::{self, Deserializer, SeqAccess, Visitor};
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{self, Deserializer, MapAccess, SeqAccess, Visitor};
 use toml::Value;
 
 use super::range::FrameRange;
+use super::view::Interpolation;
 use crate::scene_file::value::At;
 
 /// The whole file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Document {
+    pub(super) scene: Option<At<Words>>,
+    pub(super) camera: Option<Words>,
     #[serde(default)]
     pub(super) settings: BTreeMap<String, At<Value>>,
+    pub(super) split: Option<At<SplitForm>>,
+    pub(super) image: Option<At<String>>,
     #[serde(default)]
     pub(super) job: Vec<At<JobForm>>,
 }
@@ -27,16 +32,17 @@ pub(super) struct Document {
 #[serde(deny_unknown_fields)]
 pub(super) struct JobForm {
     pub(super) name: Option<At<String>>,
-    pub(super) scene: At<Words>,
-    #[serde(default)]
-    pub(super) camera: Words,
+    pub(super) scene: Option<At<Words>>,
+    pub(super) camera: Option<Words>,
     pub(super) frames: Option<FrameRange>,
     pub(super) turntable: Option<At<TurntableForm>>,
     #[serde(default)]
     pub(super) path: Vec<At<KeyForm>>,
+    pub(super) interpolation: Option<At<Interpolation>>,
     pub(super) animation: Option<At<AnimationForm>>,
     #[serde(default)]
     pub(super) sweep: BTreeMap<String, At<SweepForm>>,
+    pub(super) zip: Option<At<bool>>,
     #[serde(default)]
     pub(super) settings: BTreeMap<String, At<Value>>,
     pub(super) split: Option<At<SplitForm>>,
@@ -65,6 +71,9 @@ pub(super) struct KeyForm {
     pub(super) up: [f64; 3],
     /// In degrees.
     pub(super) fov: Option<f64>,
+    /// In degrees.
+    #[serde(default)]
+    pub(super) roll: f64,
 }
 
 /// An animation of a glTF file.
@@ -80,19 +89,40 @@ pub(super) struct AnimationForm {
 }
 
 /// The values of a key.
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
+#[derive(Debug)]
 pub(super) enum SweepForm {
     List(Vec<Value>),
     Steps(StepsForm),
+}
+
+impl<'de> Deserialize<'de> for SweepForm {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<SweepForm, D::Error> {
+        struct SweepVisitor;
+        impl<'de> Visitor<'de> for SweepVisitor {
+            type Value = SweepForm;
+
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a list of values, or as in { from = 0, to = 1, steps = 5 }")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<SweepForm, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(list)).map(SweepForm::List)
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SweepForm, A::Error> {
+                StepsForm::deserialize(MapAccessDeserializer::new(map)).map(SweepForm::Steps)
+            }
+        }
+        deserializer.deserialize_any(SweepVisitor)
+    }
 }
 
 /// Values from one to another.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StepsForm {
-    pub(super) from: f64,
-    pub(super) to: f64,
+    pub(super) from: Value,
+    pub(super) to: Value,
     pub(super) steps: u32,
 }
 

@@ -28,9 +28,14 @@ impl FrameRange {
         (self.first..=self.last).step_by(self.step as usize)
     }
 
+    /// How many there are.
+    pub(super) fn count(&self) -> usize {
+        ((self.last - self.first) / self.step) as usize + 1
+    }
+
     /// How many frames there would be without a step.
-    pub(super) fn span(&self) -> u32 {
-        self.last - self.first + 1
+    pub(super) fn span(&self) -> f64 {
+        f64::from(self.last - self.first) + 1.0
     }
 
     fn parse(text: &str) -> Result<FrameRange, String> {
@@ -56,7 +61,7 @@ impl FrameRange {
                     .into(),
             );
         }
-        if self.numbers().count() > MOST_FRAMES {
+        if self.count() > MOST_FRAMES {
             return Err(format!("has more than {MOST_FRAMES} frames: split the file"));
         }
         Ok(self)
@@ -101,6 +106,9 @@ mod tests {
         assert_eq!(numbers("3"), Ok(vec![3]));
         assert_eq!(numbers("0-3"), Ok(vec![0, 1, 2, 3]));
         assert_eq!(numbers("1-8x3"), Ok(vec![1, 4, 7]));
+        let widest = FrameRange::parse("0-4294967295x1000000").unwrap();
+        // 4294 steps of a million fit, and all is 2^32 frames.
+        assert_eq!((widest.count(), widest.span()), (4295, 4_294_967_296.0));
         for bad in ["", "a", "3-1", "1-3x0", "-1", "1-", "1-4294967295"] {
             assert!(numbers(bad).is_err(), "{bad}");
         }

@@ -1,8 +1,9 @@
 //! Where a frame's camera stands.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
+use serde::Deserialize;
 
 use crate::scene::{Camera, Projection, Scene};
 
@@ -75,10 +76,20 @@ impl View {
 }
 
 impl Pose {
-    /// Whether it looks somewhere, and not along what is to be up.
+    /// Whether it looks somewhere, and not along what is to be up, and with an angle that a picture may have.
     pub(super) fn is_possible(&self) -> bool {
-        let side = (self.at - self.from).cross(self.up);
-        side.is_finite() && side != DVec3::ZERO
+        let forward = (self.at - self.from).try_normalize();
+        let side = forward.and_then(|forward| forward.cross(self.up).try_normalize());
+        self.from.is_finite() && side.is_some() && self.y_fov.is_none_or(|fov| fov > 0.0 && fov < PI)
+    }
+
+    /// The same, leaning to its right by an angle in radians.
+    fn rolled(self, angle: f64) -> Pose {
+        let up = match (self.at - self.from).try_normalize() {
+            Some(forward) if angle != 0.0 => DQuat::from_axis_angle(forward, angle) * self.up,
+            _ => self.up,
+        };
+        Pose { up, ..self }
     }
 }
 
@@ -94,40 +105,54 @@ fn looking(from: DVec3, forward: DVec3, up: DVec3) -> DAffine3 {
 pub(super) struct Key {
     pub(super) frame: f64,
     pub(super) pose: Pose,
+    /// How far it leans to its right, in radians.
+    pub(super) roll: f64,
+}
+
+/// How a path goes from key to key.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Interpolation {
+    /// On straight lines.
+    Linear,
+    /// On a curve without corners.
+    #[default]
+    Smooth,
 }
 
 /// The pose of a path at a frame; before the first key it is the first's, behind the last the last's.
 ///
-/// Between keys each number follows the cubic through them whose slopes are those of the parabola through a key and its
-/// neighbours, so that the camera neither stops nor turns sharply at a key, however unevenly the keys lie (a
-/// Catmull-Rom spline for unequal steps; E. Catmull and R. Rom, "A class of local interpolating splines", 1974).
-pub(super) fn along(keys: &[Key], frame: f64) -> Option<Pose> {
+/// Smooth paths: between keys each number follows the cubic through them whose slopes are those of the parabola through
+/// a key and its neighbours, so that the camera neither stops nor turns sharply at a key, however unevenly the keys lie
+/// (a Catmull-Rom spline for unequal steps; E. Catmull and R. Rom, "A class of local interpolating splines", 1974).
+pub(super) fn along(keys: &[Key], interpolation: Interpolation, frame: f64) -> Option<Pose> {
     let (first, last) = (keys.first()?, keys.last()?);
     let next = keys.partition_point(|key| key.frame <= frame);
     if next == 0 {
-        return Some(first.pose);
+        return Some(first.pose.rolled(first.roll));
     }
     if next == keys.len() {
-        return Some(last.pose);
+        return Some(last.pose.rolled(last.roll));
     }
-    let near: Vec<&Key> = keys[next.saturating_sub(2)..(next + 2).min(keys.len())]
-        .iter()
-        .collect();
-    let index = if next >= 2 { 1 } else { 0 };
-    let vector = |part: fn(&Pose) -> DVec3| {
-        let values: Vec<(f64, DVec3)> = near.iter().map(|key| (key.frame, part(&key.pose))).collect();
+    let near = match interpolation {
+        Interpolation::Linear => next - 1..next + 1,
+        Interpolation::Smooth => next.saturating_sub(2)..(next + 2).min(keys.len()),
+    };
+    let index = next - 1 - near.start;
+    let near = &keys[near];
+    let at_frame = |part: &dyn Fn(&Key) -> DVec3| {
+        let values: Vec<(f64, DVec3)> = near.iter().map(|key| (key.frame, part(key))).collect();
         cubic(&values, index, frame)
     };
-    let fovs: Option<Vec<(f64, DVec3)>> = near
-        .iter()
-        .map(|key| Some((key.frame, DVec3::splat(key.pose.y_fov?))))
-        .collect();
-    Some(Pose {
-        from: vector(|pose| pose.from),
-        at: vector(|pose| pose.at),
-        up: vector(|pose| pose.up),
-        y_fov: fovs.map(|values| cubic(&values, index, frame).x),
-    })
+    let number = |part: &dyn Fn(&Key) -> f64| at_frame(&|key| DVec3::splat(part(key))).x;
+    let has_fov = near.iter().all(|key| key.pose.y_fov.is_some());
+    let pose = Pose {
+        from: at_frame(&|key| key.pose.from),
+        at: at_frame(&|key| key.pose.at),
+        up: at_frame(&|key| key.pose.up),
+        y_fov: has_fov.then(|| number(&|key| key.pose.y_fov.unwrap_or_default())),
+    };
+    Some(pose.rolled(number(&|key| key.roll)))
 }
 
 /// The cubic between values `index` and the next.
@@ -199,6 +224,7 @@ mod tests {
                 up: DVec3::Y,
                 y_fov: Some(x),
             },
+            roll: 0.0,
         }
     }
 
@@ -206,20 +232,51 @@ mod tests {
     fn a_path_goes_through_its_keys_and_along_a_parabola_of_three() {
         // x = t^2 at 0, 1 and 3: slopes by the parabola through all are 2 t in the middle.
         let keys = [key(0.0, 0.0), key(1.0, 1.0), key(3.0, 9.0)];
-        let x = |frame| along(&keys, frame).unwrap().from.x;
+        let smooth = |frame| along(&keys, Interpolation::Smooth, frame).unwrap();
+        let x = |frame| smooth(frame).from.x;
         assert_eq!(
             [x(-5.0), x(0.0), x(1.0), x(3.0), x(9.0)],
             [0.0, 0.0, 1.0, 9.0, 9.0]
         );
         // From (1, 1) with slope 2 to (3, 9) with slope 4, that of the last line: in the middle (1 + 9) / 2 + 2 (2 - 4) / 8.
         assert!((x(2.0) - 4.5).abs() < NEAR);
-        assert!((along(&keys, 2.0).unwrap().y_fov.unwrap() - 4.5).abs() < NEAR);
-        assert_eq!(along(&[], 1.0), None);
+        assert!((smooth(2.0).y_fov.unwrap() - 4.5).abs() < NEAR);
+        assert_eq!(along(&[], Interpolation::Smooth, 1.0), None);
+    }
+
+    #[test]
+    fn a_linear_path_goes_on_straight_lines() {
+        let keys = [key(0.0, 0.0), key(1.0, 1.0), key(3.0, 9.0)];
+        let x = |frame| along(&keys, Interpolation::Linear, frame).unwrap().from.x;
+        // Half way from 0 to 1, and a quarter and a half of the way from 1 to 9.
+        for (frame, expected) in [(0.5, 0.5), (1.0, 1.0), (1.5, 3.0), (2.0, 5.0), (3.0, 9.0)] {
+            assert!((x(frame) - expected).abs() < NEAR, "{frame}: {}", x(frame));
+        }
+    }
+
+    #[test]
+    fn a_rolled_camera_leans_to_its_right() {
+        let quarter = Key {
+            roll: 0.25 * TAU,
+            ..key(2.0, 0.0)
+        };
+        let up = |frame| {
+            along(&[key(0.0, 0.0), quarter], Interpolation::Linear, frame)
+                .unwrap()
+                .up
+        };
+        // It looks along -z, so its right is +x.
+        assert!(up(2.0).abs_diff_eq(DVec3::X, NEAR), "{}", up(2.0));
+        let half_way = DVec3::new(1.0, 1.0, 0.0).normalize();
+        assert!(up(1.0).abs_diff_eq(half_way, NEAR), "{}", up(1.0));
     }
 
     #[test]
     fn a_pose_looks_where_it_is_told() {
-        let pose = key(0.0, 0.0).pose;
+        let pose = Pose {
+            y_fov: Some(1.0),
+            ..key(0.0, 0.0).pose
+        };
         let camera = View::Pose(pose).of(&Camera::default(), &Scene::default(), DVec3::ZERO);
         assert_eq!(camera.world_from_camera.translation, DVec3::new(0.0, 0.0, 5.0));
         assert_eq!(
@@ -228,5 +285,15 @@ mod tests {
         );
         let blind = Pose { up: DVec3::Z, ..pose };
         assert!(pose.is_possible() && !blind.is_possible());
+        let flat = Pose {
+            y_fov: Some(PI),
+            ..pose
+        };
+        let far = Pose {
+            from: DVec3::splat(f64::MAX),
+            at: -DVec3::splat(f64::MAX),
+            ..pose
+        };
+        assert!(!flat.is_possible() && !far.is_possible());
     }
 }

@@ -591,8 +591,9 @@ fn edited(source: Source, edits: &[Edit]) -> Result<Source, SceneFileError> {
     }
     let mut table: toml::Table = toml::from_str(&source.text).map_err(|error| source.toml_error(&error))?;
     for edit in edits {
-        edit.apply(&mut table)
-            .map_err(|sentence| file_error(&source.path, format!("cannot have {edit}: {sentence}")))?;
+        edit.apply(&mut table).map_err(|sentence| {
+            file_error(&source.path, format!("cannot have the swept {edit}: {sentence}"))
+        })?;
     }
     Ok(Source {
         text: table.to_string(),

@@ -4,6 +4,11 @@ use std::fmt;
 
 use toml::{Table, Value};
 
+use super::fault::suggestion;
+
+/// The most names that a message lists.
+const MOST_NAMES: usize = 16;
+
 /// A key of a scene file and the value that it gets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Edit {
@@ -56,35 +61,75 @@ impl Edit {
             scene.insert(first.clone(), self.value.clone());
             return Ok(());
         };
-        let mut place = scene
-            .get_mut(first)
-            .ok_or_else(|| format!("the scene has no `{first}`: correct the key"))?;
-        for (depth, word) in between.iter().enumerate() {
-            let so_far = self.key[..=depth].join(".");
-            place = step(place, word).ok_or_else(|| missing(&so_far, word))?;
+        if !scene.contains_key(first) {
+            let known: Vec<&str> = scene.keys().map(String::as_str).collect();
+            return Err(format!("the scene has no `{first}`: {}", advice(first, &known)));
         }
-        let so_far = self.key[..self.key.len() - 1].join(".");
+        let mut place = &mut scene[first];
+        for (depth, word) in between.iter().enumerate() {
+            place = self.step_to(place, (depth + 1, word))?;
+        }
         if let Value::Table(table) = place {
             table.insert(last.clone(), self.value.clone());
             return Ok(());
         }
-        *step(place, last).ok_or_else(|| missing(&so_far, last))? = self.value.clone();
+        *self.step_to(place, (self.key.len() - 1, last))? = self.value.clone();
         Ok(())
+    }
+
+    /// What of `place`, to which the first `depth` words lead, goes by the next.
+    fn step_to<'v>(
+        &self,
+        place: &'v mut Value,
+        (depth, word): (usize, &str),
+    ) -> Result<&'v mut Value, String> {
+        match index(place, word) {
+            Some(Index::Key) => Ok(&mut place[word]),
+            Some(Index::Number(number)) => Ok(&mut place[number]),
+            None => {
+                let so_far = self.key[..depth].join(".");
+                let advice = advice(word, &names(place));
+                Err(format!("`{so_far}` of the scene has no `{word}`: {advice}"))
+            }
+        }
     }
 }
 
-fn missing(so_far: &str, word: &str) -> String {
-    format!("`{so_far}` of the scene has no `{word}`: give a key, a name or a number from 0 that is there")
+/// Which of what is there may have been meant.
+fn advice(word: &str, known: &[&str]) -> String {
+    let advice = suggestion(word, known);
+    match known.len() <= MOST_NAMES || advice.starts_with("did") {
+        true if !known.is_empty() => advice,
+        _ => "give a key, a name or a number from 0 that is there".into(),
+    }
+}
+
+/// The keys of a table, and the names in a list of tables.
+fn names(place: &Value) -> Vec<&str> {
+    match place {
+        Value::Table(table) => table.keys().map(String::as_str).collect(),
+        Value::Array(list) => list
+            .iter()
+            .filter_map(|value| value.get("name")?.as_str())
+            .collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// A place in a table or a list.
+enum Index {
+    Key,
+    Number(usize),
 }
 
 /// What of a table or a list goes by a word.
-fn step<'v>(value: &'v mut Value, word: &str) -> Option<&'v mut Value> {
-    match value {
-        Value::Table(table) => table.get_mut(word),
+fn index(place: &Value, word: &str) -> Option<Index> {
+    match place {
+        Value::Table(table) => table.contains_key(word).then_some(Index::Key),
         Value::Array(list) => {
             let is_called = |value: &Value| value.get("name").and_then(Value::as_str) == Some(word);
-            let index = list.iter().position(is_called).or_else(|| word.parse().ok())?;
-            list.get_mut(index)
+            let number = list.iter().position(is_called).or_else(|| word.parse().ok())?;
+            (number < list.len()).then_some(Index::Number(number))
         }
         _ => None,
     }
@@ -130,7 +175,12 @@ mod tests {
     #[test]
     fn keys_that_lead_nowhere_are_told() {
         for (key, word) in [
-            ("light.moon.intensity", "`light` of the scene has no `moon`"),
+            (
+                "light.moon.intensity",
+                "`light` of the scene has no `moon`: give one of `sun`",
+            ),
+            ("light.snu.intensity", "did you mean `sun`?"),
+            ("materail.ball.ior", "did you mean `material`?"),
             ("light.5.intensity", "has no `5`"),
             ("lamp.sun.position", "the scene has no `lamp`"),
             ("ambient.red", "`ambient` of the scene has no `red`"),

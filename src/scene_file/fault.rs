@@ -72,6 +72,12 @@ impl Source {
         self.error_at(fault.span, fault.sentence)
     }
 
+    /// The line of a byte of the text, counted from 1.
+    pub(crate) fn line(&self, offset: usize) -> usize {
+        let before = self.text.bytes().take(offset);
+        before.filter(|&byte| byte == b'\n').count() + 1
+    }
+
     /// An error at a place of this file.
     pub(crate) fn error_at(&self, span: Range<usize>, fault: String) -> SceneFileError {
         let mut start = span.start.min(self.text.len());
@@ -82,7 +88,7 @@ impl Source {
         let line_start = before.rfind('\n').map_or(0, |i| i + 1);
         SceneFileError::Item {
             file: self.path.clone(),
-            line: before.matches('\n').count() + 1,
+            line: self.line(start),
             column: before[line_start..].chars().count() + 1,
             item: item_at(&self.text, start),
             fault,

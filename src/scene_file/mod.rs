@@ -179,7 +179,7 @@ pub fn load_edited(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result
             let changes: Vec<String> = edits.iter().map(Edit::to_string).collect();
             SceneFileError::File {
                 file,
-                fault: format!("with {}: {item}: {fault}", changes.join(", ")),
+                fault: format!("with the swept {}: {item}: {fault}", changes.join(", ")),
             }
         }
         error => error,

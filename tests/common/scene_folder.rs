@@ -17,11 +17,14 @@ pub struct FiledScene {
     pub output: Output,
 }
 
-/// The scene files, by name.
+/// The scene files, by name. Job files tell what to make of them, and are none.
 pub fn files() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     let entries = folder.read_dir().unwrap().map(|entry| entry.unwrap().path());
-    let is_scene = |path: &PathBuf| path.extension().is_some_and(|e| e == "toml" || e == "gltf");
+    let is_scene = |path: &PathBuf| {
+        path.extension().is_some_and(|e| e == "toml" || e == "gltf")
+            && !path.to_string_lossy().ends_with(".jobs.toml")
+    };
     let mut files: Vec<PathBuf> = entries.filter(is_scene).collect();
     files.sort();
     files

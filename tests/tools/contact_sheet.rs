@@ -168,7 +168,8 @@ fn scene_files(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let path = entry.map_err(unreadable)?.path();
-        if path.extension().is_some_and(|e| e == "toml" || e == "gltf") {
+        let is_job_file = path.to_string_lossy().ends_with(".jobs.toml");
+        if !is_job_file && path.extension().is_some_and(|e| e == "toml" || e == "gltf") {
             files.push(path);
         }
     }

@@ -1,0 +1,62 @@
+//! No two frames may become one file.
+
+use std::collections::HashMap;
+use std::ffi::OsStr;
+use std::path::Path;
+
+use super::Frame;
+use crate::scene_file::SceneFileError;
+use crate::scene_file::fault::{Source, file_error};
+
+/// The most bytes of a name of a file: file systems take 255, and a file that is not whole yet has a longer name.
+const MOST_BYTES: usize = 200;
+
+/// Refuses two frames of one name, a picture that would be the folder of another, and names that are too long.
+pub(super) fn check_names(frames: &[Frame], source: &Source) -> Result<(), SceneFileError> {
+    let mut taken: HashMap<&Path, usize> = HashMap::with_capacity(frames.len());
+    for (number, frame) in frames.iter().enumerate() {
+        if frame.image.iter().map(OsStr::len).max() > Some(MOST_BYTES) {
+            let sentence = format!(
+                "{} has a name of more than {MOST_BYTES} bytes: shorten `image`",
+                told(frames, number)
+            );
+            return Err(file_error(&source.path, sentence));
+        }
+        if let Some(other) = taken.insert(&frame.image, number) {
+            let sentence = format!(
+                "two frames would both become {}, {} and {}: add fields to `image`, as in \
+                 \"{{scene}}.{{camera}}.{{frame:04}}.png\"",
+                frame.image.display(),
+                told(frames, other),
+                told(frames, number),
+            );
+            return Err(file_error(&source.path, sentence));
+        }
+    }
+    for (number, frame) in frames.iter().enumerate() {
+        let folder = frame
+            .image
+            .ancestors()
+            .skip(1)
+            .find_map(|folder| taken.get(folder));
+        if let Some(&other) = folder {
+            let sentence = format!(
+                "{} would become {}, which is a folder of {}: rename one of them",
+                told(frames, other),
+                frames[other].image.display(),
+                told(frames, number),
+            );
+            return Err(file_error(&source.path, sentence));
+        }
+    }
+    Ok(())
+}
+
+/// A frame as a person finds it in the file.
+fn told(frames: &[Frame], number: usize) -> String {
+    let frame = &frames[number];
+    let job = &frame.settings.job;
+    let first = frames.partition_point(|other| other.settings.line < frame.settings.line);
+    let scene = frame.scene.file_name().unwrap_or_default().to_string_lossy();
+    format!("picture {} of job {job} (of {scene})", number - first + 1)
+}

@@ -1,0 +1,258 @@
+//! Sweeps: keys of a scene file with the values that they take in turn.
+
+use std::collections::BTreeMap;
+
+use toml::Value;
+
+use super::form::{StepsForm, SweepForm};
+use super::range::MOST_FRAMES;
+use crate::scene_file::Edit;
+use crate::scene_file::fault::Fault;
+use crate::scene_file::value::At;
+
+/// Fields of names that are none of a sweep.
+pub(super) const FIELDS: [&str; 5] = ["scene", "camera", "job", "frame", "time"];
+
+/// A key with one of its values.
+#[derive(Clone, Debug)]
+pub(super) struct Swept {
+    /// What names call the key.
+    pub(super) field: String,
+    /// What they call the value.
+    pub(super) label: String,
+    pub(super) edit: Edit,
+}
+
+/// A key with all its values.
+struct Axis<'f> {
+    form: &'f At<SweepForm>,
+    points: Vec<Swept>,
+}
+
+/// The edits of each frame of a sweep: every combination of the values, or with `zip` the first of each key, the second
+/// of each, and so on. The last key that is written changes fastest. One empty list where nothing is swept.
+pub(super) fn combinations(
+    sweep: &BTreeMap<String, At<SweepForm>>,
+    zip: Option<&At<bool>>,
+) -> Result<Vec<Vec<Swept>>, Fault> {
+    let axes = axes(sweep)?;
+    if let Some(zip) = zip.filter(|zip| ***zip) {
+        return zipped(&axes, zip);
+    }
+    let mut all = vec![Vec::new()];
+    for axis in &axes {
+        if all.len().saturating_mul(axis.points.len()) > MOST_FRAMES {
+            let sentence = format!("makes more than {MOST_FRAMES} frames: give fewer values");
+            return Err(axis.form.fault(sentence));
+        }
+        let with = |before: &Vec<Swept>, point: &Swept| before.iter().chain([point]).cloned().collect();
+        all = all
+            .iter()
+            .flat_map(|before| axis.points.iter().map(|point| with(before, point)))
+            .collect();
+    }
+    Ok(all)
+}
+
+fn zipped(axes: &[Axis], zip: &At<bool>) -> Result<Vec<Vec<Swept>>, Fault> {
+    let Some(first) = axes.first() else {
+        return Err(zip.fault("has no `sweep` whose keys go together: add one, or take it away"));
+    };
+    let count = first.points.len();
+    if let Some(other) = axes.iter().find(|axis| axis.points.len() != count) {
+        return Err(other.form.fault(format!(
+            "has {} values where the first key has {count}: with `zip`, give each key as many",
+            other.points.len()
+        )));
+    }
+    let row = |index: usize| axes.iter().map(|axis| axis.points[index].clone()).collect();
+    Ok((0..count).map(row).collect())
+}
+
+/// The keys in the order in which they are written.
+fn axes(sweep: &BTreeMap<String, At<SweepForm>>) -> Result<Vec<Axis<'_>>, Fault> {
+    let mut written: Vec<(&String, &At<SweepForm>)> = sweep.iter().collect();
+    written.sort_by_key(|(_, form)| form.span.start);
+    let words =
+        |(key, form): &(&String, &At<SweepForm>)| Edit::words(key).map_err(|sentence| form.fault(sentence));
+    let keys: Vec<Vec<String>> = written.iter().map(words).collect::<Result<_, _>>()?;
+    let mut axes = Vec::with_capacity(keys.len());
+    for (index, (_, form)) in written.into_iter().enumerate() {
+        let field = field(&keys, index).ok_or_else(|| form.fault("is swept twice: keep one of them"))?;
+        let values = values(form)?;
+        let point = |(number, value): (usize, Value)| Swept {
+            field: field.clone(),
+            label: label(&value, number),
+            edit: Edit {
+                key: keys[index].clone(),
+                value,
+            },
+        };
+        let points = values.into_iter().enumerate().map(point).collect();
+        axes.push(Axis { form, points });
+    }
+    Ok(axes)
+}
+
+/// What names call a key: its last word, or as many of its last words as make it differ from all else; a key that is
+/// called like another field is `sweep.KEY`.
+fn field(keys: &[Vec<String>], index: usize) -> Option<String> {
+    let key = &keys[index];
+    let is_taken = |count: usize| {
+        let last = &key[key.len() - count..];
+        let is_field = matches!(last, [word] if FIELDS.contains(&word.as_str()));
+        let is_other = |(i, other): (usize, &Vec<String>)| i != index && other.ends_with(last);
+        is_field || keys.iter().enumerate().any(is_other)
+    };
+    match (1..=key.len()).find(|&count| !is_taken(count)) {
+        Some(count) => Some(key[key.len() - count..].join(".")),
+        None if keys.iter().filter(|other| *other == key).count() > 1 => None,
+        None => Some(format!("sweep.{}", key.join("."))),
+    }
+}
+
+/// A value as names have it; a table has no short name, so it is called by its number in its list, from 1.
+fn label(value: &Value, index: usize) -> String {
+    match value {
+        Value::Table(_) => (index + 1).to_string(),
+        value => word(value),
+    }
+}
+
+/// A value as a word.
+pub(super) fn word(value: &Value) -> String {
+    match value {
+        Value::String(word) => word.clone(),
+        Value::Array(values) => values.iter().map(word).collect::<Vec<_>>().join(","),
+        value => value.to_string(),
+    }
+}
+
+fn values(form: &At<SweepForm>) -> Result<Vec<Value>, Fault> {
+    match &**form {
+        SweepForm::List(values) if values.is_empty() => Err(form.fault("has no values: give some")),
+        SweepForm::List(values) => Ok(values.clone()),
+        SweepForm::Steps(steps) => steps.values().ok_or_else(|| {
+            form.fault(format!(
+                "makes no steps: give two numbers and 2 to {MOST_FRAMES} `steps`"
+            ))
+        }),
+    }
+}
+
+impl StepsForm {
+    /// The values, both ends among them. They are whole numbers if the ends are and the steps lead from one to another.
+    fn values(&self) -> Option<Vec<Value>> {
+        if !(2..=MOST_FRAMES as u32).contains(&self.steps) {
+            return None;
+        }
+        let last = self.steps - 1;
+        if let (Value::Integer(from), Value::Integer(to)) = (&self.from, &self.to) {
+            let way = to.checked_sub(*from)?;
+            if way % i64::from(last) == 0 {
+                let stride = way / i64::from(last);
+                let value = |step: u32| Value::Integer(from + stride * i64::from(step));
+                return Some((0..=last).map(value).collect());
+            }
+        }
+        let [from, to] = [number(&self.from)?, number(&self.to)?];
+        let value = |step: u32| {
+            let part = f64::from(step) / f64::from(last);
+            Value::Float(from * (1.0 - part) + to * part)
+        };
+        Some((0..=last).map(value).collect())
+    }
+}
+
+fn number(value: &Value) -> Option<f64> {
+    let number = value
+        .as_float()
+        .or_else(|| value.as_integer().map(|whole| whole as f64));
+    number.filter(|number| number.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Deserialize)]
+    struct Form {
+        sweep: BTreeMap<String, At<SweepForm>>,
+        zip: Option<At<bool>>,
+    }
+
+    /// Fields and labels of all combinations.
+    fn labels(text: &str) -> Result<Vec<String>, String> {
+        let form: Form = toml::from_str(text).unwrap();
+        let all =
+            combinations(&form.sweep, form.zip.as_ref()).map_err(|fault| fault.sentence().to_owned())?;
+        let words = |points: &Vec<Swept>| {
+            let words = points
+                .iter()
+                .map(|point| format!("{}={}", point.field, point.label));
+            words.collect::<Vec<_>>().join(" ")
+        };
+        Ok(all.iter().map(words).collect())
+    }
+
+    #[test]
+    fn the_last_key_that_is_written_changes_fastest() {
+        let text = "[sweep]\n\"material.b.ior\" = [1.5, 2]\n\"ambient\" = [0, 1]\n";
+        let expected = [
+            "ior=1.5 ambient=0",
+            "ior=1.5 ambient=1",
+            "ior=2.0 ambient=0",
+            "ior=2.0 ambient=1",
+        ];
+        assert_eq!(labels(text).unwrap(), expected);
+    }
+
+    #[test]
+    fn zipped_keys_go_together() {
+        let text = "zip = true\n[sweep]\na = [1, 2]\nb = { from = 5, to = 6, steps = 2 }\n";
+        assert_eq!(labels(text).unwrap(), ["a=1 b=5", "a=2 b=6"]);
+        let uneven = labels("zip = true\n[sweep]\na = [1, 2]\nb = [3]\n").unwrap_err();
+        assert!(uneven.contains("1 values where the first key has 2"), "{uneven}");
+    }
+
+    #[test]
+    fn keys_that_end_alike_are_told_apart() {
+        let text =
+            "[sweep]\n\"material.a.ior\" = [1]\n\"material.b.ior\" = [2]\ntime = [3]\n\"x.camera\" = [4]\n";
+        assert_eq!(labels(text).unwrap(), ["a.ior=1 b.ior=2 sweep.time=3 x.camera=4"]);
+        let twice = labels("[sweep]\n\"a.b\" = [1]\n'a.\"b\"' = [2]\n").unwrap_err();
+        assert!(twice.contains("swept twice"), "{twice}");
+    }
+
+    #[test]
+    fn steps_keep_their_ends_and_whole_numbers() {
+        let steps = |values: &str| labels(&format!("[sweep]\na = {{ {values} }}\n"));
+        assert_eq!(
+            steps("from = 1, to = 7, steps = 3").unwrap(),
+            ["a=1", "a=4", "a=7"]
+        );
+        assert_eq!(
+            steps("from = 0, to = 1, steps = 3").unwrap(),
+            ["a=0.0", "a=0.5", "a=1.0"]
+        );
+        // 0.1 and 0.7 themselves, and not what 0.1 + (0.7 - 0.1) is.
+        let ends = steps("from = 0.1, to = 0.7, steps = 4").unwrap();
+        assert_eq!((ends[0].as_str(), ends[3].as_str()), ("a=0.1", "a=0.7"));
+        for bad in [
+            "from = 0, to = 1, steps = 1",
+            "from = 'a', to = 1, steps = 2",
+            "from = nan, to = 1, steps = 2",
+        ] {
+            assert!(steps(bad).unwrap_err().contains("makes no steps"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn tables_are_called_by_their_numbers() {
+        let text = "[sweep]\nbackground = [{ up = 1 }, { up = 2 }]\nsky = [[1, 2]]\n";
+        let expected = ["background=1 sky=1,2", "background=2 sky=1,2"];
+        assert_eq!(labels(text).unwrap(), expected);
+    }
+}

@@ -74,7 +74,7 @@ pub struct Note<'a> {
 }
 
 /// The kinds of image file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Hash)]
 pub enum ImageFormat {
     /// sRGB, after exposure.
     #[default]

@@ -35,9 +35,14 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
     if args.dry_run {
         return pool.install(|| dry_run::list(args, &plans));
     }
-    let _lock = lock(&args.out, args.shard)?;
+    let lock = lock(&args.out, args.shard)?;
+    if lock.is_some() && args.shard == Shard::ALL {
+        plan::sweep_up(&plans, &args.out);
+    }
     let manifest = manifest(args)?;
-    Batch::new(args, &plans, manifest).run(&pool)
+    let result = Batch::new(args, &plans, manifest).run(&pool);
+    drop(lock);
+    result
 }
 
 /// Puts together the frames all of whose pieces are there.

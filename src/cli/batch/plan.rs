@@ -1,7 +1,7 @@
 //! What a batch is to make: its frames, each with the render command that its settings mean. Made before any scene is
 //! opened; whatever can be told before is told here.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -67,6 +67,29 @@ impl Plan {
     /// How many pieces it is asked to be made in.
     pub(super) fn piece_count(&self) -> usize {
         self.frame.settings.bands as usize * self.frame.settings.shares as usize
+    }
+}
+
+/// Removes what processes have left in the folders of pictures that were killed while they wrote.
+pub(super) fn sweep_up(plans: &[Plan], out: &Path) {
+    let folders: BTreeSet<PathBuf> = plans
+        .iter()
+        .filter_map(|plan| Some(out.join(plan.frame.image.parent()?)))
+        .collect();
+    let entries = folders
+        .iter()
+        .filter_map(|folder| fs::read_dir(folder).ok())
+        .flatten();
+    for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
+        let is_left_over = |name: &str| name.starts_with(".whit-") && name.ends_with(".tmp");
+        if path
+            .file_name()
+            .and_then(|name| name.to_str())
+            .is_some_and(is_left_over)
+        {
+            // What cannot be removed is only in the way.
+            let _ = fs::remove_file(path);
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Everything up to here is linear RGB radiance; exposure and the sRGB curve happen only on the way into a PNG
 //! ([`ToneMap`]); [`metrics`] tell how far two pictures lie apart. Files appear whole or not at all: they are written
-//! beside their place and renamed into it.
+//! beside their place, forced to the disk and renamed into it. Pictures larger than memory go row by row ([`rows`]).
 
 mod atomic;
 mod exr;

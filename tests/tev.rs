@@ -5,10 +5,15 @@ mod cli_program;
 
 use std::io::{ErrorKind, Read};
 use std::net::{TcpListener, TcpStream};
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use cli_program::{first_light, whit};
+use whit::accel::{self, AccelOptions, Backend};
+use whit::gltf::LoadOptions;
+use whit::render::{Adaptive, FinishedTile, Monitor, RenderSettings, render};
 use whit::watch::{Rectangle, TevViewer};
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -401,6 +406,51 @@ fn a_render_is_seen_tile_by_tile_and_in_the_end_as_it_is_written() {
         assert!(shown == written, "{flags:?}");
         assert!(
             matches!(&packets[0], Packet::Create { grabs_focus: true, channels, .. } if channels == &["R", "G", "B"])
+        );
+    }
+}
+
+#[test]
+fn finished_tiles_are_the_picture_where_there_is_no_filter() {
+    let scene = whit::gltf::load(first_light().as_ref(), &LoadOptions::default()).unwrap();
+    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let adaptive = Some(Adaptive {
+        error: 0.01,
+        gain: 1.0,
+    });
+    for (spp, adaptive) in [(4, None), (64, adaptive)] {
+        let settings = RenderSettings {
+            width: 100,
+            height: 70,
+            spp,
+            adaptive,
+            ..RenderSettings::default()
+        };
+        let seen = Mutex::new((vec![[f32::NAN; 3]; 7000], 0));
+        let see = |tile: FinishedTile| {
+            let (pixels, count) = &mut *seen.lock().unwrap();
+            *count += 1;
+            for (row, means) in tile.pixels.chunks(tile.width as usize).enumerate() {
+                let first = (tile.y as usize + row) * 100 + tile.x as usize;
+                pixels[first..first + means.len()].copy_from_slice(means);
+            }
+        };
+        let monitor = Monitor {
+            progress: &|_| {},
+            cancel: &AtomicBool::new(false),
+            tiles: Some(&see),
+        };
+        let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap();
+        let (pixels, count) = seen.into_inner().unwrap();
+        assert!(pixels == rendering.image.pixels, "{spp} samples");
+        // 4 x 3 tiles, and with adaptive sampling some of them again.
+        assert!(
+            if adaptive.is_none() {
+                count == 12
+            } else {
+                count > 12
+            },
+            "{count} tiles"
         );
     }
 }

@@ -171,42 +171,56 @@ fn rectangle(x: u32, y: u32, width: u32, height: u32) -> Rectangle {
     Rectangle { x, y, width, height }
 }
 
-/// The planes of a picture after all packets.
-fn picture(packets: &[Packet], name: &str) -> ([i32; 2], Vec<Vec<f32>>) {
-    let mut seen: Option<([i32; 2], Vec<String>, Vec<Vec<f32>>)> = None;
+/// A picture as it is shown.
+struct Shown {
+    size: [i32; 2],
+    channels: Vec<String>,
+    planes: Vec<Vec<f32>>,
+}
+
+impl Shown {
+    fn change(&mut self, given: &[String], [x, y, width, height]: [i32; 4], planes: &[Vec<f32>]) {
+        assert!(x >= 0 && y >= 0 && x + width <= self.size[0] && y + height <= self.size[1]);
+        for (channel, plane) in given.iter().zip(planes) {
+            let place = self.channels.iter().position(|known| known == channel).unwrap();
+            for (row, values) in plane.chunks(width as usize).enumerate() {
+                let first = (y as usize + row) * self.size[0] as usize + x as usize;
+                self.planes[place][first..first + values.len()].copy_from_slice(values);
+            }
+        }
+    }
+}
+
+/// The size and the planes of a picture after all packets.
+fn picture(packets: &[Packet], wanted: &str) -> ([i32; 2], Vec<Vec<f32>>) {
+    let mut seen: Option<Shown> = None;
     for packet in packets {
         match packet {
             Packet::Create {
-                name: of,
-                size,
-                channels,
-                ..
-            } if of == name => {
-                let pixels = (size[0] * size[1]) as usize;
-                seen = Some((*size, channels.clone(), vec![vec![0.0; pixels]; channels.len()]));
+                name, size, channels, ..
+            } if name == wanted => {
+                let black = vec![0.0; (size[0] * size[1]) as usize];
+                seen = Some(Shown {
+                    size: *size,
+                    channels: channels.clone(),
+                    planes: vec![black; channels.len()],
+                });
             }
             Packet::Update {
-                name: of,
-                channels: given,
-                rectangle: [x, y, width, height],
+                name,
+                channels,
+                rectangle,
                 planes,
                 ..
-            } if of == name => {
-                let (size, channels, shown) = seen.as_mut().expect("made before it is changed");
-                assert!(x + width <= size[0] && y + height <= size[1] && *x >= 0 && *y >= 0);
-                for (channel, plane) in given.iter().zip(planes) {
-                    let place = channels.iter().position(|known| known == channel).unwrap();
-                    for (row, values) in plane.chunks(*width as usize).enumerate() {
-                        let first = (*y as usize + row) * size[0] as usize + *x as usize;
-                        shown[place][first..first + values.len()].copy_from_slice(values);
-                    }
-                }
+            } if name == wanted => {
+                let shown = seen.as_mut().expect("made before it is changed");
+                shown.change(channels, *rectangle, planes);
             }
             _ => {}
         }
     }
-    let (size, _, planes) = seen.expect("made");
-    (size, planes)
+    let shown = seen.expect("made");
+    (shown.size, shown.planes)
 }
 
 #[test]
@@ -392,7 +406,7 @@ fn a_render_is_seen_tile_by_tile_and_in_the_end_as_it_is_written() {
     for flags in [
         &["--spp", "4"][..],
         &["--spp", "4", "--filter", "mitchell"],
-        &["--spp", "64", "--adaptive", "0.01"],
+        &["--spp", "32", "--adaptive", "0.01"],
     ] {
         let receive = |mut stream: TcpStream| -> Vec<Packet> {
             std::iter::from_fn(|| next(&mut stream))
@@ -418,7 +432,7 @@ fn finished_tiles_are_the_picture_where_there_is_no_filter() {
         error: 0.01,
         gain: 1.0,
     });
-    for (spp, adaptive) in [(4, None), (64, adaptive)] {
+    for (spp, adaptive) in [(4, None), (32, adaptive)] {
         let settings = RenderSettings {
             width: 100,
             height: 70,
@@ -457,11 +471,8 @@ fn finished_tiles_are_the_picture_where_there_is_no_filter() {
 
 #[test]
 fn a_render_goes_on_without_a_viewer_that_went_away() {
-    let (_, words, _, written) = rendered(drop, &["--spp", "256"]);
-    let (_, _, _, alone) = rendered(
-        |mut stream| while next(&mut stream).is_some() {},
-        &["--spp", "256"],
-    );
+    let (_, words, _, written) = rendered(drop, &["--spp", "8"]);
+    let (_, _, _, alone) = rendered(|mut stream| while next(&mut stream).is_some() {}, &["--spp", "8"]);
     assert!(written == alone);
     // The end of a connection may be noticed only after the last that was sent.
     assert!(

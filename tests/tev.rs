@@ -235,7 +235,7 @@ fn every_byte_is_as_the_protocol_says() {
         &[&[1.0, 2.0], &[-0.5, f32::NAN]],
     );
     viewer.close("a");
-    assert!(viewer.finish(PATIENCE));
+    assert_eq!(viewer.finish(PATIENCE), None);
     let [create, update, close] = &received.join().unwrap()[..] else {
         panic!("three packets");
     };
@@ -275,7 +275,7 @@ fn pictures_of_any_size_and_name_arrive_whole() {
         let planes = [0, 1, 2].map(plane);
         let all = [&planes[0][..], &planes[1], &planes[2]];
         viewer.update(name, rectangle(0, 0, width, height), &["R", "G", "B"], &all);
-        assert!(viewer.finish(PATIENCE));
+        assert_eq!(viewer.finish(PATIENCE), None);
         let bytes = received.join().unwrap();
         assert!(bytes.iter().all(|packet| packet.len() < 1 << 20), "{name}");
         let packets: Vec<Packet> = bytes.iter().map(|bytes| packet(bytes)).collect();
@@ -287,10 +287,10 @@ fn pictures_of_any_size_and_name_arrive_whole() {
 
 #[test]
 fn a_viewer_that_takes_nothing_holds_nobody_up() {
-    let (tell, told) = std::sync::mpsc::channel();
+    let (end, ended) = std::sync::mpsc::channel();
     let (address, received) = receiver(move |stream| {
         // Until the render is over.
-        let _ = told.recv();
+        let _ = ended.recv();
         drop(stream);
     });
     let viewer = connect(&address);
@@ -303,9 +303,10 @@ fn a_viewer_that_takes_nothing_holds_nobody_up() {
         viewer.update("a", at, &["R", "G", "B"], &[&plane, &plane, &plane]);
     }
     let sending = start.elapsed();
-    assert!(!viewer.finish(Duration::from_millis(50)));
+    let told = viewer.finish(Duration::from_millis(50)).expect("a word about it");
+    assert!(told.contains("not complete"), "{told}");
     let all = start.elapsed();
-    tell.send(()).unwrap();
+    end.send(()).unwrap();
     received.join().unwrap();
     // Waiting for the receiver would take forever: minutes are for slow machines.
     assert!(all < Duration::from_secs(300), "{sending:?}, {all:?}");
@@ -337,7 +338,7 @@ fn a_viewer_that_goes_away_is_told_of_once_and_nothing_else_happens() {
     );
     viewer.update("a", rectangle(0, 0, 32, 32), &["Y"], &[&plane]);
     assert_eq!(viewer.trouble(), None);
-    assert!(!viewer.finish(PATIENCE));
+    assert_eq!(viewer.finish(PATIENCE), None);
 }
 
 #[test]

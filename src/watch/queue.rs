@@ -119,6 +119,11 @@ impl Queue {
         self.changed.notify_all();
     }
 
+    /// Whether nobody takes anything any more.
+    pub(super) fn has_ended(&self) -> bool {
+        self.lock().ended
+    }
+
     /// Waits until all is sent, or for as long as `patience` after the last packet; whether all is sent.
     pub(super) fn drain(&self, patience: Duration) -> bool {
         let mut state = self.lock();

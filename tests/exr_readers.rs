@@ -48,6 +48,11 @@ fn value(channel: &str, column: u32, row: u32) -> f32 {
     }
 }
 
+/// The value of the channel of integers, of which the last lies near the largest that there are.
+fn integer(column: u32, row: u32) -> u32 {
+    (row * WIDTH + column) * 2_900_000
+}
+
 /// A part of a picture with each kind of channel.
 fn write_part(path: &Path, compression: Compression) {
     let layout = ExrLayout {
@@ -75,7 +80,7 @@ fn write_part(path: &Path, compression: Compression) {
                 .map(|column| value(name, column, row))
                 .collect::<Vec<f32>>()
         };
-        let integers: Vec<u32> = (0..WIDTH).map(|column| u32::MAX - row * WIDTH - column).collect();
+        let integers: Vec<u32> = (0..WIDTH).map(|column| integer(column, row)).collect();
         let planes = [plane("R"), plane("G"), plane("depth.Z")].map(Samples::from);
         let [r, g, z] = planes;
         writer.write_rows(&[r, g, z, integers.into()]).unwrap();
@@ -138,7 +143,7 @@ fn openimageio_sees_the_channels_and_every_value() {
         ] {
             assert!(told.contains(expected), "{expected} is not in {told}");
         }
-        let Some((is_well, told)) = tool("oiiotool", &[word(&path), "--dumpdata"]) else {
+        let Some((is_well, told)) = tool("oiiotool", &["--dumpdata", word(&path)]) else {
             return;
         };
         assert!(is_well, "{told}");
@@ -165,6 +170,9 @@ fn assert_values(dump: &str) {
                 "{line}: {channel} is {written}"
             );
         }
+        // Integers are told as parts of the largest, in f32.
+        let part = f64::from(integer(column, row)) / f64::from(u32::MAX);
+        assert!((values[3] - part).abs() <= 1e-7, "{line}: sum.upper is {part}");
         pixel_count += 1;
     }
     assert_eq!(pixel_count, WIDTH * HEIGHT);

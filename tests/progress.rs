@@ -57,16 +57,16 @@ fn a_render_is_told_from_its_start_to_its_end() {
         "-o",
         &out,
         "--size",
-        "320x240",
+        "160x120",
         "--spp",
-        "64",
+        "16",
         "--progress",
         "json",
     ]);
     assert_eq!(run.code, 0, "{}", run.stderr);
     // Results stay where they are.
     assert!(
-        run.stdout.starts_with(&format!("{out}: 320x240")),
+        run.stdout.starts_with(&format!("{out}: 160x120")),
         "{}",
         run.stdout
     );

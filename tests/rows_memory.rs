@@ -40,7 +40,10 @@ fn a_large_picture_is_written_and_read_in_a_part_of_its_memory() {
         }
     }
     match memory::peak_bytes() {
-        Some(peak) => assert!(peak < MOST_BYTES, "{peak} bytes"),
+        Some(peak) => {
+            println!("{} at most", memory::in_words(peak));
+            assert!(peak < MOST_BYTES, "{peak} bytes");
+        }
         None => println!("skipped: the system does not tell what a process holds"),
     }
 }

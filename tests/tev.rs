@@ -5,10 +5,15 @@ mod cli_program;
 
 use std::io::{ErrorKind, Read};
 use std::net::{TcpListener, TcpStream};
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use cli_program::{first_light, whit};
+use whit::accel::{self, AccelOptions, Backend};
+use whit::gltf::LoadOptions;
+use whit::render::{Adaptive, FinishedTile, Monitor, RenderSettings, render};
 use whit::watch::{Rectangle, TevViewer};
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -166,42 +171,56 @@ fn rectangle(x: u32, y: u32, width: u32, height: u32) -> Rectangle {
     Rectangle { x, y, width, height }
 }
 
-/// The planes of a picture after all packets.
-fn picture(packets: &[Packet], name: &str) -> ([i32; 2], Vec<Vec<f32>>) {
-    let mut seen: Option<([i32; 2], Vec<String>, Vec<Vec<f32>>)> = None;
+/// A picture as it is shown.
+struct Shown {
+    size: [i32; 2],
+    channels: Vec<String>,
+    planes: Vec<Vec<f32>>,
+}
+
+impl Shown {
+    fn change(&mut self, given: &[String], [x, y, width, height]: [i32; 4], planes: &[Vec<f32>]) {
+        assert!(x >= 0 && y >= 0 && x + width <= self.size[0] && y + height <= self.size[1]);
+        for (channel, plane) in given.iter().zip(planes) {
+            let place = self.channels.iter().position(|known| known == channel).unwrap();
+            for (row, values) in plane.chunks(width as usize).enumerate() {
+                let first = (y as usize + row) * self.size[0] as usize + x as usize;
+                self.planes[place][first..first + values.len()].copy_from_slice(values);
+            }
+        }
+    }
+}
+
+/// The size and the planes of a picture after all packets.
+fn picture(packets: &[Packet], wanted: &str) -> ([i32; 2], Vec<Vec<f32>>) {
+    let mut seen: Option<Shown> = None;
     for packet in packets {
         match packet {
             Packet::Create {
-                name: of,
-                size,
-                channels,
-                ..
-            } if of == name => {
-                let pixels = (size[0] * size[1]) as usize;
-                seen = Some((*size, channels.clone(), vec![vec![0.0; pixels]; channels.len()]));
+                name, size, channels, ..
+            } if name == wanted => {
+                let black = vec![0.0; (size[0] * size[1]) as usize];
+                seen = Some(Shown {
+                    size: *size,
+                    channels: channels.clone(),
+                    planes: vec![black; channels.len()],
+                });
             }
             Packet::Update {
-                name: of,
-                channels: given,
-                rectangle: [x, y, width, height],
+                name,
+                channels,
+                rectangle,
                 planes,
                 ..
-            } if of == name => {
-                let (size, channels, shown) = seen.as_mut().expect("made before it is changed");
-                assert!(x + width <= size[0] && y + height <= size[1] && *x >= 0 && *y >= 0);
-                for (channel, plane) in given.iter().zip(planes) {
-                    let place = channels.iter().position(|known| known == channel).unwrap();
-                    for (row, values) in plane.chunks(*width as usize).enumerate() {
-                        let first = (*y as usize + row) * size[0] as usize + *x as usize;
-                        shown[place][first..first + values.len()].copy_from_slice(values);
-                    }
-                }
+            } if name == wanted => {
+                let shown = seen.as_mut().expect("made before it is changed");
+                shown.change(channels, *rectangle, planes);
             }
             _ => {}
         }
     }
-    let (size, _, planes) = seen.expect("made");
-    (size, planes)
+    let shown = seen.expect("made");
+    (shown.size, shown.planes)
 }
 
 #[test]
@@ -216,7 +235,7 @@ fn every_byte_is_as_the_protocol_says() {
         &[&[1.0, 2.0], &[-0.5, f32::NAN]],
     );
     viewer.close("a");
-    assert!(viewer.finish(PATIENCE));
+    assert_eq!(viewer.finish(PATIENCE), None);
     let [create, update, close] = &received.join().unwrap()[..] else {
         panic!("three packets");
     };
@@ -256,7 +275,7 @@ fn pictures_of_any_size_and_name_arrive_whole() {
         let planes = [0, 1, 2].map(plane);
         let all = [&planes[0][..], &planes[1], &planes[2]];
         viewer.update(name, rectangle(0, 0, width, height), &["R", "G", "B"], &all);
-        assert!(viewer.finish(PATIENCE));
+        assert_eq!(viewer.finish(PATIENCE), None);
         let bytes = received.join().unwrap();
         assert!(bytes.iter().all(|packet| packet.len() < 1 << 20), "{name}");
         let packets: Vec<Packet> = bytes.iter().map(|bytes| packet(bytes)).collect();
@@ -268,10 +287,10 @@ fn pictures_of_any_size_and_name_arrive_whole() {
 
 #[test]
 fn a_viewer_that_takes_nothing_holds_nobody_up() {
-    let (tell, told) = std::sync::mpsc::channel();
+    let (end, ended) = std::sync::mpsc::channel();
     let (address, received) = receiver(move |stream| {
         // Until the render is over.
-        let _ = told.recv();
+        let _ = ended.recv();
         drop(stream);
     });
     let viewer = connect(&address);
@@ -284,9 +303,10 @@ fn a_viewer_that_takes_nothing_holds_nobody_up() {
         viewer.update("a", at, &["R", "G", "B"], &[&plane, &plane, &plane]);
     }
     let sending = start.elapsed();
-    assert!(!viewer.finish(Duration::from_millis(50)));
+    let told = viewer.finish(Duration::from_millis(50)).expect("a word about it");
+    assert!(told.contains("not complete"), "{told}");
     let all = start.elapsed();
-    tell.send(()).unwrap();
+    end.send(()).unwrap();
     received.join().unwrap();
     // Waiting for the receiver would take forever: minutes are for slow machines.
     assert!(all < Duration::from_secs(300), "{sending:?}, {all:?}");
@@ -318,7 +338,7 @@ fn a_viewer_that_goes_away_is_told_of_once_and_nothing_else_happens() {
     );
     viewer.update("a", rectangle(0, 0, 32, 32), &["Y"], &[&plane]);
     assert_eq!(viewer.trouble(), None);
-    assert!(!viewer.finish(PATIENCE));
+    assert_eq!(viewer.finish(PATIENCE), None);
 }
 
 #[test]
@@ -387,7 +407,7 @@ fn a_render_is_seen_tile_by_tile_and_in_the_end_as_it_is_written() {
     for flags in [
         &["--spp", "4"][..],
         &["--spp", "4", "--filter", "mitchell"],
-        &["--spp", "64", "--adaptive", "0.01"],
+        &["--spp", "32", "--adaptive", "0.01"],
     ] {
         let receive = |mut stream: TcpStream| -> Vec<Packet> {
             std::iter::from_fn(|| next(&mut stream))
@@ -406,12 +426,54 @@ fn a_render_is_seen_tile_by_tile_and_in_the_end_as_it_is_written() {
 }
 
 #[test]
+fn finished_tiles_are_the_picture_where_there_is_no_filter() {
+    let scene = whit::gltf::load(first_light().as_ref(), &LoadOptions::default()).unwrap();
+    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let adaptive = Some(Adaptive {
+        error: 0.01,
+        gain: 1.0,
+    });
+    for (spp, adaptive) in [(4, None), (32, adaptive)] {
+        let settings = RenderSettings {
+            width: 100,
+            height: 70,
+            spp,
+            adaptive,
+            ..RenderSettings::default()
+        };
+        let seen = Mutex::new((vec![[f32::NAN; 3]; 7000], 0));
+        let see = |tile: FinishedTile| {
+            let (pixels, count) = &mut *seen.lock().unwrap();
+            *count += 1;
+            for (row, means) in tile.pixels.chunks(tile.width as usize).enumerate() {
+                let first = (tile.y as usize + row) * 100 + tile.x as usize;
+                pixels[first..first + means.len()].copy_from_slice(means);
+            }
+        };
+        let monitor = Monitor {
+            progress: &|_| {},
+            cancel: &AtomicBool::new(false),
+            tiles: Some(&see),
+        };
+        let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap();
+        let (pixels, count) = seen.into_inner().unwrap();
+        assert!(pixels == rendering.image.pixels, "{spp} samples");
+        // 4 x 3 tiles, and with adaptive sampling some of them again.
+        assert!(
+            if adaptive.is_none() {
+                count == 12
+            } else {
+                count > 12
+            },
+            "{count} tiles"
+        );
+    }
+}
+
+#[test]
 fn a_render_goes_on_without_a_viewer_that_went_away() {
-    let (_, words, _, written) = rendered(drop, &["--spp", "256"]);
-    let (_, _, _, alone) = rendered(
-        |mut stream| while next(&mut stream).is_some() {},
-        &["--spp", "256"],
-    );
+    let (_, words, _, written) = rendered(drop, &["--spp", "8"]);
+    let (_, _, _, alone) = rendered(|mut stream| while next(&mut stream).is_some() {}, &["--spp", "8"]);
     assert!(written == alone);
     // The end of a connection may be noticed only after the last that was sent.
     assert!(

@@ -240,6 +240,23 @@ pub struct EmbreeIdentity {
     pub isa: String,
 }
 
+/// Which Embree would find the hits, held to an instruction set; nothing where another backend does.
+///
+/// # Errors
+/// Where Embree does not start, or the program has none.
+pub fn identity(backend: Backend, isa: Option<&str>) -> Result<Option<EmbreeIdentity>, AccelError> {
+    if backend != Backend::Embree {
+        return Ok(None);
+    }
+    #[cfg(feature = "embree")]
+    return embree::identity(isa).map(Some);
+    #[cfg(not(feature = "embree"))]
+    {
+        let _ = isa;
+        Err(AccelError::NoEmbree)
+    }
+}
+
 /// Why an acceleration structure could not be built.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AccelError {

@@ -31,6 +31,8 @@ pub struct Done {
     pub seconds: f64,
     /// Samples a pixel, on average.
     pub samples: f64,
+    /// Samples a pixel that were asked for.
+    pub spp: u32,
     /// Which machine and process made it.
     pub by: String,
 }
@@ -92,6 +94,11 @@ impl Manifest {
         (bytes == done.bytes).then_some(done)
     }
 
+    /// Whether anything was ever noted of a picture.
+    pub fn has(&self, image: &Path) -> bool {
+        self.done.contains_key(image)
+    }
+
     /// Notes a picture, for good.
     pub fn add(&mut self, done: Done) -> io::Result<()> {
         let mut line = serde_json::to_string(&done)?;
@@ -117,6 +124,7 @@ mod tests {
             bytes: 4,
             seconds: 0.5,
             samples: 16.0,
+            spp: 16,
             by: "host 1".into(),
         }
     }

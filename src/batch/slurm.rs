@@ -67,7 +67,7 @@ pub fn script(task: &Task) -> String {
         "#!/bin/bash
 # {shards} shards of a batch, forecast to take {:.0} s and {} MiB each; {ROOM} times that is asked for.
 # Submit it with `sbatch`. What is left over when all tasks are done is put together by
-#   {program} merge {jobs} --out {folder}
+#   {program} merge {folder}
 #SBATCH --job-name={name}
 #SBATCH --array=1-{shards}
 #SBATCH --cpus-per-task={threads}

@@ -1,5 +1,6 @@
 //! What may be typed: the flags and their ranges. Nothing below this room knows a flag.
 
+mod batch;
 mod bench;
 mod compare;
 mod compare_stats;
@@ -16,6 +17,7 @@ use std::sync::LazyLock;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
+pub(super) use batch::{BatchArgs, MergeArgs};
 pub(super) use bench::{BenchArgs, DEFAULT_BENCH_SPP, LEAST_TRIANGLES};
 pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
@@ -75,6 +77,10 @@ Results go to standard output, everything else to standard error.";
 pub(super) enum Command {
     /// Render scenes to PNG or EXR images
     Render(Box<RenderArgs>),
+    /// Render many frames, on one machine or on many, and get them finished
+    Batch(Box<BatchArgs>),
+    /// Put together the frames that several processes made pieces of
+    Merge(MergeArgs),
     /// Say what was understood of a scene
     Info(InfoArgs),
     /// Print the JSON schema of scene files, for editors

@@ -26,7 +26,7 @@ pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
         return Err(Failure::Input("name the scene that the rays are of".into()));
     };
     let pool = Tracing::of_threads(args.threads).pool()?;
-    let loaded = pool.install(|| scene::load(path, EffectSet::NONE))?;
+    let loaded = pool.install(|| scene::load((path, &[], None), EffectSet::NONE))?;
     let found = holds(&loaded.scene);
     if found != rays.holds {
         return Err(Failure::Input(format!(

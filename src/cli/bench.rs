@@ -166,7 +166,7 @@ impl<'a> Subject<'a> {
     fn scene(&self) -> Result<(Scene, Output), Failure> {
         match self {
             Subject::File(path) => {
-                let SceneFile { scene, output, .. } = scene::load(path, EffectSet::NONE)?;
+                let SceneFile { scene, output, .. } = scene::load((path, &[], None), EffectSet::NONE)?;
                 Ok((scene, output))
             }
             Subject::Made(triangles) => Ok((sweep::scene(*triangles)?, Output::default())),

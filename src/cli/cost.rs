@@ -104,7 +104,7 @@ fn measure(
 ) -> Result<(Findings, ToneMap), Failure> {
     let name = args.scene.display().to_string();
     progress.phase(&name, "load");
-    let SceneFile { scene, output, .. } = scene::load(&args.scene, EffectSet::NONE)?;
+    let SceneFile { scene, output, .. } = scene::load((&args.scene, &[], None), EffectSet::NONE)?;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
     }

@@ -226,6 +226,11 @@ impl RenderJob {
         job
     }
 
+    /// Whether channels are asked for that are not sums over samples.
+    pub(super) fn has_layers(&self) -> bool {
+        self.aovs.iter().any(|aov| *aov != Aov::Samples)
+    }
+
     /// Tells what no scene can mend.
     fn check_wish(&self) -> Result<(), Failure> {
         let scene_may_filter = self

@@ -74,11 +74,7 @@ pub(super) fn warn_if_gone(viewer: Option<&TevViewer>, progress: &Progress) {
 
 /// Lets the viewer take what it has not yet, within reason.
 pub(super) fn finish(viewer: Option<TevViewer>, progress: &Progress) {
-    let Some(viewer) = viewer else {
-        return;
-    };
-    warn_if_gone(Some(&viewer), progress);
-    if !viewer.finish(PATIENCE) {
-        progress.warn("the tev viewer has not taken all of the picture: what it shows is not complete");
+    if let Some(trouble) = viewer.and_then(|viewer| viewer.finish(PATIENCE)) {
+        progress.warn(&trouble);
     }
 }

@@ -6,6 +6,7 @@
 mod aim;
 mod args;
 mod asked_again;
+mod batch;
 mod bench;
 mod compare;
 mod compare_stats;
@@ -45,6 +46,8 @@ pub fn run() -> i32 {
         interrupt::install();
         match args.command {
             Command::Render(args) => render::run(&args),
+            Command::Batch(args) => batch::run(&args),
+            Command::Merge(args) => batch::merge(&args),
             Command::Info(args) => info::run(&args),
             Command::Schema => output::print(&crate::scene_file::json_schema()),
             Command::Bench(args) => bench::run(&args),

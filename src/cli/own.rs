@@ -41,7 +41,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         let name = path.display().to_string();
         progress.phase(&name, "load");
         let done = pool
-            .install(|| scene::load(path, EffectSet::NONE))
+            .install(|| scene::load((path, &[], None), EffectSet::NONE))
             .and_then(|file| {
                 progress.phase(&name, "compare");
                 pool.install(|| check(path, &file, args, &options))

@@ -1,12 +1,14 @@
 //! `whit render`: scenes to images, one after the other; one that fails does not stop the rest.
 
 use std::mem;
+use std::path::Path;
 use std::time::Instant;
 
 use crate::accel::extents::{ExtentKind, ListLimits, ProjectedAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::cost::{Findings, Settings};
 use crate::image::{self, ExtraChannel, ImageFormat, Note, PngEncoding, ToneMap};
+use crate::jobs::Moment;
 use crate::render::{self, Account, FinishedTile, Monitor, RenderSettings, Rendering};
 use crate::report::cost::AimText;
 use crate::report::stats::{
@@ -15,7 +17,7 @@ use crate::report::stats::{
 };
 use crate::report::{heat, memory, table};
 use crate::scene::{Background, Camera, Scene};
-use crate::scene_file::{Output, SceneFile};
+use crate::scene_file::{Edit, Output, SceneFile};
 use crate::watch::TevViewer;
 
 use super::aim;
@@ -106,7 +108,7 @@ fn render_one(
             mut scene, output, ..
         },
         load_seconds,
-    ) = timed(|| load(job, target))?;
+    ) = timed(|| load(job, (&target.scene, &[], None)))?;
     seconds.load = load_seconds;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
@@ -222,8 +224,12 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
     Ok((result, start.elapsed().as_secs_f64()))
 }
 
-fn load(job: &RenderJob, target: &Target) -> Result<SceneFile, Failure> {
-    let mut loaded = scene::load(&target.scene, job.effects.removed)?;
+/// Loads a scene as it is to be rendered: its file, changes of that, the moment.
+pub(super) fn load(
+    job: &RenderJob,
+    (path, edits, moment): (&Path, &[Edit], Option<&Moment>),
+) -> Result<SceneFile, Failure> {
+    let mut loaded = scene::load((path, edits, moment), job.effects.removed)?;
     let scene = &mut loaded.scene;
     if let Some(ambient) = job.ambient {
         scene.ambient = ambient;
@@ -234,7 +240,12 @@ fn load(job: &RenderJob, target: &Target) -> Result<SceneFile, Failure> {
     Ok(loaded)
 }
 
-fn build<'s>(job: &RenderJob, scene: &'s Scene, progress: &Progress) -> Result<Box<dyn Accel + 's>, Failure> {
+/// What finds the hits in a scene.
+pub(super) fn build<'s>(
+    job: &RenderJob,
+    scene: &'s Scene,
+    progress: &Progress,
+) -> Result<Box<dyn Accel + 's>, Failure> {
     let options = AccelOptions {
         progress: Some(&|fraction| progress.fraction(fraction)),
         ..job.tracing.options()
@@ -245,7 +256,7 @@ fn build<'s>(job: &RenderJob, scene: &'s Scene, progress: &Progress) -> Result<B
 }
 
 /// The tree with projection extents before it, where its camera rays save more by them than they take to make.
-fn project<'a>(
+pub(super) fn project<'a>(
     job: &RenderJob,
     shot: &Shot,
     (scene, camera): (&'a Scene, &Camera),
@@ -304,17 +315,23 @@ fn write_image(
         interrupt::finish_first(|| image::write_png_with(image, encoding, notes, path))?;
         return Ok(());
     }
-    let costs = cost_channels(job, rendering);
-    let mut extra: Vec<ExtraChannel> = costs
+    let channels = extra_channels(job, rendering);
+    let extra: Vec<ExtraChannel> = channels
         .iter()
         .map(|(name, values)| ExtraChannel::exact(name, values))
         .collect();
-    if let Some(aovs) = &rendering.aovs {
-        extra.push(ExtraChannel::exact("samples", &aovs.samples));
-        extra.push(ExtraChannel::exact("variance", &aovs.variance));
-    }
     interrupt::finish_first(|| image::write_exr_with(image, &extra, job.encoding.exr, notes, path))?;
     Ok(())
+}
+
+/// The channels that were asked for beside the colours.
+pub(super) fn extra_channels(job: &RenderJob, rendering: &Rendering) -> Vec<(String, Vec<f32>)> {
+    let mut channels = cost_channels(job, rendering);
+    if let Some(aovs) = &rendering.aovs {
+        channels.push(("samples".into(), aovs.samples.clone()));
+        channels.push(("variance".into(), aovs.variance.clone()));
+    }
+    channels
 }
 
 /// The channels of rays and of nanoseconds that were asked for: all together, and each account that has any.

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use crate::gltf::{self, LoadOptions};
+use crate::jobs::Moment;
 use crate::scene::EffectSet;
-use crate::scene_file::{self, Output, SceneFile};
+use crate::scene_file::{self, Edit, Output, SceneFile};
 
 use super::failure::Failure;
 
@@ -13,15 +14,30 @@ pub(super) fn is_scene_file(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }
 
-/// Loads a scene file if the name ends in `.toml`, else a glTF file, which says nothing of the picture. Images that
-/// only the effects `without` look at are not decoded.
-pub(super) fn load(path: &Path, without: EffectSet) -> Result<SceneFile, Failure> {
+/// Loads a scene file if the name ends in `.toml`, after changes of it, else a glTF file, which says nothing of the
+/// picture. Images that only the effects `without` look at are not decoded.
+pub(super) fn load(
+    (path, edits, moment): (&Path, &[Edit], Option<&Moment>),
+    without: EffectSet,
+) -> Result<SceneFile, Failure> {
     let options = LoadOptions {
         without,
         ..LoadOptions::default()
     };
+    if moment.is_some() {
+        let path = path.display();
+        return Err(Failure::Input(format!(
+            "{path}: animations are not read yet: leave out `animation`"
+        )));
+    }
     if is_scene_file(path) {
-        return Ok(scene_file::load(path, &options)?);
+        return Ok(scene_file::load_edited(path, edits, &options)?);
+    }
+    if let Some(edit) = edits.first() {
+        let path = path.display();
+        return Err(Failure::Input(format!(
+            "{path} cannot have {edit}: sweeps change scene files, so include it in one"
+        )));
     }
     Ok(SceneFile {
         scene: gltf::load(path, &options)?,

@@ -2,7 +2,7 @@
 //!
 //! Everything up to here is linear RGB radiance; exposure and the sRGB curve happen only on the way into a PNG
 //! ([`ToneMap`]); [`metrics`] tell how far two pictures lie apart. Files appear whole or not at all: they are written
-//! beside their place and renamed into it.
+//! beside their place, forced to the disk and renamed into it. Pictures larger than memory go row by row ([`rows`]).
 
 mod atomic;
 mod exr;
@@ -74,7 +74,7 @@ pub struct Note<'a> {
 }
 
 /// The kinds of image file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Hash)]
 pub enum ImageFormat {
     /// sRGB, after exposure.
     #[default]

@@ -152,4 +152,14 @@ mod tests {
         assert_eq!(info.utf8_text[0].get_text().unwrap(), "Ü");
         assert_eq!(info.srgb, Some(SrgbRenderingIntent::Perceptual));
     }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_disk_that_is_full_is_an_error_of_the_system() {
+        // A device that is always full.
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let mut out = io::BufWriter::new(full);
+        let error = encode(&ramp(), &PngEncoding::default(), &[], &mut out).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+    }
 }

@@ -11,6 +11,8 @@ use super::tev::Rectangle;
 
 /// Bytes that may wait: a picture of 22 million pixels.
 const MOST_BYTES: usize = 1 << 28;
+/// Messages that may wait: they are looked through whenever one is added, which so takes microseconds.
+const MOST_MESSAGES: usize = 1 << 12;
 
 /// Packets that belong together.
 pub(super) struct Message {
@@ -27,7 +29,7 @@ impl Message {
     /// Whether it need not be sent, as `newer` says all of it and more.
     fn is_outdone_by(&self, newer: &Message) -> bool {
         match (&self.changes, &newer.changes) {
-            (Some((name, old)), Some((newer_name, new))) => name == newer_name && new.holds(old),
+            (Some((name, old)), Some((newer_name, new))) => new.holds(old) && name == newer_name,
             _ => false,
         }
     }
@@ -64,10 +66,15 @@ impl Queue {
         if state.ended {
             return;
         }
-        state.waiting.retain(|old| !old.is_outdone_by(&message));
+        let mut byte_count = state.byte_count + message.byte_count();
+        state.waiting.retain(|old| {
+            let is_outdone = old.is_outdone_by(&message);
+            byte_count -= if is_outdone { old.byte_count() } else { 0 };
+            !is_outdone
+        });
+        state.byte_count = byte_count;
         state.waiting.push_back(message);
-        state.byte_count = state.waiting.iter().map(Message::byte_count).sum();
-        while state.byte_count > MOST_BYTES {
+        while state.byte_count > MOST_BYTES || state.waiting.len() > MOST_MESSAGES {
             let oldest = state.waiting.iter().position(|old| old.changes.is_some());
             let Some(left_out) = oldest.and_then(|place| state.waiting.remove(place)) else {
                 break;
@@ -110,6 +117,11 @@ impl Queue {
         state.byte_count = 0;
         drop(state);
         self.changed.notify_all();
+    }
+
+    /// Whether nobody takes anything any more.
+    pub(super) fn has_ended(&self) -> bool {
+        self.lock().ended
     }
 
     /// Waits until all is sent, or for as long as `patience` after the last packet; whether all is sent.

@@ -154,11 +154,19 @@ impl TevViewer {
         ))
     }
 
-    /// Ends the connection once all is sent, or `patience` after the viewer has last taken anything; whether all is
-    /// sent.
-    pub fn finish(self, patience: Duration) -> bool {
-        // Dropped then.
-        self.queue.drain(patience)
+    /// Ends the connection once all is sent, or `patience` after the viewer has last taken anything. One sentence if not
+    /// all is sent and nobody has been told of that.
+    pub fn finish(self, patience: Duration) -> Option<String> {
+        let is_sent = self.queue.drain(patience);
+        let slow = || {
+            format!(
+                "the tev viewer at {} has not taken all of the picture: what it shows is not complete",
+                self.address
+            )
+        };
+        let is_slow = !is_sent && !self.queue.has_ended();
+        // Dropped then, which ends the connection.
+        self.trouble().or_else(|| is_slow.then(slow))
     }
 }
 

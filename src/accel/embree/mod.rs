@@ -202,6 +202,15 @@ impl Accel for EmbreeAccel<'_> {
     }
 }
 
+/// Which Embree there is, held to an instruction set.
+pub(super) fn identity(isa: Option<&str>) -> Result<super::EmbreeIdentity, AccelError> {
+    let options = AccelOptions {
+        isa: isa.map(str::to_owned),
+        ..AccelOptions::default()
+    };
+    Ok(Device::new(&options)?.identity().clone())
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::Path;

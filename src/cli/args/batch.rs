@@ -6,6 +6,7 @@ use clap::Args as ArgGroup;
 
 use super::MAX_THREADS;
 use crate::batch::Shard;
+use crate::cli::progress::ProgressKind;
 
 /// More than a week would be a mistake.
 const MOST_SECONDS: f64 = 604_800.0;
@@ -80,6 +81,16 @@ pub(in crate::cli) struct BatchArgs {
     #[arg(long, value_name = "FILE.html")]
     pub(in crate::cli) html: Option<PathBuf>,
 
+    /// How progress is shown on standard error: a bar on a terminal, JSON lines for programs, or not at all
+    #[arg(
+        long,
+        value_enum,
+        value_name = "auto|json|none",
+        default_value = "auto",
+        hide_possible_values = true
+    )]
+    pub(in crate::cli) progress: ProgressKind,
+
     /// Say nothing but errors
     #[arg(long, short)]
     pub(in crate::cli) quiet: bool,
@@ -87,7 +98,7 @@ pub(in crate::cli) struct BatchArgs {
 
 const MERGE_HELP: &str = "\
 Example:
-  whit merge film.jobs.toml --out film
+  whit merge film
 
 Every frame of which all pieces are there is put together, in little memory however large it is; the others are named,
 and the exit code is 1. Shards do the same as soon as they have made the last piece of a frame.";
@@ -96,12 +107,8 @@ and the exit code is 1. Shards do the same as soon as they have made the last pi
 #[derive(Debug, ArgGroup)]
 #[command(after_help = MERGE_HELP)]
 pub(in crate::cli) struct MergeArgs {
-    /// What was rendered
-    #[arg(value_name = "JOBS.toml")]
-    pub(in crate::cli) jobs: PathBuf,
-
-    /// The folder that it was rendered into
-    #[arg(long, value_name = "DIR")]
+    /// The folder that `whit batch` renders into
+    #[arg(value_name = "DIR")]
     pub(in crate::cli) out: PathBuf,
 
     /// Say nothing but errors

@@ -437,6 +437,7 @@ mod tests {
         for compression in ALL {
             write(&path, compression);
             let whole = std::fs::read(&path).unwrap();
+            std::fs::remove_file(&path).unwrap();
             read(&whole).unwrap();
             for length in (0..whole.len()).step_by(37) {
                 let _ = read(&whole[..length]);

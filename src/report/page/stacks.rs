@@ -148,7 +148,7 @@ fn sound(part: f64) -> f64 {
 
 /// Numbers of columns that are written below them: the first, and round ones.
 fn ticks(count: usize) -> Vec<usize> {
-    let step = match even_ticks(0.0, count as f64)[..] {
+    let step = match even_ticks(0.0, count.max(1) as f64)[..] {
         [_, (step, _), ..] => (step as usize).max(1),
         _ => 1,
     };

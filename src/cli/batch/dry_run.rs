@@ -1,0 +1,161 @@
+//! What a batch would make, with a forecast, and the script that has a cluster make it.
+
+use std::path::{Path, absolute};
+
+use crate::batch::slurm::{Task, script};
+use crate::image::write_atomically;
+use crate::render::{self, Monitor};
+use crate::report::forecast::Forecast;
+use crate::report::memory;
+
+use super::super::args::BatchArgs;
+use super::super::failure::Failure;
+use super::super::interrupt;
+use super::super::output;
+use super::super::progress::{Progress, Verbosity};
+use super::plan::Plan;
+use super::stage::{Loaded, Stage};
+
+/// What a frame will probably take.
+#[derive(Clone, Copy)]
+struct Cost {
+    /// Seconds of processor time.
+    seconds: f64,
+    /// Seconds that the first frame of a scene takes more: loading and building.
+    ready: f64,
+    bytes: u64,
+    size: [u32; 2],
+    spp: u32,
+}
+
+/// Lists the frames.
+pub(super) fn list(args: &BatchArgs, plans: &[Plan]) -> Result<(), Failure> {
+    let threads = rayon::current_num_threads() as f64;
+    let mut total = 0.0;
+    let mut most = 0;
+    for (plan, cost) in plans.iter().zip(costs(plans, progress(args))?) {
+        let [width, height] = cost.size;
+        let seconds = cost.seconds / threads;
+        total += seconds + cost.ready;
+        most = most.max(cost.bytes);
+        let from = plan
+            .frame
+            .camera
+            .as_ref()
+            .map_or_else(String::new, |camera| format!(", camera {camera}"));
+        let edits: String = plan.frame.edits.iter().map(|edit| format!(", {edit}")).collect();
+        output::print(&format!(
+            "{}: {}{from}{edits}, {width}x{height}, {} samples a pixel: about {seconds:.2} s, {}\n",
+            plan.name(),
+            plan.frame.scene.display(),
+            cost.spp,
+            memory::in_words(cost.bytes)
+        ))?;
+    }
+    output::print(&format!(
+        "{} frames: about {} on {threads} threads, up to {}\n",
+        plans.len(),
+        in_words(total),
+        memory::in_words(most)
+    ))
+}
+
+/// Writes the script for a cluster.
+pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Result<(), Failure> {
+    let threads = rayon::current_num_threads() as u32;
+    let costs = costs(plans, progress(args))?;
+    let pieces: usize = plans.iter().map(Plan::piece_count).sum();
+    let shards = args.shards.min(u32::try_from(pieces).unwrap_or(u32::MAX)).max(1);
+    let rendering: f64 = costs.iter().map(|cost| cost.seconds / f64::from(threads)).sum();
+    // Every shard loads the scenes of its own frames; at worst each loads the slowest more than it has frames of.
+    let ready: f64 = costs.iter().map(|cost| cost.ready).sum::<f64>() / f64::from(shards);
+    let slowest = costs.iter().map(|cost| cost.ready).fold(0.0, f64::max);
+    let unknown = |error| Failure::Work(format!("where this program stands is not known: {error}"));
+    let program = std::env::current_exe().map_err(unknown)?;
+    let [jobs, folder] = [&args.jobs, &args.out].map(|path| absolute(path).unwrap_or_else(|_| path.clone()));
+    let mut arguments = vec!["--checkpoint".to_owned(), args.checkpoint.to_string()];
+    if let Some(seconds) = args.time {
+        arguments.extend(["--time".to_owned(), seconds.to_string()]);
+    }
+    let text = script(&Task {
+        program: &program,
+        jobs: &jobs,
+        folder: &folder,
+        shards,
+        threads,
+        seconds: rendering / f64::from(shards) + ready + slowest,
+        bytes: costs.iter().map(|cost| cost.bytes).max().unwrap_or(0),
+        arguments: &arguments,
+    });
+    interrupt::finish_first(|| {
+        write_atomically(path, |file| std::io::Write::write_all(file, text.as_bytes()))
+    })?;
+    if args.quiet {
+        return Ok(());
+    }
+    output::print(&format!(
+        "{}: {shards} tasks; submit it with `sbatch`\n",
+        path.display()
+    ))
+}
+
+fn progress(args: &BatchArgs) -> Progress {
+    let verbosity = if args.quiet {
+        Verbosity::Quiet
+    } else {
+        Verbosity::Normal
+    };
+    Progress::of_kind(args.progress, verbosity)
+}
+
+/// What the frames will take: of frames that share a scene the first is probed.
+fn costs(plans: &[Plan], progress: Progress) -> Result<Vec<Cost>, Failure> {
+    let mut costs: Vec<Cost> = Vec::with_capacity(plans.len());
+    for (index, plan) in plans.iter().enumerate() {
+        let before = index.checked_sub(1).and_then(|before| plans.get(before));
+        match (
+            before.filter(|before| before.shares_scene_with(plan)),
+            costs.last(),
+        ) {
+            (Some(_), Some(&cost)) => costs.push(Cost { ready: 0.0, ..cost }),
+            _ => costs.push(probed(plan, &progress)?),
+        }
+        progress.fraction(index as f64 / plans.len() as f64);
+    }
+    progress.clear();
+    Ok(costs)
+}
+
+fn probed(plan: &Plan, progress: &Progress) -> Result<Cost, Failure> {
+    progress.phase(&plan.name(), "probe");
+    let loaded = Loaded::new(plan, progress)?;
+    let stage = Stage::new(plan, &loaded, progress)?;
+    let shot = plan.job.shot(&loaded.file.output)?;
+    let camera = loaded.camera(plan)?;
+    let monitor = Monitor {
+        progress: &|_| (),
+        cancel: &interrupt::CANCELLED,
+        tiles: None,
+    };
+    let probe = render::probe((stage.scene(), &camera), &*stage.accel, &shot.settings, &monitor);
+    let probe = probe.ok_or(Failure::Interrupted)?;
+    let forecast = Forecast::of(&probe, &shot.settings, plan.job.backend);
+    Ok(Cost {
+        seconds: forecast.seconds,
+        ready: loaded.seconds + stage.build_seconds,
+        bytes: loaded.bytes(&plan.job, &shot),
+        size: [shot.settings.width, shot.settings.height],
+        spp: shot.settings.spp,
+    })
+}
+
+/// Seconds as people say them.
+fn in_words(seconds: f64) -> String {
+    const MINUTE: f64 = 60.0;
+    const HOUR: f64 = 3600.0;
+    match seconds {
+        seconds if seconds >= HOUR => format!("{:.1} h", seconds / HOUR),
+        seconds if seconds >= MINUTE => format!("{:.1} min", seconds / MINUTE),
+        seconds => format!("{seconds:.1} s"),
+    }
+}

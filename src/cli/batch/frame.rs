@@ -1,0 +1,525 @@
+//! One frame of a batch, or the pieces of it that are this process's: rows after rows, kept on the way.
+
+use std::ops::Range;
+use std::path::Path;
+use std::time::Instant;
+
+use crate::accel::Accel;
+use crate::batch::{FrameHead, Key, Part, Piece, PieceFolder, Plane, color_planes, planes_of};
+use crate::image::{ExtraKind, PngEncoding};
+use crate::render::{
+    self, Ledger, Monitor, Parts, Pattern, Plan as EffectPlan, Region, RenderSettings, Rendering, Share,
+    Sums, TILE_SIDE,
+};
+use crate::scene::Camera;
+
+use super::super::failure::Failure;
+use super::super::interrupt;
+use super::super::job::{RenderJob, Shot};
+use super::super::notes::Notes;
+use super::super::render::{extra_channels, project};
+use super::picture;
+use super::plan::Plan;
+use super::stage::Stage;
+
+/// Tiles for each thread in the first rows that are rendered, by which is told how long the others will take.
+const FIRST_TILES: usize = 8;
+/// Bytes of finished rows that are kept in memory; more go to the disk.
+const MOST_KEPT: usize = 1 << 28;
+/// Shares of the samples of a frame that must end in time: between two of them it may.
+const TIMED_SHARES: u32 = 64;
+
+/// What a frame is to keep to.
+#[derive(Clone, Copy)]
+pub(super) struct Limits<'a> {
+    /// The folder of results.
+    pub(super) out: &'a Path,
+    /// Seconds after which what there is goes to the disk.
+    pub(super) checkpoint: f64,
+    /// Seconds after which no more samples are taken.
+    pub(super) time: Option<f64>,
+    /// Bytes that it may take.
+    pub(super) max_memory: Option<u64>,
+}
+
+/// What came of a frame.
+pub(super) struct Made {
+    /// Whether its picture stands in its place, or only pieces do.
+    pub(super) is_whole: bool,
+    /// Samples a pixel, on average.
+    pub(super) samples: f64,
+    /// Samples a pixel that were asked for.
+    pub(super) spp: u32,
+    pub(super) size: [u32; 2],
+    pub(super) render_seconds: f64,
+    pub(super) write_seconds: f64,
+    pub(super) ledger: Ledger,
+}
+
+/// A frame that is being made.
+pub(super) struct Making<'a> {
+    plan: &'a Plan,
+    job: &'a RenderJob,
+    shot: Shot,
+    stage: &'a Stage<'a>,
+    camera: Camera,
+    limits: Limits<'a>,
+    folder: PieceFolder,
+    monitor: Monitor<'a>,
+    /// Finished rows that are not on the disk, in order.
+    kept: Vec<(Range<u32>, Vec<Plane>)>,
+    kept_since: Instant,
+    /// Whether anything of it is on the disk.
+    has_pieces: bool,
+    ledger: Ledger,
+    write_seconds: f64,
+}
+
+/// Makes some of the pieces of a frame, by their numbers, and the picture if these are all that were missing.
+pub(super) fn make<'a>(
+    (plan, key): (&'a Plan, Key),
+    stage: &'a Stage<'a>,
+    pieces: Range<usize>,
+    limits: Limits<'a>,
+    monitor: Monitor<'a>,
+) -> Result<Made, Failure> {
+    let start = Instant::now();
+    let mut making = Making::new((plan, key), stage, limits, monitor)?;
+    let settings = making.shot.settings;
+    let asked = pieces.len() == plan.piece_count();
+    let samples = if let Some(seconds) = limits.time {
+        making.make_in_time(seconds)?
+    } else if is_one(&settings) {
+        making.make_at_once()?
+    } else if asked {
+        making.make_rows(&Piece {
+            rows: 0..settings.height,
+            part: Part::All,
+        })?;
+        f64::from(settings.spp)
+    } else {
+        making.make_pieces(pieces)?;
+        f64::from(settings.spp)
+    };
+    let is_whole = making.finish()?;
+    Ok(Made {
+        is_whole,
+        samples,
+        spp: settings.spp,
+        size: [settings.width, settings.height],
+        render_seconds: start.elapsed().as_secs_f64() - making.write_seconds,
+        write_seconds: making.write_seconds,
+        ledger: making.ledger,
+    })
+}
+
+/// Whether a picture can only be made at once: where its pixels depend on each other, or on when they are made.
+fn is_one(settings: &RenderSettings) -> bool {
+    settings.adaptive.is_some() || settings.cost_aovs
+}
+
+impl<'a> Making<'a> {
+    fn new(
+        (plan, key): (&'a Plan, Key),
+        stage: &'a Stage<'a>,
+        limits: Limits<'a>,
+        monitor: Monitor<'a>,
+    ) -> Result<Making<'a>, Failure> {
+        let job = &*plan.job;
+        let mut shot = job.shot(&stage.loaded.file.output)?;
+        // For the page of the batch; it changes no bit.
+        shot.settings.ledger = true;
+        check_memory(stage, plan, &shot, limits.max_memory)?;
+        check_division(plan, &shot.settings, limits.time)?;
+        let camera = stage.loaded.camera(plan)?;
+        let effects = EffectPlan::new(stage.scene(), &camera, &shot.settings.effects);
+        let embree = stage.accel.report().embree;
+        let notes = Notes::of((job, &shot), &camera, embree.as_ref(), &effects);
+        let notes = notes
+            .list()
+            .iter()
+            .map(|note| (note.name.to_owned(), note.text.to_owned()))
+            .collect();
+        let head = FrameHead {
+            key,
+            number: plan.number,
+            image: plan.frame.image.clone(),
+            size: [shot.settings.width, shot.settings.height],
+            shares: plan.frame.settings.shares,
+            exr: job.encoding.exr,
+            png: PngEncoding {
+                tone: shot.tone,
+                bits: job.encoding.png_bits,
+            },
+            notes,
+        };
+        Ok(Making {
+            plan,
+            job,
+            shot,
+            stage,
+            camera,
+            folder: PieceFolder::new(limits.out, head),
+            limits,
+            monitor,
+            kept: Vec::new(),
+            kept_since: Instant::now(),
+            has_pieces: false,
+            ledger: Ledger::default(),
+            write_seconds: 0.0,
+        })
+    }
+
+    /// The whole picture by one render; samples a pixel.
+    fn make_at_once(&mut self) -> Result<f64, Failure> {
+        let projected = project(
+            self.job,
+            &self.shot,
+            (self.stage.scene(), &self.camera),
+            &*self.stage.accel,
+        );
+        let accel = projected
+            .as_ref()
+            .map_or(&*self.stage.accel, |projected| projected as &dyn Accel);
+        let rendered = render::render(
+            self.stage.scene(),
+            &self.camera,
+            accel,
+            &self.shot.settings,
+            &self.monitor,
+        );
+        let rendering = rendered.ok_or(Failure::Interrupted)?;
+        self.keep(
+            0..self.shot.settings.height,
+            planes_of_rendering(self.job, &rendering),
+        );
+        self.ledger += rendering.ledger;
+        Ok(rendering.samples.mean)
+    }
+
+    /// The whole picture by as many shares of its samples as there is time for; samples a pixel.
+    fn make_in_time(&mut self, seconds: f64) -> Result<f64, Failure> {
+        let start = Instant::now();
+        let settings = self.shot.settings;
+        let count = Share::most(settings.spp).min(TIMED_SHARES);
+        let region = Region::whole(&settings);
+        let stage = self.stage;
+        let mut parts = self.parts(&*stage.accel)?;
+        let mut all: Option<Sums> = None;
+        for index in 0..count {
+            let begun = start.elapsed().as_secs_f64();
+            // The next will take about as long as those before it did.
+            if index > 0 && begun * f64::from(index + 1) / f64::from(index) > seconds {
+                break;
+            }
+            let share = Share { index, count };
+            let (sums, ledger) = parts
+                .sums(&region, share, &self.monitor)
+                .ok_or(Failure::Interrupted)?;
+            self.ledger += ledger;
+            match &mut all {
+                None => all = Some(sums),
+                Some(all) => all.add(&sums),
+            }
+        }
+        let sums = all.ok_or(Failure::Interrupted)?;
+        self.keep(0..settings.height, planes_of(&sums));
+        Ok(f64::from(sums.samples))
+    }
+
+    /// Finished rows, as far as they are missing.
+    fn make_rows(&mut self, piece: &Piece) -> Result<(), Failure> {
+        let missing = self.missing(piece)?;
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let (stage, job, shot) = (self.stage, self.job, self.shot);
+        let camera = self.camera.clone();
+        let projected = project(job, &shot, (stage.scene(), &camera), &*stage.accel);
+        let accel = projected
+            .as_ref()
+            .map_or(&*stage.accel, |projected| projected as &dyn Accel);
+        let mut parts = self.parts(accel)?;
+        for rows in missing {
+            let mut steps = Steps::new(rows, &shot.settings, self.limits.checkpoint);
+            while let Some(rows) = steps.next() {
+                let begun = Instant::now();
+                match self.rows(&mut parts, &rows) {
+                    Some(planes) => self.keep(rows.clone(), planes),
+                    None => {
+                        // What is finished is kept.
+                        self.flush()?;
+                        return Err(Failure::Interrupted);
+                    }
+                }
+                steps.took(&rows, begun.elapsed().as_secs_f64());
+                let is_due = self.kept_since.elapsed().as_secs_f64() >= self.limits.checkpoint;
+                if (is_due && rows.end < shot.settings.height) || self.kept_bytes() > MOST_KEPT {
+                    self.flush()?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Some rows with all of their samples; `None` if that was interrupted.
+    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Option<Vec<Plane>> {
+        let settings = self.shot.settings;
+        let region = Region::of_rows(&settings, rows.clone());
+        let height = f64::from(settings.height);
+        let (before, part) = (f64::from(rows.start) / height, f64::from(region.height) / height);
+        let progress = |fraction: f64| (self.monitor.progress)(before + part * fraction);
+        let monitor = Monitor {
+            progress: &progress,
+            ..self.monitor
+        };
+        let count = self.plan.frame.settings.shares;
+        if count == 1 {
+            let rendering = parts.region(&region, &monitor)?;
+            let planes = planes_of_rendering(self.job, &rendering);
+            self.ledger += rendering.ledger;
+            return Some(planes);
+        }
+        let mut all: Option<Sums> = None;
+        for index in 0..count {
+            let (sums, ledger) = parts.sums(&region, Share { index, count }, &monitor)?;
+            self.ledger += ledger;
+            match &mut all {
+                None => all = Some(sums),
+                Some(all) => all.add(&sums),
+            }
+        }
+        all.as_ref().map(planes_of)
+    }
+
+    /// Some of the pieces that the frame is cut into, each to a file of its own.
+    fn make_pieces(&mut self, numbers: Range<usize>) -> Result<(), Failure> {
+        let settings = self.shot.settings;
+        let cut = crate::batch::Cut {
+            height: settings.height,
+            bands: self
+                .plan
+                .frame
+                .settings
+                .bands
+                .min(crate::batch::Cut::most_bands(settings.height)),
+            shares: self.plan.frame.settings.shares,
+        };
+        for number in numbers.start..numbers.end.min(cut.piece_count()) {
+            let piece = cut.piece(number);
+            match piece.part {
+                Part::All => self.make_rows(&piece)?,
+                Part::Share(share) => self.make_share(&piece, share)?,
+            }
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Rows of a share, as far as they are missing.
+    fn make_share(&mut self, piece: &Piece, index: u32) -> Result<(), Failure> {
+        let settings = self.shot.settings;
+        let missing = self.missing(piece)?;
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let stage = self.stage;
+        let mut parts = self.parts(&*stage.accel)?;
+        let share = self.folder.cut().share(index);
+        for rows in missing {
+            let mut steps = Steps::new(rows, &settings, self.limits.checkpoint);
+            while let Some(rows) = steps.next() {
+                let begun = Instant::now();
+                let region = Region::of_rows(&settings, rows.clone());
+                let made = parts.sums(&region, share, &self.monitor);
+                let (sums, ledger) = made.ok_or(Failure::Interrupted)?;
+                self.ledger += ledger;
+                steps.took(&rows, begun.elapsed().as_secs_f64());
+                self.save(|folder| folder.write_sums(&rows, index, &sums))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What of a piece is to be made.
+    fn missing(&mut self, piece: &Piece) -> Result<Vec<Range<u32>>, Failure> {
+        let unreadable = |error| {
+            Failure::Work(format!(
+                "the pieces of {} cannot be read: {error}",
+                self.plan.name()
+            ))
+        };
+        let coverage = self.folder.coverage().map_err(unreadable)?;
+        self.has_pieces |= !coverage.is_empty();
+        Ok(coverage.missing(piece))
+    }
+
+    fn parts(&self, accel: &'a dyn Accel) -> Result<Parts<'a>, Failure> {
+        let scene = (self.stage.scene(), &self.camera);
+        Parts::new(scene, accel, &self.shot.settings, &self.monitor).ok_or(Failure::Interrupted)
+    }
+
+    fn keep(&mut self, rows: Range<u32>, planes: Vec<Plane>) {
+        if self.kept.is_empty() {
+            self.kept_since = Instant::now();
+        }
+        self.kept.push((rows, planes));
+    }
+
+    fn kept_bytes(&self) -> usize {
+        let planes = self.kept.iter().flat_map(|(_, planes)| planes);
+        planes.map(|plane| size_of_val(&plane.values[..])).sum()
+    }
+
+    /// Puts what is kept in memory onto the disk.
+    fn flush(&mut self) -> Result<(), Failure> {
+        for (rows, planes) in joined(std::mem::take(&mut self.kept)) {
+            self.save(|folder| folder.write_finished(&rows, &planes))?;
+        }
+        Ok(())
+    }
+
+    fn save(
+        &mut self,
+        write: impl FnOnce(&PieceFolder) -> Result<(), crate::image::ImageError>,
+    ) -> Result<(), Failure> {
+        let start = Instant::now();
+        let unwritable = |error| Failure::Work(format!("no folder can be made for pieces: {error}"));
+        self.folder.make().map_err(unwritable)?;
+        interrupt::finish_first(|| write(&self.folder))?;
+        self.has_pieces = true;
+        self.write_seconds += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Writes the picture if all of it is there.
+    fn finish(&mut self) -> Result<bool, Failure> {
+        let start = Instant::now();
+        let out = self.limits.out;
+        if !self.has_pieces {
+            let head = self.folder.head();
+            let mut kept = std::mem::take(&mut self.kept).into_iter();
+            let rows = || Ok::<_, crate::image::ImageError>(kept.next().map(|(_, planes)| planes));
+            interrupt::finish_first(|| picture::write(out, head, rows))?;
+        } else {
+            self.flush()?;
+            match picture::merge(out, &self.folder) {
+                Ok(()) => {}
+                Err(crate::batch::MergeError::Missing { .. }) => return Ok(false),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        self.write_seconds += start.elapsed().as_secs_f64();
+        Ok(true)
+    }
+}
+
+/// Neighbouring rows as one.
+fn joined(kept: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> {
+    let mut all: Vec<(Range<u32>, Vec<Plane>)> = Vec::new();
+    for (rows, planes) in kept {
+        match all.last_mut() {
+            Some((before, joined)) if before.end == rows.start => {
+                before.end = rows.end;
+                for (joined, plane) in joined.iter_mut().zip(planes) {
+                    joined.values.extend(plane.values);
+                }
+            }
+            _ => all.push((rows, planes)),
+        }
+    }
+    all
+}
+
+/// The channels of a rendering.
+fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
+    let mut planes = color_planes(&rendering.image.pixels);
+    for (name, values) in extra_channels(job, rendering) {
+        planes.push(Plane {
+            name,
+            kind: ExtraKind::Exact,
+            values,
+        });
+    }
+    planes
+}
+
+/// How many rows are rendered at a time: few at first, then as many as can be lost.
+struct Steps {
+    rows: Range<u32>,
+    step: u32,
+    seconds: f64,
+}
+
+impl Steps {
+    fn new(rows: Range<u32>, settings: &RenderSettings, checkpoint: f64) -> Steps {
+        let columns = settings.width.div_ceil(TILE_SIDE) as usize;
+        let tiles = FIRST_TILES * rayon::current_num_threads();
+        Steps {
+            rows,
+            step: TILE_SIDE * tiles.div_ceil(columns) as u32,
+            // So that at most half of what is kept at a time is in the making.
+            seconds: 0.5 * checkpoint,
+        }
+    }
+
+    /// The rows that come next.
+    fn next(&mut self) -> Option<Range<u32>> {
+        let start = self.rows.start;
+        // To an edge of tiles, so that none is rendered twice.
+        let edge = (start / TILE_SIDE * TILE_SIDE).saturating_add(self.step);
+        let end = edge.min(self.rows.end);
+        self.rows.start = end;
+        (start < end).then_some(start..end)
+    }
+
+    /// What rows took.
+    fn took(&mut self, rows: &Range<u32>, seconds: f64) {
+        let of_row = seconds / f64::from(rows.end - rows.start);
+        let fitting = (self.seconds / of_row.max(f64::MIN_POSITIVE)).min(f64::from(u32::MAX / 2)) as u32;
+        self.step = (fitting / TILE_SIDE * TILE_SIDE).max(TILE_SIDE);
+    }
+}
+
+fn check_memory(stage: &Stage, plan: &Plan, shot: &Shot, most: Option<u64>) -> Result<(), Failure> {
+    let needed = stage.loaded.bytes(&plan.job, shot);
+    match most.filter(|&most| needed > most) {
+        None => Ok(()),
+        Some(most) => Err(Failure::Work(format!(
+            "{} is forecast to take {} of memory and may take {}: give a larger `--max-memory` or a smaller `size`",
+            plan.name(),
+            crate::report::memory::in_words(needed),
+            crate::report::memory::in_words(most)
+        ))),
+    }
+}
+
+/// Refuses to divide what depends on all of itself.
+fn check_division(plan: &Plan, settings: &RenderSettings, time: Option<f64>) -> Result<(), Failure> {
+    let refuse = |fault: String| Err(Failure::Input(format!("{}: {fault}", plan.name())));
+    let shares = plan.frame.settings.shares;
+    if is_one(settings) && (plan.piece_count() > 1 || time.is_some()) {
+        return refuse(
+            "adaptive sampling and channels of rays and time need the whole frame at once: leave out `split` and `--time`"
+                .into(),
+        );
+    }
+    let most = Share::most(settings.spp);
+    if shares > most {
+        return refuse(format!(
+            "{} samples a pixel make at most {most} shares: give fewer",
+            settings.spp
+        ));
+    }
+    let in_order = matches!(settings.pattern, Pattern::Sobol | Pattern::R2);
+    if time.is_some() && !in_order {
+        return refuse("the first samples of that pattern leave parts of pixels out: choose `pattern = \"sobol\"` for `--time`".into());
+    }
+    if (shares > 1 || time.is_some()) && plan.job.has_layers() {
+        return refuse(
+            "of the further channels only `samples` can be summed up from shares: leave the others out"
+                .into(),
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,149 @@
+//! A scene that is ready to be rendered, for all frames of it in a row: loaded once, its structure built once.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use glam::DVec3;
+
+use crate::accel::Accel;
+use crate::batch::{Key, Keyring, Sources};
+use crate::report::memory::{self, MemoryForecast};
+use crate::scene::{Camera, Scene};
+use crate::scene_file::SceneFile;
+
+use super::super::failure::Failure;
+use super::super::job::{RenderJob, Shot, choose_camera};
+use super::super::progress::Progress;
+use super::super::render;
+use super::plan::Plan;
+
+/// A loaded scene.
+pub(super) struct Loaded {
+    pub(super) file: SceneFile,
+    pub(super) seconds: f64,
+    /// The middle of what there is, about which cameras turn.
+    pub(super) middle: DVec3,
+}
+
+impl Loaded {
+    pub(super) fn new(plan: &Plan, progress: &Progress) -> Result<Loaded, Failure> {
+        let start = Instant::now();
+        let frame = &plan.frame;
+        let file = render::load(&plan.job, (&frame.scene, &frame.edits, frame.moment.as_ref()))?;
+        for warning in &file.scene.warnings {
+            progress.warn(&format!("{}: {warning}", frame.scene.display()));
+        }
+        let bounds = file.scene.bounds();
+        let middle = if bounds.is_empty() {
+            DVec3::ZERO
+        } else {
+            bounds.center()
+        };
+        Ok(Loaded {
+            middle,
+            seconds: start.elapsed().as_secs_f64(),
+            file,
+        })
+    }
+
+    /// The camera of a frame.
+    pub(super) fn camera(&self, plan: &Plan) -> Result<Camera, Failure> {
+        let scene = &self.file.scene;
+        let wish = plan.frame.camera.as_deref();
+        let camera = choose_camera(scene, &plan.frame.scene, wish)?;
+        Ok(plan.frame.view.of(camera, scene, self.middle))
+    }
+
+    /// Bytes that rendering a picture of `shot` will take, about.
+    pub(super) fn bytes(&self, job: &RenderJob, shot: &Shot) -> u64 {
+        let forecast = MemoryForecast::of(&self.file.scene);
+        let tree = match job.backend {
+            crate::accel::Backend::Embree => forecast.embree_bytes,
+            crate::accel::Backend::Bsp => forecast.bsp_bytes,
+            crate::accel::Backend::Brute => 0,
+        };
+        let pixels = u64::from(shot.settings.width) * u64::from(shot.settings.height);
+        let film = memory::film_bytes(shot.settings.width, shot.settings.height);
+        forecast.scene_bytes
+            + tree
+            + forecast.subsurface_bytes
+            + film
+            + shot.settings.sampling_bytes_per_pixel() * pixels
+    }
+}
+
+/// A loaded scene with what finds the hits in it.
+pub(super) struct Stage<'s> {
+    pub(super) loaded: &'s Loaded,
+    pub(super) accel: Box<dyn Accel + 's>,
+    pub(super) build_seconds: f64,
+}
+
+impl<'s> Stage<'s> {
+    pub(super) fn new(plan: &Plan, loaded: &'s Loaded, progress: &Progress) -> Result<Stage<'s>, Failure> {
+        let start = Instant::now();
+        let accel = render::build(&plan.job, &loaded.file.scene, progress)?;
+        Ok(Stage {
+            loaded,
+            accel,
+            build_seconds: start.elapsed().as_secs_f64(),
+        })
+    }
+
+    pub(super) fn scene(&self) -> &'s Scene {
+        &self.loaded.file.scene
+    }
+}
+
+/// What a frame is made of: its files, what is said of it, and what makes it. Known before its scene is loaded.
+pub(super) fn key(plan: &Plan, sources: &mut Sources) -> Result<Key, Failure> {
+    let frame = &plan.frame;
+    let words: Vec<&str> = frame
+        .edits
+        .iter()
+        .filter_map(|edit| edit.value.as_str())
+        .collect();
+    let unreadable = |error| Failure::Input(format!("{} cannot be read: {error}", frame.scene.display()));
+    let files = sources.of(&frame.scene, &words).map_err(unreadable)?;
+    let mut ring = Keyring::default();
+    ring.add("version", env!("CARGO_PKG_VERSION"));
+    ring.add("backend", engine(&plan.job)?);
+    for (path, key) in &files {
+        let name = path.file_name().unwrap_or_default();
+        ring.add("file", name.as_encoded_bytes())
+            .add("holds", key.digits());
+    }
+    for edit in &frame.edits {
+        ring.add("edit", edit.to_string());
+    }
+    for (name, value) in &frame.settings.flags {
+        ring.add(name, format!("{value:?}"));
+    }
+    if let Some(file) = settings_file(plan) {
+        let text = std::fs::read(&file)
+            .map_err(|error| Failure::Input(format!("{} cannot be read: {error}", file.display())))?;
+        ring.add("settings file", text);
+    }
+    ring.add("camera", frame.camera.as_deref().unwrap_or_default());
+    ring.add("view", format!("{:?}", frame.view));
+    ring.add("moment", format!("{:?}", frame.moment));
+    ring.add("shares", frame.settings.shares.to_string());
+    ring.add("format", plan.format.to_string());
+    Ok(ring.key())
+}
+
+/// A file of settings that a job takes.
+fn settings_file(plan: &Plan) -> Option<PathBuf> {
+    use crate::jobs::FlagValue;
+    let flags = &plan.frame.settings.flags;
+    flags.iter().find_map(|(name, value)| match value {
+        FlagValue::Word(file) if name == "settings" => Some(plan.jobs_folder.join(file)),
+        _ => None,
+    })
+}
+
+/// What finds the hits, to the version and the instruction set, on which bits depend.
+fn engine(job: &RenderJob) -> Result<String, Failure> {
+    let identity = crate::accel::identity(job.backend, job.tracing.isa.as_deref())?;
+    Ok(format!("{:?} {identity:?}", job.backend))
+}

@@ -1,0 +1,473 @@
+//! Batches are finished whatever happens on the way: killed, interrupted, out of room, shared out. Whatever comes of it
+//! has the bytes that an undisturbed run gives.
+
+use std::collections::HashMap;
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+const WHIT: &str = env!("CARGO_BIN_EXE_whit");
+
+/// Kills of a batch.
+const KILLS: usize = 50;
+
+fn whit(arguments: &[&str]) -> Command {
+    let mut command = Command::new(WHIT);
+    command.args(arguments).stdin(Stdio::null());
+    command
+}
+
+fn run(arguments: &[&str]) -> Output {
+    whit(arguments).output().unwrap()
+}
+
+fn assert_done(output: &Output) {
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+}
+
+/// A folder with a scene, in which the tests lie.
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Place {
+        let place = Place(tempfile::tempdir().unwrap());
+        let scene = "ambient = 0.1\nbackground = 0.5\n[camera]\nfrom = [0, 1, 4]\nat = [0, 0, 0]\n\
+                     [[light]]\nkind = \"point\"\nposition = [3, 5, 4]\nintensity = 80\n\
+                     [material.glass]\nmodel = \"lecture\"\nglass = \"bk7\"\ndiffuse = 0.1\n\
+                     [[object]]\nshape = \"plane\"\ntransform = [{ z-to = [0, 1, 0] }, { translate = [0, -1, 0] }]\n\
+                     [[object]]\nname = \"ball\"\nshape = { sphere = { radius = 1 } }\nmaterial = \"glass\"\n";
+        fs::write(place.path("scene.toml"), scene).unwrap();
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// A job file, by its path.
+    fn jobs(&self, text: &str) -> String {
+        let path = self.path("test.jobs.toml");
+        fs::write(&path, text).unwrap();
+        path.display().to_string()
+    }
+
+    fn out(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+}
+
+/// All pictures in a folder, by name.
+fn pictures(folder: &str) -> HashMap<String, Vec<u8>> {
+    let Ok(entries) = fs::read_dir(folder) else {
+        return HashMap::new();
+    };
+    let is_picture = |path: &PathBuf| {
+        path.extension()
+            .is_some_and(|kind| kind == "png" || kind == "exr")
+    };
+    entries
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| is_picture(path) && !name(path).starts_with('.'))
+        .map(|path| (name(&path), fs::read(&path).unwrap()))
+        .collect()
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap().to_string_lossy().into_owned()
+}
+
+/// The pictures that the manifests in a folder say are done, in the order of their lines.
+fn noted(folder: &str) -> Vec<String> {
+    let Ok(entries) = fs::read_dir(folder) else {
+        return Vec::new();
+    };
+    let paths = entries.map(|entry| entry.unwrap().path());
+    let texts = paths
+        .filter(|path| path.extension().is_some_and(|kind| kind == "jsonl"))
+        .map(|path| fs::read_to_string(path).unwrap());
+    texts
+        .flat_map(|text| text.lines().map(str::to_owned).collect::<Vec<_>>())
+        .filter_map(|line| serde_json::from_str::<serde_json::Value>(&line).ok())
+        .map(|line| line["image"].as_str().unwrap().to_owned())
+        .collect()
+}
+
+/// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's multiplier).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+fn signal(child: &Child, signal: &str) {
+    let done = Command::new("kill")
+        .args([signal, &child.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(done.success());
+}
+
+const FORTY: &str = "[[job]]\nscene = \"scene.toml\"\nframes = 40\nturntable = {}\n\
+                     settings = { size = \"96x72\", spp = 16, backend = \"bsp\" }\nimage = \"{frame:02}.png\"\n";
+
+#[test]
+fn a_batch_that_is_killed_fifty_times_is_what_an_undisturbed_one_is() {
+    let place = Place::new();
+    let jobs = place.jobs(FORTY);
+    let reference = place.out("reference");
+    assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
+    let expected = pictures(&reference);
+    assert_eq!(expected.len(), 40);
+    let seed = u64::from(std::process::id());
+    println!("seed {seed}");
+    let mut random = Random(seed);
+    let out = place.out("killed");
+    // Which file a finished picture was: it is not made again.
+    let mut files: HashMap<String, u64> = HashMap::new();
+    let mut kills = 0;
+    while kills < KILLS {
+        let mut child = whit(&["batch", &jobs, "--out", &out, "--resume", "--quiet"])
+            .spawn()
+            .unwrap();
+        thread::sleep(Duration::from_secs_f64(0.25 * random.next()));
+        let has_ended = child.try_wait().unwrap().is_some();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        kills += usize::from(!has_ended);
+        let found = pictures(&out);
+        for (name, bytes) in &found {
+            assert_eq!(bytes, &expected[name], "{name} after {kills} kills");
+        }
+        let noted = noted(&out);
+        for name in &noted {
+            let file = fs::metadata(place.path("killed").join(name)).unwrap().ino();
+            assert_eq!(
+                *files.entry(name.clone()).or_insert(file),
+                file,
+                "{name} was made again"
+            );
+        }
+        if noted.len() == 40 && kills < KILLS {
+            // Too fast to be killed fifty times: from the beginning.
+            fs::remove_dir_all(&out).unwrap();
+            files.clear();
+        }
+    }
+    assert_done(&run(&["batch", &jobs, "--out", &out, "--resume", "--quiet"]));
+    assert_eq!(pictures(&out), expected);
+    let mut noted = noted(&out);
+    noted.sort();
+    noted.dedup();
+    assert_eq!(noted.len(), 40);
+    let left: Vec<String> = fs::read_dir(&out)
+        .unwrap()
+        .map(|entry| name(&entry.unwrap().path()))
+        .collect();
+    assert!(!left.iter().any(|name| name.ends_with(".tmp")), "{left:?}");
+}
+
+/// A frame that takes a while, in many steps.
+const LONG: &str = "[[job]]\nscene = \"scene.toml\"\nsettings = { size = \"96x512\", spp = 64, backend = \"bsp\", \
+                    aov = \"samples\" }\nimage = \"long.exr\"\n";
+
+#[test]
+fn a_long_frame_keeps_what_it_has_when_it_is_told_to_end() {
+    let place = Place::new();
+    let jobs = place.jobs(LONG);
+    let reference = place.out("reference");
+    assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
+    let expected = pictures(&reference);
+    for (number, how) in ["-INT", "-TERM", "-KILL"].into_iter().enumerate() {
+        let out = place.out(&format!("ended{number}"));
+        let batch = [
+            "batch",
+            &jobs,
+            "--out",
+            &out,
+            "--resume",
+            "--checkpoint",
+            "0",
+            "--quiet",
+        ];
+        let mut child = whit(&batch).stderr(Stdio::null()).spawn().unwrap();
+        let pieces = place.path(&format!("ended{number}")).join(".whit-pieces");
+        let start = Instant::now();
+        let has_pieces = || {
+            fs::read_dir(&pieces).is_ok_and(|mut entries| {
+                entries.next().is_some_and(|frame| {
+                    fs::read_dir(frame.unwrap().path()).is_ok_and(|files| files.count() >= 3)
+                })
+            })
+        };
+        while !has_pieces() && child.try_wait().unwrap().is_none() {
+            assert!(start.elapsed() < Duration::from_secs(120), "no pieces are kept");
+            thread::sleep(Duration::from_millis(2));
+        }
+        assert!(child.try_wait().unwrap().is_none(), "it has ended by itself");
+        signal(&child, how);
+        let code = child.wait().unwrap().code();
+        assert_eq!(code, if how == "-KILL" { None } else { Some(130) });
+        assert!(pictures(&out).is_empty());
+        assert!(has_pieces());
+        assert_done(&run(&batch));
+        assert_eq!(pictures(&out), expected, "after {how}");
+        assert!(!pieces.exists());
+    }
+}
+
+#[test]
+fn shards_in_any_order_make_the_bytes_of_one_run() {
+    let place = Place::new();
+    let job = |split: &str, image: &str, more: &str| {
+        format!(
+            "[[job]]\nscene = \"scene.toml\"\nframes = 2\nturntable = {{}}\n{split}\n\
+             settings = {{ size = \"80x130\", spp = 48, pattern = \"sobol\", backend = \"bsp\"{more} }}\nimage = \"{image}\"\n"
+        )
+    };
+    let text = [
+        job(
+            "split = { bands = 3, shares = 2 }",
+            "a.{frame}.exr",
+            ", aov = \"samples\"",
+        ),
+        job(
+            "split = { bands = 5 }",
+            "b.{frame}.png",
+            ", filter = \"mitchell\"",
+        ),
+        job(
+            "split = { shares = 3 }",
+            "c.{frame}.exr",
+            ", filter = \"gaussian\", exr-type = \"half\", compression = \"zip\"",
+        ),
+        job("", "d.{frame}.png", ""),
+    ];
+    let jobs = place.jobs(&text.concat());
+    let [one, many] = ["one", "many"].map(|name| place.out(name));
+    assert_done(&run(&["batch", &jobs, "--out", &one, "--quiet"]));
+    let expected = pictures(&one);
+    assert_eq!(expected.len(), 8);
+    for shard in [5, 2, 7, 1, 3, 6, 4] {
+        let shard = format!("{shard}/7");
+        assert_done(&run(&[
+            "batch", &jobs, "--out", &many, "--shard", &shard, "--quiet",
+        ]));
+        // Again, as a task whose end nobody has seen.
+        assert_done(&run(&[
+            "batch", &jobs, "--out", &many, "--shard", &shard, "--resume", "--quiet",
+        ]));
+    }
+    assert_eq!(pictures(&many), expected);
+    assert!(!Path::new(&many).join(".whit-pieces").exists());
+}
+
+#[test]
+fn merging_names_what_is_missing_and_puts_together_the_rest() {
+    let place = Place::new();
+    let jobs = place.jobs(
+        "[[job]]\nscene = \"scene.toml\"\nframes = 2\nturntable = {}\nsplit = { bands = 2 }\n\
+         settings = { size = \"40x64\", backend = \"bsp\" }\nimage = \"{frame}.png\"\n",
+    );
+    let out = place.out("out");
+    // The first three pieces of four; frame 1 is put together by its second.
+    for shard in ["1/4", "2/4", "3/4"] {
+        assert_done(&run(&[
+            "batch", &jobs, "--out", &out, "--shard", shard, "--quiet",
+        ]));
+    }
+    assert_eq!(pictures(&out).len(), 1);
+    let merged = run(&["merge", &out]);
+    assert_eq!(merged.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&merged.stderr);
+    assert!(
+        said.contains("2.png: 32 of 64 rows are missing: make them with `whit batch --resume`"),
+        "{said}"
+    );
+    assert_done(&run(&[
+        "batch", &jobs, "--out", &out, "--shard", "4/4", "--quiet",
+    ]));
+    assert_eq!(pictures(&out).len(), 2);
+    assert_done(&run(&["merge", &out]));
+}
+
+#[test]
+fn a_second_process_in_the_same_folder_is_refused_and_harms_nothing() {
+    let place = Place::new();
+    let jobs = place.jobs(FORTY);
+    let out = place.out("out");
+    let mut first = whit(&["batch", &jobs, "--out", &out, "--quiet"]).spawn().unwrap();
+    let start = Instant::now();
+    while noted(&out).is_empty() {
+        assert!(start.elapsed() < Duration::from_secs(120), "nothing is made");
+        thread::sleep(Duration::from_millis(2));
+    }
+    let second = run(&["batch", &jobs, "--out", &out, "--resume"]);
+    let said = String::from_utf8_lossy(&second.stderr);
+    assert_eq!(second.status.code(), Some(1), "{said}");
+    assert!(said.contains("is being made by another whit (process"), "{said}");
+    assert!(first.wait().unwrap().success());
+    assert_eq!(pictures(&out).len(), 40);
+}
+
+#[test]
+fn one_frame_that_fails_does_not_stop_the_rest() {
+    let place = Place::new();
+    let text = "[[job]]\nscene = \"scene.toml\"\nsweep = { \"camera.fov\" = [40, 400, 50] }\n\
+                settings = { size = \"16x16\", backend = \"bsp\" }\nimage = \"{fov}.png\"\n";
+    let jobs = place.jobs(text);
+    let out = place.out("out");
+    let output = run(&["batch", &jobs, "--out", &out]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("camera.fov = 400") && said.contains("1 of 3 frames failed"),
+        "{said}"
+    );
+    let mut names: Vec<String> = pictures(&out).into_keys().collect();
+    names.sort();
+    assert_eq!(names, ["40.png", "50.png"]);
+}
+
+#[test]
+fn a_frame_is_made_again_when_its_scene_or_its_settings_change() {
+    let place = Place::new();
+    let job = |spp: u32| {
+        format!(
+            "[[job]]\nscene = \"scene.toml\"\nsettings = {{ size = \"16x16\", spp = {spp}, backend = \"bsp\" }}\nimage = \"a.png\"\n"
+        )
+    };
+    let jobs = place.jobs(&job(1));
+    let out = place.out("out");
+    let resumed = || {
+        let output = run(&["batch", &jobs, "--out", &out, "--resume"]);
+        assert_done(&output);
+        String::from_utf8_lossy(&output.stdout).contains("1 were there already")
+    };
+    assert!(!resumed());
+    assert!(resumed());
+    place.jobs(&job(4));
+    assert!(!resumed());
+    assert!(resumed());
+    let scene = place.path("scene.toml");
+    let text = fs::read_to_string(&scene).unwrap();
+    fs::write(&scene, text.replace("ambient = 0.1", "ambient = 0.2")).unwrap();
+    assert!(!resumed());
+    // One that somebody has damaged, too.
+    fs::write(place.path("out/a.png"), b"short").unwrap();
+    assert!(!resumed());
+    let again = run(&["batch", &jobs, "--out", &out]);
+    assert_eq!(again.status.code(), Some(2));
+}
+
+#[test]
+fn what_cannot_be_made_is_told_in_one_sentence_before_anything_is() {
+    let place = Place::new();
+    fs::write(place.path("file"), b"").unwrap();
+    let job = |more: &str| format!("[[job]]\nscene = \"scene.toml\"\n{more}\n");
+    for (text, out, words) in [
+        ("[[job".to_owned(), "out", "is not TOML"),
+        (job("scene = 1"), "out", "given twice"),
+        (job("image = \"a.gif\""), "out", "end `image` in .png or .exr"),
+        (
+            job("frames = 3\nimage = \"a.png\""),
+            "out",
+            "two frames would both become a.png",
+        ),
+        (job("settings = { spp = 0 }"), "out", "settings of job 1"),
+        (job("settings = { colour = 1 }"), "out", "settings of job 1"),
+        (
+            job("settings = { threads = 1 }"),
+            "out",
+            "`threads` is no setting of a job",
+        ),
+        (job(""), "file", "cannot make the folder"),
+        (job(""), "file/in", "cannot make the folder"),
+    ] {
+        let jobs = place.jobs(&text);
+        let output = run(&["batch", &jobs, "--out", &place.out(out)]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{text}: {said}");
+        assert!(said.contains(words), "{text}: {said}");
+        assert_eq!(said.trim_end().lines().count(), 1, "{said}");
+        assert!(pictures(&place.out("out")).is_empty());
+    }
+    let output = run(&["batch", &place.out("none.toml"), "--out", &place.out("out")]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn time_that_is_up_leaves_a_picture_of_fewer_samples() {
+    let place = Place::new();
+    let jobs = place.jobs(
+        "[[job]]\nscene = \"scene.toml\"\nsettings = { size = \"96x96\", spp = 65536, pattern = \"sobol\", backend = \"bsp\", \
+         aov = \"samples\" }\nimage = \"a.exr\"\n",
+    );
+    let out = place.out("out");
+    let start = Instant::now();
+    let output = run(&["batch", &jobs, "--out", &out, "--time", "0.5"]);
+    assert_done(&output);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        said.contains("its time was up after 1024 of 65536 samples"),
+        "{said}"
+    );
+    assert_eq!(pictures(&out).len(), 1);
+    println!("{:?}", start.elapsed());
+    let coarse = place.jobs("[[job]]\nscene = \"scene.toml\"\nsettings = { spp = 64, pattern = \"regular\" }\nimage = \"b.png\"\n");
+    let output = run(&["batch", &coarse, "--out", &out, "--time", "1", "--resume"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("choose `pattern = \"sobol\"`"), "{said}");
+}
+
+#[test]
+fn a_full_disk_loses_nothing_but_what_does_not_fit() {
+    let place = Place::new();
+    let jobs = place.jobs(FORTY);
+    let reference = place.out("reference");
+    assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
+    let small = place.path("small");
+    fs::create_dir(&small).unwrap();
+    let mount = |size: &str| {
+        let options = format!("{size},mode=777");
+        let arguments = ["-t", "tmpfs", "-o", &options, "none", small.to_str().unwrap()];
+        Command::new("mount")
+            .args(arguments)
+            .stderr(Stdio::null())
+            .status()
+            .is_ok_and(|status| status.success())
+    };
+    if !mount("size=160k") {
+        println!("skipped: no small file system can be mounted here");
+        return;
+    }
+    let out = small.join("out").display().to_string();
+    let first = run(&["batch", &jobs, "--out", &out, "--resume"]);
+    let said = String::from_utf8_lossy(&first.stderr);
+    let found = pictures(&out);
+    let expected = pictures(&reference);
+    let are_right = found.iter().all(|(name, bytes)| *bytes == expected[name]);
+    let has_room = mount("remount,size=16m");
+    let second = run(&["batch", &jobs, "--out", &out, "--resume", "--quiet"]);
+    let all = pictures(&out);
+    assert!(Command::new("umount").arg(&small).status().unwrap().success());
+    assert_eq!(first.status.code(), Some(1), "{said}");
+    assert!(said.contains("make room and go on with `--resume`"), "{said}");
+    assert!(
+        are_right && !found.is_empty() && found.len() < 40,
+        "{} pictures",
+        found.len()
+    );
+    assert!(has_room);
+    assert_done(&second);
+    assert_eq!(all, expected);
+}

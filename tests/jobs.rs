@@ -197,7 +197,7 @@ fn what_makes_no_frames_is_told_in_one_sentence() {
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nimage = \"x.jpg\"\n",
-            "end it in .png or .exr",
+            "end `image` in .png or .exr",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nimage = \"{hue}.png\"\n",

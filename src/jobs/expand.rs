@@ -273,7 +273,7 @@ fn image(
     };
     let template = Template::parse(text, &known).map_err(|sentence| text.fault(sentence))?;
     if ImageFormat::of_path(Path::new(text.as_str())).is_none() {
-        return Err(text.fault("tells no kind of image: end it in .png or .exr"));
+        return Err(text.fault("tells no kind of image: end `image` in .png or .exr"));
     }
     Ok(template)
 }

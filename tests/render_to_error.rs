@@ -219,6 +219,7 @@ fn check(filed: &FiledScene, threads: usize) -> bool {
         Some((pictures.estimate(&halves, 5).rmse(), seconds[seconds.len() / 2]))
     };
     let (rmse, seconds) = measured(&chosen, 7, f64::INFINITY).unwrap();
+    println!("{}: chosen {:?} takes {seconds:.3} s", filed.name, chosen.words());
     // What errs by more however many samples it takes is left out, and what takes more than one that reaches the target.
     let mut floors: Vec<(Configuration, bool)> = Vec::new();
     let mut reaches_ever = |one: &Configuration| {

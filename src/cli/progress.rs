@@ -1,7 +1,5 @@
 //! Where a command stands, on standard error: a bar on a terminal, JSON lines for programs, or nothing.
 
-// Not yet called.
-#[allow(dead_code)]
 mod batch;
 mod lines;
 mod time_left;
@@ -15,8 +13,7 @@ use super::failure::Failure;
 use super::output;
 use lines::Lines;
 
-#[allow(unused_imports)]
-pub(super) use batch::{Batch, BatchFrame};
+pub(super) use batch::Batch;
 
 /// The bar's positions: more than it has columns.
 const STEPS: f64 = 1000.0;
@@ -153,7 +150,6 @@ impl Progress {
     }
 
     /// Turns to a batch of `total` pictures: from now on its progress is shown, and that of single phases is not.
-    #[allow(dead_code)]
     pub(super) fn batch(&self, total: usize) -> Batch<'_> {
         Batch::new(self, total)
     }

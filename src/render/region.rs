@@ -129,7 +129,7 @@ impl<'s> Parts<'s> {
     /// A rectangle of the finished picture. `None` if it was cancelled.
     pub fn region(&mut self, region: &Region, monitor: &Monitor) -> Option<Rendering> {
         let start = Instant::now();
-        self.frame.take(Share::ALL);
+        self.frame.part = 0..self.packet_count();
         self.frame.keeps_sums = false;
         let mut rendering = render_uniformly(&self.frame, region, monitor)?;
         rendering.ledger += std::mem::take(&mut self.ready);
@@ -142,8 +142,27 @@ impl<'s> Parts<'s> {
 
     /// What a share of the samples of a rectangle's pixels adds up to, and what it took. `None` if it was cancelled.
     pub fn sums(&mut self, region: &Region, share: Share, monitor: &Monitor) -> Option<(Sums, Ledger)> {
+        let packets = share.of(self.packet_count());
+        self.sums_of(region, packets, monitor)
+    }
+
+    /// Packets of samples that a pixel has: what may be summed up by itself.
+    pub fn packet_count(&self) -> usize {
+        self.frame.groups.len()
+    }
+
+    /// What some packets of the samples of a rectangle's pixels add up to, and what that took. `None` if it was cancelled.
+    ///
+    /// # Panics
+    /// If there are no such packets.
+    pub fn sums_of(
+        &mut self,
+        region: &Region,
+        packets: Range<usize>,
+        monitor: &Monitor,
+    ) -> Option<(Sums, Ledger)> {
         let start = Instant::now();
-        self.frame.take(share);
+        self.frame.part = packets;
         self.frame.keeps_sums = true;
         let frame = &self.frame;
         let cover = Cover::of(region, &frame.settings);
@@ -293,11 +312,6 @@ impl Cover {
 }
 
 impl Frame<'_> {
-    /// Takes a share of all samples from now on.
-    fn take(&mut self, share: Share) {
-        self.part = share.of(self.groups.len());
-    }
-
     /// Samples a pixel of the share that is taken.
     pub(super) fn samples_taken(&self) -> u32 {
         let before = |group: usize| self.settings.spp.min(group as u32 * self.shape.samples);

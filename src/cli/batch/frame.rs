@@ -26,8 +26,6 @@ use super::stage::Stage;
 const FIRST_TILES: usize = 8;
 /// Bytes of finished rows that are kept in memory; more go to the disk.
 const MOST_KEPT: usize = 1 << 28;
-/// Shares of the samples of a frame that must end in time: between two of them it may.
-const TIMED_SHARES: u32 = 64;
 
 /// What a frame is to keep to.
 #[derive(Clone, Copy)]
@@ -201,26 +199,25 @@ impl<'a> Making<'a> {
     fn make_in_time(&mut self, seconds: f64) -> Result<f64, Failure> {
         let start = Instant::now();
         let settings = self.shot.settings;
-        let count = Share::most(settings.spp).min(TIMED_SHARES);
         let region = Region::whole(&settings);
         let stage = self.stage;
         let mut parts = self.parts(&*stage.accel)?;
+        let packet_count = parts.packet_count();
         let mut all: Option<Sums> = None;
-        for index in 0..count {
-            let begun = start.elapsed().as_secs_f64();
-            // The next will take about as long as those before it did.
-            if index > 0 && begun * f64::from(index + 1) / f64::from(index) > seconds {
+        let mut done = 0;
+        while done < packet_count {
+            let next = fitting(done, start.elapsed().as_secs_f64(), seconds).min(packet_count - done);
+            if next == 0 {
                 break;
             }
-            let share = Share { index, count };
-            let (sums, ledger) = parts
-                .sums(&region, share, &self.monitor)
-                .ok_or(Failure::Interrupted)?;
+            let made = parts.sums_of(&region, done..done + next, &self.monitor);
+            let (sums, ledger) = made.ok_or(Failure::Interrupted)?;
             self.ledger += ledger;
             match &mut all {
                 None => all = Some(sums),
                 Some(all) => all.add(&sums),
             }
+            done += next;
         }
         let sums = all.ok_or(Failure::Interrupted)?;
         self.keep(0..settings.height, planes_of(&sums));
@@ -411,6 +408,18 @@ impl<'a> Making<'a> {
         }
         self.write_seconds += start.elapsed().as_secs_f64();
         Ok(true)
+    }
+}
+
+/// How many packets of samples come next, where `done` took `elapsed` seconds: as many again, but no more than fit into
+/// the time. The first is taken whatever the time.
+fn fitting(done: usize, elapsed: f64, seconds: f64) -> usize {
+    match done {
+        0 => 1,
+        _ => {
+            let of_packet = (elapsed / done as f64).max(f64::MIN_POSITIVE);
+            done.min(((seconds - elapsed) / of_packet).max(0.0) as usize)
+        }
     }
 }
 

@@ -12,8 +12,8 @@ use super::super::interrupt;
 
 /// A picture that is being written.
 enum Writer {
-    Exr(ExrRowsWriter),
-    Png(PngRowsWriter),
+    Exr(Box<ExrRowsWriter>),
+    Png(Box<PngRowsWriter>),
 }
 
 /// Writes a picture whose channels `rows` gives from the top to the bottom, block by block.
@@ -63,9 +63,8 @@ impl Writer {
             .map(|(name, text)| Note { name, text })
             .collect();
         if ImageFormat::of_path(path) == Some(ImageFormat::Png) {
-            return Ok(Writer::Png(PngRowsWriter::create(
-                path, head.size, head.png, &notes,
-            )?));
+            let writer = PngRowsWriter::create(path, head.size, head.png, &notes)?;
+            return Ok(Writer::Png(Box::new(writer)));
         }
         let channel = |plane: &Plane| {
             let sample = match plane.kind {
@@ -81,7 +80,7 @@ impl Writer {
             compression: head.exr.compression,
             notes: &notes,
         };
-        Ok(Writer::Exr(ExrRowsWriter::create(path, &layout)?))
+        Ok(Writer::Exr(Box::new(ExrRowsWriter::create(path, &layout)?)))
     }
 
     fn add(&mut self, planes: &[Plane]) -> Result<(), ImageError> {

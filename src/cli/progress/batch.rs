@@ -102,11 +102,6 @@ impl<'p> Batch<'p> {
         self.show(&mut state);
     }
 
-    /// Prints a warning above the bar, unless quiet.
-    pub(in crate::cli) fn warn(&self, warning: &str) {
-        self.progress.warn(warning);
-    }
-
     fn lock(&self) -> MutexGuard<'_, State> {
         // Nothing is left half-changed by a panic elsewhere.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)

@@ -13,6 +13,8 @@ unshare --pid --fork true 2>/dev/null || skip "no namespaces can be made here"
 program=${CARGO_TARGET_DIR:-$PWD/target}/release/whit
 [ -x "$program" ] || cargo build --release --quiet
 folder=$(mktemp -d /tmp/whs.XXXX)
+# The daemon that signs messages is nobody in particular, and its socket lies within.
+chmod 755 "$folder"
 export SLURM_BASE=$folder/c SLURM_NODES=3 SLURM_CPUS=2
 trap 'tests/slurm-down.sh >/dev/null 2>&1 || true; rm -rf "$folder"' EXIT
 if ! said=$(tests/slurm-up.sh 2>&1); then

@@ -129,13 +129,11 @@ impl<'f> Search<'f> {
             square = square.min(1.0);
         }
         let mut mean_square = self.by_line(forecast).unwrap_or(forecast.mean_square * square);
-        // Few samples of which some number lies well may do better than more.
-        if hopeful
-            && self
-                .best()
-                .is_some_and(|best| self.offered[best.place].turns == forecast.turns)
-        {
-            mean_square *= HOPED;
+        // Few samples of which some number lies well may do better than more, and noise grows no faster than they get fewer.
+        let best = self.best().filter(|_| hopeful);
+        if let Some(best) = best.filter(|best| self.offered[best.place].turns == forecast.turns) {
+            let fewer = self.offered[best.place].time_ratio / forecast.time_ratio;
+            mean_square = (HOPED * mean_square).min(fewer * best.trial.mean_square());
         }
         let spread = nearest.map_or(self.spread, |tried| spread_of(tried.trial.limited(self.goal)));
         let failed = self.tried.iter().filter(|tried| tried.failed).count();

@@ -113,13 +113,20 @@ impl<'a> Accessor<'a> {
         self.count
     }
 
-    /// All elements as vectors of `N` floats: normalised integers as fractions, other integers as they are.
+    /// All elements as vectors of `N` floats, scalars as those of one: normalised integers as fractions, other integers as
+    /// they are.
     pub(super) fn vectors<const N: usize>(&self) -> Result<Slab<[f32; N]>, GltfError>
     where
         [f32; N]: bytemuck::Pod,
     {
-        if width(self.type_) != N || !matches!(self.type_, Type::Vec2 | Type::Vec3 | Type::Vec4) {
-            let fault = format!("is {} where VEC{N} is needed", type_name(self.type_));
+        let is_vector = matches!(self.type_, Type::Scalar | Type::Vec2 | Type::Vec3 | Type::Vec4);
+        if width(self.type_) != N || !is_vector {
+            let wanted = if N == 1 {
+                "SCALAR".to_owned()
+            } else {
+                format!("VEC{N}")
+            };
+            let fault = format!("is {} where {wanted} is needed", type_name(self.type_));
             return Err(self.fault(fault));
         }
         let is_float = self.component == ComponentType::F32;

@@ -203,8 +203,8 @@ mod tests {
         let expected = [
             "ior=1.5 ambient=0",
             "ior=1.5 ambient=1",
-            "ior=2.0 ambient=0",
-            "ior=2.0 ambient=1",
+            "ior=2 ambient=0",
+            "ior=2 ambient=1",
         ];
         assert_eq!(labels(text).unwrap(), expected);
     }

@@ -247,7 +247,7 @@ fn a_thousand_frames_fit_into_a_page_that_opens() {
 #[test]
 fn a_batch_without_frames_has_a_page() {
     let page = Gallery::default().page();
-    assert!(page.contains("<div class=\"frames\">\n</div>"), "{page}");
+    assert!(page.contains("<div class=\"gallery\">\n</div>"), "{page}");
 }
 
 /// Writes the page of 24 frames to look at: `GALLERY_PAGE=FILE cargo test --test gallery_page -- --ignored`.

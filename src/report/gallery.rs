@@ -216,7 +216,7 @@ impl Gallery {
             .collect();
         body += &page::filter(&statuses);
         body += ORDER;
-        body += "<div class=\"frames\">\n";
+        body += "<div class=\"gallery\">\n";
         for (number, frame) in self.frames.iter().enumerate() {
             body += &frame.card(number, &effects);
         }

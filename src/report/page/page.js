@@ -4,8 +4,8 @@ document.documentElement.classList.add("scripted");
 for (const form of document.querySelectorAll("form.filter")) {
   const field = form.querySelector("input[type=search]");
   const boxes = [...form.querySelectorAll("input[type=checkbox]")];
-  const rows = [...document.querySelectorAll("table.filtered tr[data-verdict], .frames > [data-verdict]")];
-  const what = document.querySelector(".frames") ? "frames" : "rows";
+  const rows = [...document.querySelectorAll("table.filtered tr[data-verdict], .gallery > [data-verdict]")];
+  const what = document.querySelector(".gallery") ? "frames" : "rows";
   const others = [...document.querySelectorAll("section[data-item], table.overview tr[data-item]")];
   const apply = () => {
     const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
@@ -105,7 +105,7 @@ for (const entry of document.querySelectorAll(".legend [data-series]")) {
 }
 
 // Puts the frames of a gallery in order, and goes from one to the next by keys.
-for (const list of document.querySelectorAll(".frames")) {
+for (const list of document.querySelectorAll(".gallery")) {
   const order = document.querySelector("form.order");
   const select = order.querySelector("select");
   const statuses = ["fails", "measured", "holds", "skipped"];

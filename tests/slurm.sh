@@ -53,18 +53,20 @@ within() { # SECONDS COMMAND...: until it holds
     done
 }
 some_are_there() { [ "$(pieces)" -ge 4 ]; }
-node_is_busy() { [ -n "$(squeue -h -j "$job" -t R -w n2 -o %i)" ]; }
-is_over() { [ -z "$(squeue -h -j "$job" -o %i)" ]; }
+running() { squeue -h -j "$job" -t R -w n2 -o %i | tr '\n' ' '; }
+# A controller that does not answer has not said that it is over.
+is_over() { local left; left=$(squeue -h -j "$job" -o %i) && [ -z "$left" ]; }
+node_is_busy() { [ -n "$(running)" ] || is_over; }
 
-within 120 some_are_there
-within 60 node_is_busy
-lost=$(squeue -h -j "$job" -t R -w n2 -o %i | tr '\n' ' ')
+within 300 some_are_there
+within 120 node_is_busy
+lost=$(running)
 "$SLURM_BASE/kill-node" 2
 scontrol update nodename=n2 state=down reason="power cut"
-echo "power of n2 cut with $lost running and $(pieces) files there"
+echo "power of n2 cut with ${lost:-nothing} running and $(pieces) files there"
 sleep 3
 "$SLURM_BASE/start-node" 2 || true
-within 400 is_over
+within 900 is_over
 "$program" merge "$folder/out" --quiet
 for picture in "$folder"/single/*.exr; do
     cmp "$picture" "$folder/out/$(basename "$picture")"

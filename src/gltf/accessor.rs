@@ -113,18 +113,18 @@ impl<'a> Accessor<'a> {
         self.count
     }
 
-    /// All elements as vectors of `N` floats, scalars as those of one: normalised integers as fractions, other integers as
-    /// they are.
+    /// All elements as scalars, vectors or 4 by 4 matrices (by columns) of `N` floats: normalised integers as fractions,
+    /// other integers as they are.
     pub(super) fn vectors<const N: usize>(&self) -> Result<Slab<[f32; N]>, GltfError>
     where
         [f32; N]: bytemuck::Pod,
     {
-        let is_vector = matches!(self.type_, Type::Scalar | Type::Vec2 | Type::Vec3 | Type::Vec4);
-        if width(self.type_) != N || !is_vector {
-            let wanted = if N == 1 {
-                "SCALAR".to_owned()
-            } else {
-                format!("VEC{N}")
+        // The columns of smaller matrices would be padded.
+        if width(self.type_) != N || matches!(self.type_, Type::Mat2 | Type::Mat3) {
+            let wanted = match N {
+                1 => "SCALAR".into(),
+                16 => "MAT4".into(),
+                _ => format!("VEC{N}"),
             };
             let fault = format!("is {} where {wanted} is needed", type_name(self.type_));
             return Err(self.fault(fault));
@@ -388,6 +388,27 @@ mod tests {
             .vectors::<2>()
             .unwrap();
         assert!(values[0][0].is_nan() && values[0][1] == 1.0);
+    }
+
+    #[test]
+    fn scalars_and_matrices_are_read_as_such_and_nothing_else_is_taken_for_them() {
+        let bytes: Vec<u8> = (1..=16u8).flat_map(|i| f32::from(i).to_le_bytes()).collect();
+        let of = |type_: &str, count: u32| {
+            let accessor = json!([{"bufferView": 0, "componentType": 5126, "count": count, "type": type_}]);
+            document(&bytes, None, accessor)
+        };
+        let scalars = of("SCALAR", 2);
+        let values = scalars.accessor(0).unwrap().vectors::<1>().unwrap();
+        assert_eq!(values[..], [[1.0], [2.0]]);
+        let matrix = of("MAT4", 1);
+        let values = matrix.accessor(0).unwrap().vectors::<16>().unwrap();
+        assert_eq!(values[0], std::array::from_fn(|i| i as f32 + 1.0));
+        // As wide as a vector of four.
+        let small = of("MAT2", 4);
+        let fault = small.accessor(0).unwrap().vectors::<4>().unwrap_err();
+        assert!(fault.to_string().contains("is MAT2 where VEC4 is needed"), "{fault}");
+        let fault = scalars.accessor(0).unwrap().vectors::<16>().unwrap_err();
+        assert!(fault.to_string().contains("is SCALAR where MAT4 is needed"), "{fault}");
     }
 
     #[test]

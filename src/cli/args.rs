@@ -320,6 +320,9 @@ pub(super) struct InfoArgs {
     #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
     pub(super) effects: Option<EffectOverrides>,
 
+    #[command(flatten)]
+    pub(super) moment: MomentArgs,
+
     /// Print JSON
     #[arg(long)]
     pub(super) json: bool,

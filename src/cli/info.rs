@@ -10,7 +10,11 @@ use super::{output, scene};
 
 /// Prints what the scene holds.
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
-    let loaded = scene::load((&args.scene, &[], None), args.effects.unwrap_or_default().removed)?;
+    let pose = args.moment.pose();
+    let loaded = scene::load(
+        (&args.scene, &[], pose.as_ref()),
+        args.effects.unwrap_or_default().removed,
+    )?;
     let prices = if args.prices.prices {
         Some(PriceJob::new(args, &loaded.output)?.run(&loaded)?)
     } else {

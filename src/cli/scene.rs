@@ -25,7 +25,14 @@ pub(super) fn load(
         ..LoadOptions::default()
     };
     if is_scene_file(path) {
-        return Ok(scene_file::load_edited(path, edits, &options)?);
+        let mut loaded = scene_file::load_edited(path, edits, &options)?;
+        // Each glTF file without animations says so itself.
+        if pose.is_some() && loaded.gltf_count == 0 {
+            let warning =
+                "there are no glTF files in it, which could have animations: it is the same at all times";
+            loaded.scene.warnings.push(warning.into());
+        }
+        return Ok(loaded);
     }
     if let Some(edit) = edits.first() {
         let path = path.display();

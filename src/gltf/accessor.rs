@@ -406,9 +406,15 @@ mod tests {
         // As wide as a vector of four.
         let small = of("MAT2", 4);
         let fault = small.accessor(0).unwrap().vectors::<4>().unwrap_err();
-        assert!(fault.to_string().contains("is MAT2 where VEC4 is needed"), "{fault}");
+        assert!(
+            fault.to_string().contains("is MAT2 where VEC4 is needed"),
+            "{fault}"
+        );
         let fault = scalars.accessor(0).unwrap().vectors::<16>().unwrap_err();
-        assert!(fault.to_string().contains("is SCALAR where MAT4 is needed"), "{fault}");
+        assert!(
+            fault.to_string().contains("is SCALAR where MAT4 is needed"),
+            "{fault}"
+        );
     }
 
     #[test]

@@ -49,7 +49,7 @@ impl Document {
         } else {
             (whole, None)
         };
-        let root = parse(&json).map_err(|fault| not_gltf(file, fault))?;
+        let root = parse(&json, warnings).map_err(|fault| not_gltf(file, fault))?;
         let document = Document {
             file: file.to_owned(),
             buffers: root.buffers.iter().map(|_| OnceLock::new()).collect(),
@@ -187,27 +187,41 @@ fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
     Ok((json, binary))
 }
 
-/// Reads the JSON; where a part that is not used here is at fault, without that part.
-fn parse(json: &[u8]) -> Result<json::Root, String> {
+/// Reads the JSON; where a part that can be spared is at fault, without that part.
+fn parse(json: &[u8], warnings: &mut Vec<String>) -> Result<json::Root, String> {
     const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
     let json = json.strip_prefix(BYTE_ORDER_MARK).unwrap_or(json);
     let first = json.iter().find(|b| !b.is_ascii_whitespace());
     if first != Some(&b'{') {
         return Err("it starts neither with `glTF` nor with a JSON object".into());
     }
-    json::Root::from_slice(json).or_else(|strict| parse_leniently(json).ok_or_else(|| strict.to_string()))
+    json::Root::from_slice(json).or_else(|strict| {
+        parse_leniently(json, &["extras"])
+            .or_else(|| {
+                let root = parse_leniently(json, &["extras", "animations", "skins"])?;
+                warnings.push("its animations and skins cannot be read and were ignored".into());
+                Some(root)
+            })
+            .ok_or_else(|| strict.to_string())
+    })
 }
 
 /// The image of a texture that names none, as those do whose image only an extension knows.
 pub(super) const NO_IMAGE: u32 = u32::MAX;
 
-/// A second attempt: unused parts are left out, whole numbers may be written with a point, and what has a sensible
+/// A further attempt: parts to spare are left out, whole numbers may be written with a point, and what has a sensible
 /// default gets it.
-fn parse_leniently(json: &[u8]) -> Option<json::Root> {
+fn parse_leniently(json: &[u8], spared: &[&str]) -> Option<json::Root> {
     let mut root: Value = serde_json::from_slice(json).ok()?;
     let object = root.as_object_mut()?;
-    for unused in ["animations", "skins", "extras"] {
-        object.remove(unused);
+    for &part in spared {
+        object.remove(part);
+    }
+    if !object.contains_key("skins") {
+        let nodes = object.get_mut("nodes").and_then(Value::as_array_mut);
+        for node in nodes.into_iter().flatten().filter_map(Value::as_object_mut) {
+            node.remove("skin");
+        }
     }
     let defaults = [
         ("scenes", "nodes", Value::Array(Vec::new())),
@@ -243,7 +257,7 @@ fn write_whole_numbers_plainly(value: &mut Value) {
 /// A document for tests from its JSON, as if read from `test.gltf`.
 #[cfg(test)]
 pub(super) fn of_json(root: &Value) -> Document {
-    let root = parse(root.to_string().as_bytes()).unwrap();
+    let root = parse(root.to_string().as_bytes(), &mut Vec::new()).unwrap();
     Document {
         file: "test.gltf".into(),
         buffers: root.buffers.iter().map(|_| OnceLock::new()).collect(),
@@ -259,21 +273,43 @@ mod tests {
     #[test]
     fn a_broken_part_that_is_not_used_does_not_spoil_the_file() {
         let json = br#"{"asset": {"version": "2.0"}, "animations": 7, "scenes": [{}],
-            "textures": [{}], "buffers": [{"byteLength": 12.0}]}"#;
-        let root = parse(json).unwrap();
+            "textures": [{}], "buffers": [{"byteLength": 12.0}], "nodes": [{"mesh": 0, "skin": 0}]}"#;
+        let mut warnings = Vec::new();
+        let root = parse(json, &mut warnings).unwrap();
+        assert_eq!(
+            warnings,
+            ["its animations and skins cannot be read and were ignored"]
+        );
+        assert!(root.nodes[0].skin.is_none());
         assert_eq!(root.buffers[0].byte_length.0, 12);
         assert_eq!(root.textures[0].source.value(), NO_IMAGE as usize);
         assert!(root.scenes[0].nodes.is_empty());
     }
 
     #[test]
+    fn a_texture_without_an_image_does_not_cost_the_file_its_animations_and_skins() {
+        let json = br#"{"asset": {"version": "2.0"}, "textures": [{}], "skins": [{"joints": [0]}],
+            "animations": [{"channels": [], "samplers": []}]}"#;
+        let mut warnings = Vec::new();
+        let root = parse(json, &mut warnings).unwrap();
+        assert_eq!((root.skins.len(), root.animations.len()), (1, 1));
+        assert!(warnings.is_empty(), "{warnings:?}");
+    }
+
+    #[test]
     fn json_that_is_nested_without_end_is_refused() {
         let json = format!("{{\"asset\": {}", "[".repeat(1_000_000));
-        assert!(parse(json.as_bytes()).is_err());
+        assert!(parse(json.as_bytes(), &mut Vec::new()).is_err());
     }
 
     #[test]
     fn a_byte_order_mark_is_skipped() {
-        assert!(parse(b"\xef\xbb\xbf {\"asset\": {\"version\": \"2.0\"}}").is_ok());
+        assert!(
+            parse(
+                b"\xef\xbb\xbf {\"asset\": {\"version\": \"2.0\"}}",
+                &mut Vec::new()
+            )
+            .is_ok()
+        );
     }
 }

@@ -6,9 +6,8 @@
 //!
 //! Read are triangles (lists, strips, fans), node transforms, metallic-roughness materials with their textures (PNG,
 //! JPEG), vertex colours, tangents, cameras and the extensions listed in `document.rs`. Where a normal map has no
-//! tangents they are made by MikkTSpace. Animations of nodes are shown at a moment
-//! ([`LoadOptions::pose`]). Skins show the mesh where its node stands, morph targets their base; points
-//! and lines are skipped, each with a warning. Both sides of every surface are shown, whether `doubleSided` or not: a
+//! tangents they are made by MikkTSpace. Meshes are shown as their morph targets and skins have them, and animations at a
+//! moment ([`LoadOptions::pose`]). Points and lines are skipped, each with a warning. Both sides of every surface are shown, whether `doubleSided` or not: a
 //! ray tracer that culled back faces would lose the far sides of mirrors and the exits of glass.
 //!
 //! A file without a camera gets one that frames its bounds: 45 degrees high, seen from the front, slightly right and
@@ -18,6 +17,8 @@
 mod accessor;
 mod animation;
 mod buffer;
+mod curve;
+mod deformation;
 mod document;
 mod error;
 mod extension;
@@ -27,6 +28,7 @@ mod map;
 mod material;
 mod node;
 mod primitive;
+mod skin;
 mod slot;
 mod view;
 
@@ -44,6 +46,7 @@ pub(crate) use view::framing_camera;
 use crate::numeric::Bounds;
 use crate::scene::{Background, EffectSet, Geometry, Instance, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
+use deformation::Deformation;
 use document::Document;
 use material::Materials;
 use node::PlacedNode;
@@ -111,8 +114,9 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(Document, Scene, Vec<Boun
     };
     // A file whose animations nobody asks for may have them as it likes.
     scene.animations = document.animations().unwrap_or_default();
-    let nodes = document.placed_nodes(&moved)?;
-    let primitives = document.read_used_primitives(&nodes)?;
+    let mut nodes = document.placed_nodes(&moved)?;
+    let deformations = document.deform(&mut nodes, &moved)?;
+    let primitives = document.read_used_primitives(&nodes, &deformations)?;
     let (bounds, image_numbers) = document.place_primitives(&nodes, primitives, &mut scene)?;
     let wanted = scene.images_for(options.without);
     scene.images = document.read_images(&image_numbers, &wanted, options)?;
@@ -130,15 +134,21 @@ type UsedPrimitives = HashMap<PrimitiveId, ReadPrimitive>;
 
 impl Document {
     /// Reads, in parallel, every primitive that a node shows.
-    fn read_used_primitives(&self, nodes: &[PlacedNode]) -> Result<UsedPrimitives, GltfError> {
+    fn read_used_primitives(
+        &self,
+        nodes: &[PlacedNode],
+        deformations: &[Deformation],
+    ) -> Result<UsedPrimitives, GltfError> {
         let mut ids = Vec::new();
         for node in nodes {
             ids.extend(self.primitives_at(node)?);
         }
         ids.sort_unstable();
         ids.dedup();
-        let read: Vec<Result<ReadPrimitive, GltfError>> =
-            ids.par_iter().map(|&id| self.read_primitive(id)).collect();
+        let read: Vec<Result<ReadPrimitive, GltfError>> = ids
+            .par_iter()
+            .map(|&id| self.read_primitive(id, deformations))
+            .collect();
         // In order, so that of several faults always the same one is named.
         ids.into_iter()
             .zip(read)
@@ -162,7 +172,12 @@ impl Document {
                 .len(),
         };
         let mesh = mesh.unwrap_or_default();
-        Ok((0..primitive_count).map(move |primitive| PrimitiveId { mesh, primitive }))
+        let deformation = node.deformed.map(|deformed| deformed.deformation);
+        Ok((0..primitive_count).map(move |primitive| PrimitiveId {
+            mesh,
+            primitive,
+            deformation,
+        }))
     }
 
     /// Makes geometries, instances, materials and textures. Returns the bounds of the geometries in their object
@@ -240,16 +255,12 @@ impl Document {
         if self.root.meshes[id.mesh].primitives.len() > 1 {
             name = format!("{name} primitive {}", id.primitive);
         }
-        if node.world_from_node.matrix3 == DMat3::ZERO {
+        let world_from_mesh = node.world_from_mesh();
+        if world_from_mesh.matrix3 == DMat3::ZERO {
             warnings.push(format!("{name} is scaled to nothing and was skipped"));
             return Ok(None);
         }
-        if self.root.nodes[node.number].skin.is_some() && id.primitive == 0 {
-            warnings.push(format!(
-                "{name} has a skin, which was ignored: shown where its node stands"
-            ));
-        }
-        match Instance::new(name, geometry, material, node.world_from_node) {
+        match Instance::new(name, geometry, material, world_from_mesh) {
             Ok(instance) => Ok(Some(instance)),
             Err(singular) => {
                 let fault = format!("cannot be placed, {singular}");

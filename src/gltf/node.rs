@@ -15,6 +15,24 @@ use super::error::EXPORT_AGAIN;
 pub(super) struct PlacedNode {
     pub(super) number: usize,
     pub(super) world_from_node: DAffine3,
+    /// What changes the vertices of its mesh, and where the mesh then stands; `None` where it stands as it is.
+    pub(super) deformed: Option<Deformed>,
+}
+
+/// A mesh that is not shown as it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Deformed {
+    /// Of the scene's deformations, this one.
+    pub(super) deformation: usize,
+    pub(super) world_from_mesh: DAffine3,
+}
+
+impl PlacedNode {
+    /// Where its mesh stands.
+    pub(super) fn world_from_mesh(&self) -> DAffine3 {
+        self.deformed
+            .map_or(self.world_from_node, |deformed| deformed.world_from_mesh)
+    }
 }
 
 impl Document {
@@ -42,6 +60,7 @@ impl Document {
             placed.push(PlacedNode {
                 number,
                 world_from_node,
+                deformed: None,
             });
             for child in node.children.iter().flatten().rev().map(|c| c.value()) {
                 if child >= nodes.len() {
@@ -97,7 +116,8 @@ impl Document {
         let node = &self.root.nodes[number];
         let transform = match (&node.matrix, moved.get(&number)) {
             (Some(matrix), _) => affine(matrix),
-            (None, moved) => Some(moved.copied().unwrap_or_default().transform(node)),
+            (None, Some(moved)) => Some(moved.transform(node)),
+            (None, None) => Some(parts(node).transform()),
         };
         match transform {
             Some(transform) if transform.is_finite() => Ok(transform),
@@ -151,6 +171,12 @@ pub(super) struct Parts {
     pub(super) scale: DVec3,
     pub(super) rotation: DQuat,
     pub(super) translation: DVec3,
+}
+
+impl Parts {
+    pub(super) fn transform(&self) -> DAffine3 {
+        DAffine3::from_scale_rotation_translation(self.scale, self.rotation, self.translation)
+    }
 }
 
 /// A node's own.

@@ -6,6 +6,7 @@ use json::validation::Checked;
 use rayon::prelude::*;
 
 use super::GltfError;
+use super::deformation::{Deformation, Deformer};
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 use crate::mesh::{Mesh, Slab};
@@ -19,19 +20,26 @@ pub(super) struct ReadPrimitive {
     pub(super) warnings: Vec<String>,
 }
 
-/// Which primitive of which mesh of the file.
+/// Which primitive of which mesh of the file, and which of the scene's deformations it undergoes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct PrimitiveId {
     pub(super) mesh: usize,
     pub(super) primitive: usize,
+    pub(super) deformation: Option<usize>,
 }
 
 impl Document {
-    /// Reads one primitive in its object space.
-    pub(super) fn read_primitive(&self, id: PrimitiveId) -> Result<ReadPrimitive, GltfError> {
+    /// Reads one primitive in its object space, deformed by its one of `deformations`.
+    pub(super) fn read_primitive(
+        &self,
+        id: PrimitiveId,
+        deformations: &[Deformation],
+    ) -> Result<ReadPrimitive, GltfError> {
         Reader {
             document: self,
             id,
+            deformer: None,
+            deformation: id.deformation.and_then(|number| deformations.get(number)),
             warnings: Vec::new(),
         }
         .read()
@@ -59,6 +67,9 @@ impl Document {
 struct Reader<'a> {
     document: &'a Document,
     id: PrimitiveId,
+    deformation: Option<&'a Deformation>,
+    /// Of a primitive with a deformation, once it is known how many vertices there are.
+    deformer: Option<Deformer>,
     warnings: Vec<String>,
 }
 
@@ -78,14 +89,17 @@ impl Reader<'_> {
         if mesh.positions.is_empty() {
             return Ok(self.finish(mesh, Bounds::EMPTY));
         }
-        if primitive
-            .targets
-            .as_ref()
-            .is_some_and(|targets| !targets.is_empty())
-        {
-            self.warn("has morph targets, which were ignored: shown as without them");
+        if let Some(deformation) = self.deformation {
+            let deformer = self
+                .document
+                .deformer(self.id, deformation, mesh.positions.len())?;
+            mesh.positions = deformer.positions(&mesh.positions);
+            self.deformer = Some(deformer);
         }
         mesh.triangles = self.triangles(mode, mesh.positions.len())?;
+        if let Some(deformer) = &self.deformer {
+            mesh.triangles = deformer.triangles(mesh.triangles);
+        }
         let bounds = self.sift(&mut mesh)?;
         self.read_attributes(&mut mesh)?;
         Ok(self.finish(mesh, bounds))
@@ -149,6 +163,10 @@ impl Reader<'_> {
         let vertex_count = mesh.positions.len();
         if let Some(accessor) = self.attribute(Semantic::Normals) {
             let normals = self.vectors::<3>(accessor, vertex_count, "normals")?;
+            let normals = match &self.deformer {
+                None => normals,
+                Some(deformer) => deformer.normals(&normals),
+            };
             mesh.normals = self.unit_normals(normals, &mesh.triangles);
         }
         if let Some(accessor) = self.attribute(Semantic::Colors(0)) {
@@ -184,6 +202,10 @@ impl Reader<'_> {
         let accessor = self.attribute(Semantic::Tangents);
         if let Some(accessor) = accessor.filter(|_| mesh.normals.is_some()) {
             let tangents = self.vectors::<4>(accessor, mesh.positions.len(), "tangents")?;
+            let tangents = match &self.deformer {
+                None => tangents,
+                Some(deformer) => deformer.tangents(&tangents),
+            };
             mesh.tangents = self.unit_tangents(tangents, &mesh.triangles);
         }
         if mesh.tangents.is_none() {

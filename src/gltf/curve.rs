@@ -1,0 +1,163 @@
+//! The values of a property over time (glTF 2.0, appendix C).
+//!
+//! Between keys they go by steps, straight (rotations along the shorter arc), or by a cubic spline through values with
+//! tangents. Before the first time a property has the first value, behind the last the last.
+
+use glam::DQuat;
+use gltf::json::animation::Interpolation;
+
+use super::node;
+
+/// Keys and the way between them.
+#[derive(Debug)]
+pub(super) struct Curve {
+    pub(super) interpolation: Interpolation,
+    /// Numbers a value.
+    pub(super) width: usize,
+    /// At least one; they grow.
+    pub(super) times: Vec<f64>,
+    /// Of each time, or, of a spline, the tangent into it, the value, the tangent out of it.
+    pub(super) values: Vec<f64>,
+}
+
+/// A moment on a curve.
+enum Place {
+    /// At a key, or before the first, or behind the last.
+    Key(usize),
+    /// So far, from 0 to 1, between a key and the next.
+    Between(usize, f64),
+}
+
+impl Curve {
+    /// Values that a time has: itself and its tangents.
+    pub(super) fn values_per_key(interpolation: Interpolation) -> usize {
+        if interpolation == Interpolation::CubicSpline {
+            3
+        } else {
+            1
+        }
+    }
+
+    /// The value at a time.
+    pub(super) fn at(&self, seconds: f64) -> Vec<f64> {
+        match self.place(seconds) {
+            Place::Key(key) => self.value(key).to_vec(),
+            Place::Between(key, u) => self.between(key, u),
+        }
+    }
+
+    /// The rotation at a time, of a curve of quaternions.
+    pub(super) fn rotation_at(&self, seconds: f64) -> DQuat {
+        match (self.interpolation, self.place(seconds)) {
+            (Interpolation::Linear, Place::Between(key, u)) => {
+                let [a, b] = [key, key + 1].map(|key| quaternion(self.value(key)));
+                // It takes the shorter of both arcs.
+                a.slerp(b, u)
+            }
+            _ => quaternion(&self.at(seconds)),
+        }
+    }
+
+    fn place(&self, seconds: f64) -> Place {
+        let next = self.times.partition_point(|&time| time <= seconds);
+        let Some(key) = next.checked_sub(1) else {
+            return Place::Key(0);
+        };
+        let (start, Some(end)) = (self.times[key], self.times.get(next)) else {
+            return Place::Key(key);
+        };
+        Place::Between(key, (seconds - start) / (end - start))
+    }
+
+    fn value(&self, key: usize) -> &[f64] {
+        match self.interpolation {
+            Interpolation::CubicSpline => self.numbers(3 * key + 1),
+            _ => self.numbers(key),
+        }
+    }
+
+    fn numbers(&self, index: usize) -> &[f64] {
+        &self.values[index * self.width..][..self.width]
+    }
+
+    fn between(&self, key: usize, u: f64) -> Vec<f64> {
+        let (a, b) = (self.value(key), self.value(key + 1));
+        match self.interpolation {
+            Interpolation::Step => a.to_vec(),
+            Interpolation::Linear => a.iter().zip(b).map(|(a, b)| a + (b - a) * u).collect(),
+            Interpolation::CubicSpline => {
+                let seconds = self.times[key + 1] - self.times[key];
+                let (out, into) = (self.numbers(3 * key + 2), self.numbers(3 * key + 3));
+                let (u2, u3) = (u * u, u * u * u);
+                let value = |i: usize| {
+                    (2.0 * u3 - 3.0 * u2 + 1.0) * a[i]
+                        + seconds * (u3 - 2.0 * u2 + u) * out[i]
+                        + (3.0 * u2 - 2.0 * u3) * b[i]
+                        + seconds * (u3 - u2) * into[i]
+                };
+                (0..self.width).map(value).collect()
+            }
+        }
+    }
+}
+
+/// The rotation of four numbers.
+fn quaternion(numbers: &[f64]) -> DQuat {
+    node::rotation(DQuat::from_slice(numbers))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn curve(interpolation: Interpolation, times: &[f64], values: &[f64]) -> Curve {
+        Curve {
+            interpolation,
+            width: values.len() / times.len() / Curve::values_per_key(interpolation),
+            times: times.to_vec(),
+            values: values.to_vec(),
+        }
+    }
+
+    #[test]
+    fn steps_wait_lines_go_and_both_stop_at_the_ends() {
+        let at = |interpolation, seconds| {
+            curve(interpolation, &[1.0, 2.0, 4.0], &[10.0, 20.0, 40.0]).at(seconds)[0]
+        };
+        let steps = [0.0, 1.5, 2.0, 3.9, 4.0, 9.0].map(|seconds| at(Interpolation::Step, seconds));
+        assert_eq!(steps, [10.0, 10.0, 20.0, 20.0, 40.0, 40.0]);
+        let lines = [0.0, 1.5, 2.0, 3.0, 4.0, 9.0].map(|seconds| at(Interpolation::Linear, seconds));
+        assert_eq!(lines, [10.0, 15.0, 20.0, 30.0, 40.0, 40.0]);
+    }
+
+    #[test]
+    fn a_spline_takes_its_tangents_times_the_step() {
+        // From 0 to 1 in 2 s, leaving at 3 a second and arriving at -1: in the middle 1/2 + 2 (3 - -1) / 8.
+        let spline = curve(
+            Interpolation::CubicSpline,
+            &[0.0, 2.0],
+            &[0.0, 0.0, 3.0, -1.0, 1.0, 0.0],
+        );
+        assert_eq!(
+            [-1.0, 0.0, 1.0, 2.0, 3.0].map(|t| spline.at(t)[0]),
+            [0.0, 0.0, 1.5, 1.0, 1.0]
+        );
+    }
+
+    #[test]
+    fn values_of_several_numbers_keep_them_apart() {
+        let line = curve(Interpolation::Linear, &[0.0, 1.0], &[0.0, 8.0, 4.0, 16.0]);
+        assert_eq!(line.at(0.25), [1.0, 10.0]);
+    }
+
+    #[test]
+    fn rotations_take_the_shorter_way_and_are_made_unit() {
+        let quarter = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+        // Twice as long, and the other of the two quaternions of that rotation.
+        let other = (quarter * -2.0).to_array();
+        let values = [[0.0, 0.0, 0.0, 1.0], other].concat();
+        let half = curve(Interpolation::Linear, &[0.0, 1.0], &values).rotation_at(0.5);
+        let expected = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_4);
+        assert!(half.dot(expected).abs() > 1.0 - 4.0 * f64::EPSILON, "{half}");
+    }
+}

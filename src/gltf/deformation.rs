@@ -1,0 +1,256 @@
+//! Meshes that are not shown as they are: morph targets (glTF 2.0, section 3.7.2.2), then skins.
+//!
+//! Targets displace positions, normals and tangents by their weights; a skin then moves them by its joints, normals by the
+//! inverse transpose. All is worked out in f64 and rounded to f32 once. A mesh whose weights are all zero and that has no
+//! skin is no such mesh: its arrays stay where the file has them.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+use gltf::json;
+use rayon::prelude::*;
+
+use super::GltfError;
+use super::animation::Moved;
+use super::document::Document;
+use super::error::EXPORT_AGAIN;
+use super::node::{Deformed, PlacedNode};
+use super::primitive::PrimitiveId;
+use super::skin::Joints;
+use crate::mesh::Slab;
+use crate::numeric;
+
+/// What is done to the vertices of a mesh.
+#[derive(Debug)]
+pub(super) struct Deformation {
+    /// Of its morph targets.
+    weights: Vec<f64>,
+    joints: Option<Arc<Joints>>,
+}
+
+/// A deformation with the numbers of one primitive: what it does to each vertex.
+pub(super) struct Deformer {
+    positions: Vec<Displacement>,
+    normals: Vec<Displacement>,
+    tangents: Vec<Displacement>,
+    /// Of a skin: one map a vertex.
+    maps: Option<Vec<DAffine3>>,
+    is_mirrored: bool,
+}
+
+/// The vectors of a target, one a vertex, and its weight.
+struct Displacement {
+    weight: f64,
+    vectors: Slab<[f32; 3]>,
+}
+
+impl Document {
+    /// The deformations of all meshes, each once; `nodes` are told theirs.
+    pub(super) fn deform(
+        &self,
+        nodes: &mut [PlacedNode],
+        moved: &HashMap<usize, Moved>,
+    ) -> Result<Vec<Deformation>, GltfError> {
+        let joints = self.joints_of_skins(nodes)?;
+        let mut deformations = Vec::new();
+        let mut numbers: HashMap<(Vec<u64>, Option<usize>), usize> = HashMap::new();
+        for node in nodes {
+            let weights = self.weights(node.number, moved)?;
+            let skin = self.skin_of(node.number);
+            if weights.is_empty() && skin.is_none() {
+                continue;
+            }
+            let joints = skin.and_then(|skin| joints.get(&skin)).cloned();
+            let world_from_mesh = joints
+                .as_ref()
+                .map_or(node.world_from_node, |joints| joints.world_from_mesh);
+            let bits = weights.iter().map(|weight| weight.to_bits()).collect();
+            let deformation = *numbers.entry((bits, skin)).or_insert_with(|| {
+                deformations.push(Deformation { weights, joints });
+                deformations.len() - 1
+            });
+            node.deformed = Some(Deformed {
+                deformation,
+                world_from_mesh,
+            });
+        }
+        Ok(deformations)
+    }
+
+    /// The skin of a node that has a mesh.
+    fn skin_of(&self, node: usize) -> Option<usize> {
+        let node = &self.root.nodes[node];
+        node.mesh?;
+        node.skin.map(|skin| skin.value())
+    }
+
+    /// The joints of every skin in use, by its number.
+    fn joints_of_skins(&self, nodes: &[PlacedNode]) -> Result<HashMap<usize, Arc<Joints>>, GltfError> {
+        let mut skins: Vec<usize> = nodes
+            .iter()
+            .filter_map(|node| self.skin_of(node.number))
+            .collect();
+        skins.sort_unstable();
+        skins.dedup();
+        if skins.is_empty() {
+            return Ok(HashMap::new());
+        }
+        let places = nodes
+            .iter()
+            .map(|node| (node.number, node.world_from_node))
+            .collect();
+        skins
+            .into_iter()
+            .map(|skin| Ok((skin, Arc::new(self.joints(skin, &places)?))))
+            .collect()
+    }
+
+    /// How many morph targets the mesh of a node has.
+    pub(super) fn target_count(&self, node: usize) -> usize {
+        let mesh = self.root.nodes[node].mesh.map(|mesh| mesh.value());
+        let primitives = mesh.and_then(|mesh| self.root.meshes.get(mesh));
+        let primitives = primitives.iter().flat_map(|mesh| &mesh.primitives);
+        let counts = primitives.map(|primitive| primitive.targets.as_ref().map_or(0, Vec::len));
+        counts.max().unwrap_or(0)
+    }
+
+    /// The weights of a node's targets: those of the moment, else its own, else its mesh's; none where all are zero.
+    fn weights(&self, node: usize, moved: &HashMap<usize, Moved>) -> Result<Vec<f64>, GltfError> {
+        let target_count = self.target_count(node);
+        if target_count == 0 {
+            return Ok(Vec::new());
+        }
+        let form = &self.root.nodes[node];
+        let widened = |weights: &Vec<f32>| weights.iter().copied().map(f64::from).collect();
+        let of_mesh = || self.root.meshes.get(form.mesh?.value())?.weights.as_ref();
+        let weights: Vec<f64> = match moved.get(&node).and_then(|moved| moved.weights.clone()) {
+            Some(weights) => weights,
+            None => form
+                .weights
+                .as_ref()
+                .or_else(of_mesh)
+                .map(widened)
+                .unwrap_or_default(),
+        };
+        let fault = if weights.iter().any(|weight| !weight.is_finite()) {
+            "has weights of morph targets that are not finite".to_owned()
+        } else if weights.len() > target_count {
+            format!("has {} weights for {target_count} morph targets", weights.len())
+        } else if weights.iter().all(|&weight| weight == 0.0) {
+            return Ok(Vec::new());
+        } else {
+            return Ok(weights);
+        };
+        Err(self.fault(self.node_item(node), fault, EXPORT_AGAIN))
+    }
+
+    /// Reads what a deformation needs of a primitive.
+    pub(super) fn deformer(
+        &self,
+        id: PrimitiveId,
+        deformation: &Deformation,
+        vertex_count: usize,
+    ) -> Result<Deformer, GltfError> {
+        let targets = self.primitive(id).targets.as_deref().unwrap_or_default();
+        let displacements = |of: fn(&json::mesh::MorphTarget) -> Option<usize>| {
+            let used = targets.iter().zip(&deformation.weights);
+            used.filter(|&(_, &weight)| weight != 0.0)
+                .filter_map(|(target, &weight)| Some((of(target)?, weight)))
+                .map(|(accessor, weight)| self.displacement(id, (accessor, weight), vertex_count))
+                .collect::<Result<Vec<Displacement>, GltfError>>()
+        };
+        let joints = deformation.joints.as_deref();
+        Ok(Deformer {
+            positions: displacements(|target| target.positions.map(|index| index.value()))?,
+            normals: displacements(|target| target.normals.map(|index| index.value()))?,
+            tangents: displacements(|target| target.tangents.map(|index| index.value()))?,
+            maps: joints
+                .map(|joints| self.vertex_maps(id, joints, vertex_count))
+                .transpose()?,
+            is_mirrored: joints.is_some_and(Joints::are_mirrored),
+        })
+    }
+
+    fn displacement(
+        &self,
+        id: PrimitiveId,
+        (accessor, weight): (usize, f64),
+        vertex_count: usize,
+    ) -> Result<Displacement, GltfError> {
+        let vectors = self.accessor(accessor)?.vectors()?;
+        if vectors.len() != vertex_count {
+            let fault = format!(
+                "has a morph target of {} vertices for its {vertex_count}",
+                vectors.len()
+            );
+            return Err(self.fault(self.primitive_item(id), fault, EXPORT_AGAIN));
+        }
+        Ok(Displacement { weight, vectors })
+    }
+}
+
+impl Deformer {
+    /// Where the vertices go.
+    pub(super) fn positions(&self, positions: &[[f32; 3]]) -> Slab<[f32; 3]> {
+        mapped(positions, |vertex, position| {
+            let p = displaced(&self.positions, vertex, position);
+            let moved = self.map(vertex).map_or(p, |map| map.transform_point3(p));
+            moved.as_vec3().to_array()
+        })
+    }
+
+    /// The triangles, front still front where the skin mirrors.
+    pub(super) fn triangles(&self, triangles: Slab<[u32; 3]>) -> Slab<[u32; 3]> {
+        if self.is_mirrored {
+            mapped(&triangles, |_, [a, b, c]| [a, c, b])
+        } else {
+            triangles
+        }
+    }
+
+    /// The normals; of unit length where a skin turns them, and as they were where it leaves them no direction.
+    pub(super) fn normals(&self, normals: &[[f32; 3]]) -> Slab<[f32; 3]> {
+        mapped(normals, |vertex, normal| {
+            let n = displaced(&self.normals, vertex, normal);
+            let turned = match self.map(vertex) {
+                None => n,
+                Some(map) => numeric::transform_normal(&map.matrix3, n)
+                    .try_normalize()
+                    .unwrap_or(n),
+            };
+            turned.as_vec3().to_array()
+        })
+    }
+
+    /// The tangents; their handedness is kept by targets and turned by a skin that mirrors, because normals stay outside.
+    pub(super) fn tangents(&self, tangents: &[[f32; 4]]) -> Slab<[f32; 4]> {
+        let handedness = if self.is_mirrored { -1.0 } else { 1.0 };
+        mapped(tangents, |vertex, [x, y, z, w]| {
+            let t = displaced(&self.tangents, vertex, [x, y, z]);
+            let turned = self.map(vertex).map_or(t, |map| map.matrix3 * t);
+            turned.as_vec3().extend(w * handedness).to_array()
+        })
+    }
+
+    fn map(&self, vertex: usize) -> Option<&DAffine3> {
+        self.maps.as_ref().and_then(|maps| maps.get(vertex))
+    }
+}
+
+/// A vector of a vertex with what its targets add.
+fn displaced(displacements: &[Displacement], vertex: usize, vector: [f32; 3]) -> DVec3 {
+    let widened = |vector: [f32; 3]| DVec3::from_array(vector.map(f64::from));
+    displacements.iter().fold(widened(vector), |sum, displacement| {
+        sum + widened(displacement.vectors[vertex]) * displacement.weight
+    })
+}
+
+/// Every element mapped, in parallel.
+fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(usize, T) -> T + Sync) -> Slab<T> {
+    let mapped = elements
+        .par_iter()
+        .enumerate()
+        .map(|(i, &element)| map(i, element));
+    Slab::from(mapped.collect::<Vec<T>>())
+}

@@ -1,0 +1,261 @@
+//! Skins: joints that carry the vertices of a mesh along (glTF 2.0, section 3.7.3).
+//!
+//! Each vertex is moved by the weighted mean of the maps of its joints, whatever the node of the mesh is at. The means are
+//! taken about a point near the mesh, so that a figure far from the world's origin keeps its shape in f32.
+
+use std::collections::HashMap;
+
+use glam::{DAffine3, DMat3, DVec3};
+use gltf::json;
+use json::mesh::Semantic;
+use json::validation::Checked;
+use rayon::prelude::*;
+
+use super::GltfError;
+use super::document::Document;
+use super::error::EXPORT_AGAIN;
+use super::primitive::PrimitiveId;
+use crate::mesh::Slab;
+
+/// The joints of a skin at a moment.
+#[derive(Debug, PartialEq)]
+pub(super) struct Joints {
+    /// The place of the space that the mesh is moved to.
+    pub(super) world_from_mesh: DAffine3,
+    /// From the space in which the mesh was bound.
+    mesh_from_bind: Vec<DAffine3>,
+}
+
+/// One set of joints and weights, four a vertex.
+struct Influences {
+    joints: Slab<[f32; 4]>,
+    weights: Slab<[f32; 4]>,
+}
+
+impl Document {
+    /// The joints of a skin, by the places of the scene's nodes.
+    pub(super) fn joints(&self, skin: usize, places: &HashMap<usize, DAffine3>) -> Result<Joints, GltfError> {
+        let skins = &self.root.skins;
+        let Some(form) = skins.get(skin) else {
+            return Err(self.missing("skin", skin, skins.len()));
+        };
+        let binds = self.inverse_binds(skin, form)?;
+        let mut world_from_bind = Vec::with_capacity(binds.len());
+        for (joint, bind) in form.joints.iter().zip(binds) {
+            let Some(place) = places.get(&joint.value()) else {
+                let fault = format!("has node {} as a joint, which the scene lacks", joint.value());
+                return Err(self.fault(self.skin_item(skin), fault, EXPORT_AGAIN));
+            };
+            world_from_bind.push(*place * bind);
+        }
+        let origin = world_from_bind
+            .first()
+            .map_or(DVec3::ZERO, |first| first.translation);
+        for map in &mut world_from_bind {
+            map.translation -= origin;
+        }
+        Ok(Joints {
+            world_from_mesh: DAffine3::from_translation(origin),
+            mesh_from_bind: world_from_bind,
+        })
+    }
+
+    /// One map a joint, from the space in which the mesh was bound to that of the joint.
+    fn inverse_binds(&self, skin: usize, form: &json::skin::Skin) -> Result<Vec<DAffine3>, GltfError> {
+        let fault = |fault: String| Err(self.fault(self.skin_item(skin), fault, EXPORT_AGAIN));
+        let joint_count = form.joints.len();
+        if joint_count == 0 {
+            return fault("has no joints".into());
+        }
+        let Some(accessor) = &form.inverse_bind_matrices else {
+            return Ok(vec![DAffine3::IDENTITY; joint_count]);
+        };
+        let matrices = self.accessor(accessor.value())?.vectors::<16>()?;
+        if matrices.len() < joint_count {
+            return fault(format!(
+                "has {} inverse bind matrices for {joint_count} joints",
+                matrices.len()
+            ));
+        }
+        let maps: Vec<DAffine3> = matrices.iter().take(joint_count).map(affine).collect();
+        if !maps.iter().all(|map| map.is_finite()) {
+            return fault("has inverse bind matrices that are not finite".into());
+        }
+        Ok(maps)
+    }
+
+    fn skin_item(&self, skin: usize) -> String {
+        match self.root.skins.get(skin).and_then(|form| form.name.as_ref()) {
+            Some(name) if !name.is_empty() => format!("skin {skin} `{name}`"),
+            _ => format!("skin {skin}"),
+        }
+    }
+
+    /// What moves each vertex of a primitive.
+    pub(super) fn vertex_maps(
+        &self,
+        id: PrimitiveId,
+        joints: &Joints,
+        vertex_count: usize,
+    ) -> Result<Vec<DAffine3>, GltfError> {
+        let sets = self.influences(id, vertex_count)?;
+        let maps: Vec<Result<DAffine3, String>> = (0..vertex_count)
+            .into_par_iter()
+            .map(|vertex| joints.mean_map(&sets, vertex))
+            .collect();
+        // In order, so that of several faults always the same one is named.
+        maps.into_iter()
+            .enumerate()
+            .map(|(vertex, map)| {
+                map.map_err(|fault| {
+                    let fault = format!("has at vertex {vertex} {fault}");
+                    self.fault(self.primitive_item(id), fault, EXPORT_AGAIN)
+                })
+            })
+            .collect()
+    }
+
+    /// All sets of joints and weights of a primitive: at least one.
+    fn influences(&self, id: PrimitiveId, vertex_count: usize) -> Result<Vec<Influences>, GltfError> {
+        let fault = |fault: String| Err(self.fault(self.primitive_item(id), fault, EXPORT_AGAIN));
+        let attributes = &self.primitive(id).attributes;
+        let number = |semantic| {
+            attributes
+                .get(&Checked::Valid(semantic))
+                .map(|index| index.value())
+        };
+        let mut sets = Vec::new();
+        for set in 0.. {
+            let (joints, weights) = match (number(Semantic::Joints(set)), number(Semantic::Weights(set))) {
+                (Some(joints), Some(weights)) => (joints, weights),
+                (None, None) if set > 0 => break,
+                _ => {
+                    let sentence = format!("has a skin, but not both JOINTS_{set} and WEIGHTS_{set}");
+                    return fault(sentence);
+                }
+            };
+            let joints = self.accessor(joints)?.vectors::<4>()?;
+            let weights = self.accessor(weights)?.vectors::<4>()?;
+            if joints.len() != vertex_count || weights.len() != vertex_count {
+                return fault(format!(
+                    "has joints for {} and weights for {} of {vertex_count} vertices",
+                    joints.len(),
+                    weights.len()
+                ));
+            }
+            sets.push(Influences { joints, weights });
+        }
+        Ok(sets)
+    }
+}
+
+impl Joints {
+    /// Whether every joint turns the mesh inside out.
+    pub(super) fn are_mirrored(&self) -> bool {
+        self.mesh_from_bind
+            .iter()
+            .all(|map| map.matrix3.determinant() < 0.0)
+    }
+
+    /// The mean of the maps of a vertex's joints by their weights, whatever these sum to; else what is wrong with them.
+    fn mean_map(&self, sets: &[Influences], vertex: usize) -> Result<DAffine3, String> {
+        let (mut matrix, mut translation, mut sum) = (DMat3::ZERO, DVec3::ZERO, 0.0);
+        for set in sets {
+            for (&joint, &weight) in set.joints[vertex].iter().zip(&set.weights[vertex]) {
+                if weight == 0.0 {
+                    // Whatever its joint is.
+                    continue;
+                }
+                if !(weight > 0.0 && weight.is_finite()) {
+                    return Err(format!("the weight {weight}"));
+                }
+                let Some(map) = self.map_of(joint) else {
+                    let count = self.mesh_from_bind.len();
+                    return Err(format!("the joint {joint}, but its skin has {count}"));
+                };
+                let weight = f64::from(weight);
+                matrix += map.matrix3 * weight;
+                translation += map.translation * weight;
+                sum += weight;
+            }
+        }
+        if sum == 0.0 {
+            return Err("no weight for any joint".into());
+        }
+        Ok(DAffine3::from_mat3_translation(
+            matrix * sum.recip(),
+            translation / sum,
+        ))
+    }
+
+    /// The map of a joint, whose number comes as a float.
+    fn map_of(&self, joint: f32) -> Option<&DAffine3> {
+        let is_number = joint >= 0.0 && joint.fract() == 0.0;
+        self.mesh_from_bind.get(joint as usize).filter(|_| is_number)
+    }
+}
+
+/// The affine map of a column-major matrix. Its last row has to be 0, 0, 0, 1 and is taken as that.
+fn affine(matrix: &[f32; 16]) -> DAffine3 {
+    let column = |c: usize| DVec3::from_array([4 * c, 4 * c + 1, 4 * c + 2].map(|i| f64::from(matrix[i])));
+    DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(1), column(2)), column(3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn joints() -> Joints {
+        Joints {
+            world_from_mesh: DAffine3::IDENTITY,
+            mesh_from_bind: vec![
+                DAffine3::IDENTITY,
+                DAffine3::from_translation(DVec3::new(8.0, 0.0, 0.0)),
+                DAffine3::from_scale(DVec3::splat(2.0)),
+            ],
+        }
+    }
+
+    fn set(joints: [f32; 4], weights: [f32; 4]) -> Influences {
+        Influences {
+            joints: Slab::from(vec![joints]),
+            weights: Slab::from(vec![weights]),
+        }
+    }
+
+    #[test]
+    fn weights_are_shares_of_their_sum_over_all_sets() {
+        // 1 of 4 stays, 2 of 4 move by 8, 1 of 4 doubles: (1, 2, 3) (1 + 2 + 2) / 4 + (4, 0, 0).
+        let sets = [
+            set([0.0, 1.0, 9.0, 0.0], [0.5, 1.0, 0.0, 0.0]),
+            set([2.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0]),
+        ];
+        let map = joints().mean_map(&sets, 0).unwrap();
+        let moved = map.transform_point3(DVec3::new(1.0, 2.0, 3.0));
+        assert_eq!(moved, DVec3::new(1.25 + 4.0, 2.5, 3.75));
+    }
+
+    #[test]
+    fn joints_and_weights_that_say_nothing_are_told() {
+        let fault = |joint, weight| {
+            let set = set([joint, 0.0, 0.0, 0.0], [weight, 0.0, 0.0, 0.0]);
+            joints().mean_map(&[set], 0).unwrap_err()
+        };
+        assert_eq!(fault(0.0, 0.0), "no weight for any joint");
+        assert_eq!(fault(0.0, -0.5), "the weight -0.5");
+        assert_eq!(fault(0.0, f32::NAN), "the weight NaN");
+        assert_eq!(fault(3.0, 1.0), "the joint 3, but its skin has 3");
+        for joint in [-1.0, 0.5, f32::NAN, f32::INFINITY] {
+            assert!(fault(joint, 1.0).starts_with("the joint"), "{joint}");
+        }
+    }
+
+    #[test]
+    fn only_joints_that_all_mirror_turn_a_mesh_inside_out() {
+        let mut joints = joints();
+        assert!(!joints.are_mirrored());
+        let mirror = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+        joints.mesh_from_bind = vec![mirror; 2];
+        assert!(joints.are_mirrored());
+    }
+}

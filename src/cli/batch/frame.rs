@@ -13,11 +13,12 @@ use crate::render::{
 };
 use crate::scene::Camera;
 
+use super::super::channels::channels;
 use super::super::failure::Failure;
 use super::super::interrupt;
 use super::super::job::{RenderJob, Shot};
 use super::super::notes::Notes;
-use super::super::render::{extra_channels, project};
+use super::super::render::project;
 use super::picture;
 use super::plan::Plan;
 use super::stage::Stage;
@@ -443,7 +444,7 @@ fn joined(kept: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> 
 /// The channels of a rendering.
 fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
     let mut planes = color_planes(&rendering.image.pixels);
-    for (name, values) in extra_channels(job, rendering) {
+    for (name, values) in channels(job, rendering) {
         planes.push(Plane {
             name,
             kind: ExtraKind::Exact,

@@ -12,7 +12,7 @@
 //! 4. [`image`] writes the picture.
 //!
 //! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`] [`image`] · [`scene`] ·
-//! [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`render`] · [`cost`] [`verify`] ·
+//! [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`] [`cost`] [`verify`] [`watch`] ·
 //! [`report`] · [`cli`].
 //!
 //! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one

@@ -118,7 +118,7 @@ fn signal(child: &Child, signal: &str) {
 }
 
 const FORTY: &str = "[[job]]\nscene = \"scene.toml\"\nframes = 40\nturntable = {}\n\
-                     settings = { size = \"96x72\", spp = 16, backend = \"bsp\" }\nimage = \"{frame:02}.png\"\n";
+                     settings = { size = \"48x36\", spp = 8, backend = \"bsp\" }\nimage = \"{frame:02}.png\"\n";
 
 #[test]
 fn a_batch_that_is_killed_fifty_times_is_what_an_undisturbed_one_is() {
@@ -139,7 +139,7 @@ fn a_batch_that_is_killed_fifty_times_is_what_an_undisturbed_one_is() {
         let mut child = whit(&["batch", &jobs, "--out", &out, "--resume", "--quiet"])
             .spawn()
             .unwrap();
-        thread::sleep(Duration::from_secs_f64(0.25 * random.next()));
+        thread::sleep(Duration::from_secs_f64(0.15 * random.next()));
         let has_ended = child.try_wait().unwrap().is_some();
         child.kill().unwrap();
         child.wait().unwrap();
@@ -177,7 +177,7 @@ fn a_batch_that_is_killed_fifty_times_is_what_an_undisturbed_one_is() {
 }
 
 /// A frame that takes a while, in many steps.
-const LONG: &str = "[[job]]\nscene = \"scene.toml\"\nsettings = { size = \"96x512\", spp = 64, backend = \"bsp\", \
+const LONG: &str = "[[job]]\nscene = \"scene.toml\"\nsettings = { size = \"64x512\", spp = 16, backend = \"bsp\", \
                     aov = \"samples\" }\nimage = \"long.exr\"\n";
 
 #[test]
@@ -231,7 +231,7 @@ fn shards_in_any_order_make_the_bytes_of_one_run() {
     let job = |split: &str, image: &str, more: &str| {
         format!(
             "[[job]]\nscene = \"scene.toml\"\nframes = 2\nturntable = {{}}\n{split}\n\
-             settings = {{ size = \"80x130\", spp = 48, pattern = \"sobol\", backend = \"bsp\"{more} }}\nimage = \"{image}\"\n"
+             settings = {{ size = \"40x130\", spp = 48, pattern = \"sobol\", backend = \"bsp\"{more} }}\nimage = \"{image}\"\n"
         )
     };
     let text = [
@@ -446,7 +446,7 @@ fn a_full_disk_loses_nothing_but_what_does_not_fit() {
             .status()
             .is_ok_and(|status| status.success())
     };
-    if !mount("size=160k") {
+    if !mount("size=80k") {
         println!("skipped: no small file system can be mounted here");
         return;
     }

@@ -6,6 +6,7 @@ mod compare;
 mod compare_stats;
 mod cost;
 mod leaving;
+mod moment;
 mod output;
 mod verify;
 mod watching;
@@ -23,6 +24,7 @@ pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
 pub(super) use leaving::LeavingArgs;
+pub(super) use moment::MomentArgs;
 pub(super) use output::OutputArgs;
 pub(super) use verify::VerifyArgs;
 pub(super) use watching::WatchingArgs;
@@ -171,6 +173,9 @@ pub(super) struct RenderArgs {
     /// Camera to look through, by name or number; see `whit info`
     #[arg(long, value_name = "NAME|N")]
     pub(super) camera: Option<String>,
+
+    #[command(flatten)]
+    pub(super) moment: MomentArgs,
 
     /// Radiance of the surroundings, as X or R,G,B, in place of the scene's own
     #[arg(long, value_name = "RADIANCE", allow_hyphen_values = true)]

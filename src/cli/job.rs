@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::accel::Backend;
 use crate::cost::{self, SceneChange, Settings, SettingsFile};
+use crate::gltf::Pose;
 use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::numeric::SpawnPolicy;
 use crate::render::{Adaptive, FilterKind, HitPoint, Pattern, PixelFilter, RenderSettings};
@@ -40,6 +41,8 @@ pub(super) struct RenderJob {
     pub(super) backend: Backend,
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
+    /// At which moment animations are shown.
+    pub(super) pose: Option<Pose>,
     pub(super) ambient: Option<[f32; 3]>,
     /// What is changed of every scene: rays into lobes, points of lights, steps through volumes.
     pub(super) change: SceneChange,
@@ -176,6 +179,7 @@ impl RenderJob {
             backend,
             tracing: Tracing::new(&args.tracing),
             camera: args.camera.clone(),
+            pose: args.moment.pose(),
             ambient: args.ambient.map(|a| a.0),
             change: SceneChange {
                 rough_rays: args.rough_rays,

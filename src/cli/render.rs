@@ -7,8 +7,8 @@ use std::time::Instant;
 use crate::accel::extents::{ExtentKind, ListLimits, ProjectedAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::cost::{Findings, Settings};
+use crate::gltf::Pose;
 use crate::image::{self, ExtraChannel, ImageFormat, Note, PngEncoding, ToneMap};
-use crate::jobs::Moment;
 use crate::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
 use crate::report::cost::AimText;
 use crate::report::stats::{
@@ -109,7 +109,7 @@ fn render_one(
             mut scene, output, ..
         },
         load_seconds,
-    ) = timed(|| load(job, (&target.scene, &[], None)))?;
+    ) = timed(|| load(job, (&target.scene, &[], job.pose.as_ref())))?;
     seconds.load = load_seconds;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
@@ -228,9 +228,9 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
 /// Loads a scene as it is to be rendered: its file, changes of that, the moment.
 pub(super) fn load(
     job: &RenderJob,
-    (path, edits, moment): (&Path, &[Edit], Option<&Moment>),
+    (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
 ) -> Result<SceneFile, Failure> {
-    let mut loaded = scene::load((path, edits, moment), job.effects.removed)?;
+    let mut loaded = scene::load((path, edits, pose), job.effects.removed)?;
     let scene = &mut loaded.scene;
     if let Some(ambient) = job.ambient {
         scene.ambient = ambient;

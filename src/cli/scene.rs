@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use crate::gltf::{self, LoadOptions};
-use crate::jobs::Moment;
+use crate::gltf::{self, LoadOptions, Pose};
 use crate::scene::EffectSet;
 use crate::scene_file::{self, Edit, Output, SceneFile};
 
@@ -17,19 +16,14 @@ pub(super) fn is_scene_file(path: &Path) -> bool {
 /// Loads a scene file if the name ends in `.toml`, after changes of it, else a glTF file, which says nothing of the
 /// picture. Images that only the effects `without` look at are not decoded.
 pub(super) fn load(
-    (path, edits, moment): (&Path, &[Edit], Option<&Moment>),
+    (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
     without: EffectSet,
 ) -> Result<SceneFile, Failure> {
     let options = LoadOptions {
         without,
+        pose: pose.cloned(),
         ..LoadOptions::default()
     };
-    if moment.is_some() {
-        let path = path.display();
-        return Err(Failure::Input(format!(
-            "{path}: animations are not read yet: leave out `animation`"
-        )));
-    }
     if is_scene_file(path) {
         return Ok(scene_file::load_edited(path, edits, &options)?);
     }

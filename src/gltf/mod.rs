@@ -6,7 +6,8 @@
 //!
 //! Read are triangles (lists, strips, fans), node transforms, metallic-roughness materials with their textures (PNG,
 //! JPEG), vertex colours, tangents, cameras and the extensions listed in `document.rs`. Where a normal map has no
-//! tangents they are made by MikkTSpace. Skins show the mesh where its node stands, morph targets their base; points
+//! tangents they are made by MikkTSpace. Animations of nodes are shown at a moment
+//! ([`LoadOptions::pose`]). Skins show the mesh where its node stands, morph targets their base; points
 //! and lines are skipped, each with a warning. Both sides of every surface are shown, whether `doubleSided` or not: a
 //! ray tracer that culled back faces would lose the far sides of mirrors and the exits of glass.
 //!
@@ -15,6 +16,7 @@
 //! of radiance 0.25; a file with lights has black surroundings.
 
 mod accessor;
+mod animation;
 mod buffer;
 mod document;
 mod error;
@@ -34,6 +36,7 @@ use std::path::Path;
 use glam::DMat3;
 use rayon::prelude::*;
 
+pub use animation::Pose;
 pub use error::GltfError;
 pub(crate) use primitive::dropped_sentence;
 pub(crate) use view::framing_camera;
@@ -47,7 +50,7 @@ use node::PlacedNode;
 use primitive::{PrimitiveId, ReadPrimitive};
 
 /// Limits on what a file may ask for.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LoadOptions {
     /// Texels of all images together; each takes 4 bytes.
     pub max_texels: u64,
@@ -55,6 +58,8 @@ pub struct LoadOptions {
     ///
     /// [`Texels::Unread`]: crate::scene::Texels::Unread
     pub without: EffectSet,
+    /// At which moment of which animation; `None` as the file places things without any.
+    pub pose: Option<Pose>,
 }
 
 impl LoadOptions {
@@ -67,6 +72,7 @@ impl Default for LoadOptions {
         LoadOptions {
             max_texels: LoadOptions::DEFAULT_MAX_TEXELS,
             without: EffectSet::NONE,
+            pose: None,
         }
     }
 }
@@ -99,7 +105,13 @@ pub(crate) fn load_part(path: &Path, options: &LoadOptions) -> Result<Scene, Glt
 fn read(path: &Path, options: &LoadOptions) -> Result<(Document, Scene, Vec<Bounds>), GltfError> {
     let mut scene = Scene::default();
     let document = Document::open(path, &mut scene.warnings)?;
-    let nodes = document.placed_nodes()?;
+    let moved = match &options.pose {
+        None => HashMap::new(),
+        Some(pose) => document.moved(pose, &mut scene.warnings)?,
+    };
+    // A file whose animations nobody asks for may have them as it likes.
+    scene.animations = document.animations().unwrap_or_default();
+    let nodes = document.placed_nodes(&moved)?;
     let primitives = document.read_used_primitives(&nodes)?;
     let (bounds, image_numbers) = document.place_primitives(&nodes, primitives, &mut scene)?;
     let wanted = scene.images_for(options.without);

@@ -1,9 +1,12 @@
 //! The node hierarchy, flattened: every node of the chosen scene with its place in the world, in f64.
 
+use std::collections::HashMap;
+
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use gltf::json;
 
 use super::GltfError;
+use super::animation::Moved;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 
@@ -17,7 +20,9 @@ pub(super) struct PlacedNode {
 impl Document {
     /// The nodes of the chosen scene, parents before children: the scene that the file names, else its first, else
     /// every node without a parent is a root.
-    pub(super) fn placed_nodes(&self) -> Result<Vec<PlacedNode>, GltfError> {
+    ///
+    /// `moved` are the places that a pose gives, by the numbers of nodes.
+    pub(super) fn placed_nodes(&self, moved: &HashMap<usize, Moved>) -> Result<Vec<PlacedNode>, GltfError> {
         let nodes = &self.root.nodes;
         let mut parents: Vec<Option<usize>> = vec![None; nodes.len()];
         let mut is_placed = vec![false; nodes.len()];
@@ -33,7 +38,7 @@ impl Document {
             }
             is_placed[number] = true;
             let node = &nodes[number];
-            let world_from_node = world_from_parent * self.local_transform(number)?;
+            let world_from_node = world_from_parent * self.local_transform(number, moved)?;
             placed.push(PlacedNode {
                 number,
                 world_from_node,
@@ -88,11 +93,11 @@ impl Document {
     }
 
     /// Node to parent.
-    fn local_transform(&self, number: usize) -> Result<DAffine3, GltfError> {
+    fn local_transform(&self, number: usize, moved: &HashMap<usize, Moved>) -> Result<DAffine3, GltfError> {
         let node = &self.root.nodes[number];
-        let transform = match &node.matrix {
-            Some(matrix) => affine(matrix),
-            None => Some(from_parts(node)),
+        let transform = match (&node.matrix, moved.get(&number)) {
+            (Some(matrix), _) => affine(matrix),
+            (None, moved) => Some(moved.copied().unwrap_or_default().transform(node)),
         };
         match transform {
             Some(transform) if transform.is_finite() => Ok(transform),
@@ -141,24 +146,33 @@ fn affine(matrix: &[f32; 16]) -> Option<DAffine3> {
     (last_row == [0.0, 0.0, 0.0, 1.0]).then(|| DAffine3::from_mat4(matrix))
 }
 
-/// Scale, then rotation, then translation.
-fn from_parts(node: &json::Node) -> DAffine3 {
+/// What a node's place is made of: scale, then rotation, then translation.
+pub(super) struct Parts {
+    pub(super) scale: DVec3,
+    pub(super) rotation: DQuat,
+    pub(super) translation: DVec3,
+}
+
+/// A node's own.
+pub(super) fn parts(node: &json::Node) -> Parts {
     let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
-    let rotation = node.rotation.map_or(DQuat::IDENTITY, |q| {
-        let q = DQuat::from_array(q.0.map(f64::from));
-        let length = q.length();
-        // A quaternion that names no rotation means none.
-        if length > 0.0 && length.is_finite() {
-            q * length.recip()
-        } else {
-            DQuat::IDENTITY
-        }
-    });
-    DAffine3::from_scale_rotation_translation(
-        node.scale.map_or(DVec3::ONE, vector),
-        rotation,
-        node.translation.map_or(DVec3::ZERO, vector),
-    )
+    Parts {
+        scale: node.scale.map_or(DVec3::ONE, vector),
+        rotation: node.rotation.map_or(DQuat::IDENTITY, |q| {
+            rotation(DQuat::from_array(q.0.map(f64::from)))
+        }),
+        translation: node.translation.map_or(DVec3::ZERO, vector),
+    }
+}
+
+/// The rotation that a quaternion of any length names; one that names none means none.
+pub(super) fn rotation(q: DQuat) -> DQuat {
+    let length = q.length();
+    if length > 0.0 && length.is_finite() {
+        q * length.recip()
+    } else {
+        DQuat::IDENTITY
+    }
 }
 
 #[cfg(test)]
@@ -170,7 +184,7 @@ mod tests {
 
     fn place(nodes: Value, roots: Value) -> Result<Vec<PlacedNode>, GltfError> {
         of_json(&json!({"asset": {"version": "2.0"}, "scenes": [{"nodes": roots}], "nodes": nodes}))
-            .placed_nodes()
+            .placed_nodes(&HashMap::new())
     }
 
     #[test]
@@ -220,7 +234,7 @@ mod tests {
     #[test]
     fn without_scenes_every_node_without_a_parent_is_a_root() {
         let json = json!({"asset": {"version": "2.0"}, "nodes": [{}, {"children": [0]}, {}]});
-        let placed = of_json(&json).placed_nodes().unwrap();
+        let placed = of_json(&json).placed_nodes(&HashMap::new()).unwrap();
         assert_eq!(placed.iter().map(|p| p.number).collect::<Vec<_>>(), [1, 0, 2]);
     }
 }

@@ -9,7 +9,9 @@ use serde::Serialize;
 use crate::optics::LINE_D;
 use crate::optics::subsurface::Dipole;
 use crate::render::plan::{Decision, Plan};
-use crate::scene::{AreaShape, EffectOverrides, Geometry, LightKind, Material, Model, Projection, Scene};
+use crate::scene::{
+    Animation, AreaShape, EffectOverrides, Geometry, LightKind, Material, Model, Projection, Scene,
+};
 use crate::shape::Shape;
 
 use super::forecast::Forecast;
@@ -64,6 +66,8 @@ pub struct SceneInfo {
     pub ambient: [f32; 3],
     /// A camera's place in the list is its number for `--camera`.
     pub cameras: Vec<CameraInfo>,
+    /// What glTF files can move, for `--time` and `--animation`.
+    pub animations: Vec<Animation>,
     /// Around all instances, in the file's coordinates; null for an empty scene.
     pub bounds: Option<BoundsInfo>,
     /// How the file's coordinates became those that are rendered: `(p - center) * scale`.
@@ -280,6 +284,7 @@ impl SceneInfo {
             lights: lights(scene),
             ambient: scene.ambient,
             cameras: cameras(scene),
+            animations: scene.animations.clone(),
             bounds: bounds(scene),
             normalisation: NormalisationInfo {
                 center: scene.normalisation.center.to_array(),
@@ -455,6 +460,16 @@ impl fmt::Display for SceneInfo {
             line(
                 &format!("camera {number}"),
                 format!("`{}`, {}{fov}", camera.name, camera.kind),
+            )?;
+        }
+        for (number, animation) in self.animations.iter().enumerate() {
+            let [from, to] = animation.seconds;
+            line(
+                &format!("animation {number}"),
+                format!(
+                    "`{}`, {from} to {to} s, {} channels",
+                    animation.name, animation.channels
+                ),
             )?;
         }
         match &self.bounds {

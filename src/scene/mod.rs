@@ -63,6 +63,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Cameras, in world space; the first is the default one.
     pub cameras: Vec<Camera>,
+    /// Animations of the files that it was made of, of which it is one moment.
+    pub animations: Vec<Animation>,
     /// Smoke, fire and scans, in world space; they may overlap.
     pub volumes: Vec<Volume>,
     /// What fills all space.
@@ -75,6 +77,17 @@ pub struct Scene {
     pub warnings: Vec<String>,
     /// How world coordinates relate to the file's.
     pub normalisation: Normalisation,
+}
+
+/// What a glTF file can move.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Animation {
+    /// Its name, or its number.
+    pub name: String,
+    /// Seconds of its first and of its last key.
+    pub seconds: [f64; 2],
+    /// Properties of nodes that it moves.
+    pub channels: usize,
 }
 
 /// The radiance that comes from outside the scene, linear RGB.

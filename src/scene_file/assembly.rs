@@ -19,7 +19,7 @@ use super::placement::{Copies, Step, map_of};
 use super::shape::{PlacedShape, ShapeForm, ShapeRef};
 use super::value::At;
 use super::volume::{MadeVolume, VolumeForm};
-use crate::gltf::{self, LoadOptions};
+use crate::gltf::{self, LoadOptions, Pose};
 use crate::numeric::Motion;
 use crate::scene::{Camera, EffectSet, Geometry, Layer, Light, Scene, Texture};
 
@@ -109,6 +109,8 @@ pub(super) struct Assembler {
     imports: HashMap<PathBuf, Rc<Assembly>>,
     words: HashMap<String, u32>,
     default_material: Option<u32>,
+    /// At which moment glTF files are shown.
+    pose: Option<Pose>,
     /// Changes of the first file.
     edits: Vec<Edit>,
     pub(super) group_count: usize,
@@ -129,6 +131,7 @@ impl Assembler {
     pub(super) fn new(options: &LoadOptions, edits: &[Edit]) -> Assembler {
         Assembler {
             edits: edits.to_vec(),
+            pose: options.pose.clone(),
             scene: Scene::default(),
             texels_left: options.max_texels,
             without: options.without,
@@ -432,6 +435,7 @@ impl Assembler {
         let options = LoadOptions {
             max_texels: self.texels_left,
             without: self.without,
+            pose: self.pose.clone(),
         };
         let part = gltf::load_part(path, &options).map_err(|error| error.to_string())?;
         let source = Source {
@@ -456,6 +460,7 @@ impl Assembler {
             .map(budget_of)
             .sum::<u64>()
             .min(self.texels_left);
+        scene.animations.extend(part.animations);
         scene.geometries.extend(part.geometries);
         scene.images.extend(part.images);
         scene

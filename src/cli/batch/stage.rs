@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use crate::accel::Accel;
 use crate::batch::{Key, Keyring, Sources};
+use crate::gltf::Pose;
 use crate::report::memory::{self, MemoryForecast};
 use crate::scene::{Camera, Scene};
 use crate::scene_file::SceneFile;
@@ -29,7 +30,11 @@ impl Loaded {
     pub(super) fn new(plan: &Plan, progress: &Progress) -> Result<Loaded, Failure> {
         let start = Instant::now();
         let frame = &plan.frame;
-        let file = render::load(&plan.job, (&frame.scene, &frame.edits, frame.moment.as_ref()))?;
+        let pose = frame.moment.as_ref().map(|moment| Pose {
+            animation: moment.animation.clone(),
+            seconds: moment.seconds,
+        });
+        let file = render::load(&plan.job, (&frame.scene, &frame.edits, pose.as_ref()))?;
         for warning in &file.scene.warnings {
             progress.warn(&format!("{}: {warning}", frame.scene.display()));
         }

@@ -1,32 +1,49 @@
 //! Channels of a picture file beside its colours: what was asked for with `--aov`, by name.
 
-use crate::render::{Account, Rendering};
+use crate::image::ExtraKind;
+use crate::render::{Account, Layer, LayerKind, Rendering};
 
 use super::args::Aov;
 use super::job::RenderJob;
 
+impl Aov {
+    /// The layers that it asks for, if it is about those.
+    pub(super) fn layers(self) -> Option<LayerKind> {
+        match self {
+            Aov::Samples | Aov::Rays | Aov::Time => None,
+            Aov::Depth => Some(LayerKind::Depth),
+            Aov::Normal => Some(LayerKind::Normal),
+            Aov::Albedo => Some(LayerKind::Albedo),
+            Aov::Position => Some(LayerKind::Position),
+            Aov::Uv => Some(LayerKind::Uv),
+            Aov::Ids => Some(LayerKind::Ids),
+        }
+    }
+}
+
 /// The channels that were asked for beside the colours.
-pub(super) fn channels(job: &RenderJob, rendering: &Rendering) -> Vec<(String, Vec<f32>)> {
+pub(super) fn channels(job: &RenderJob, rendering: &Rendering) -> Vec<Layer> {
     let mut channels = cost_channels(job, rendering);
     if let Some(aovs) = &rendering.aovs {
-        channels.push(("samples".into(), aovs.samples.clone()));
-        channels.push(("variance".into(), aovs.variance.clone()));
+        channels.push(exact("samples", aovs.samples.clone()));
+        channels.push(exact("variance", aovs.variance.clone()));
     }
+    channels.extend(rendering.layers.iter().cloned());
     channels
 }
 
 /// The channels of rays and of nanoseconds that were asked for: all together, and each account that has any.
-fn cost_channels(job: &RenderJob, rendering: &Rendering) -> Vec<(String, Vec<f32>)> {
+fn cost_channels(job: &RenderJob, rendering: &Rendering) -> Vec<Layer> {
     let Some(costs) = &rendering.costs else {
         return Vec::new();
     };
     let mut channels = Vec::new();
     let mut add = |name: &str, all: Vec<f32>, of: &dyn Fn(Account) -> Vec<f32>| {
-        channels.push((name.to_owned(), all));
+        channels.push(exact(name, all));
         for account in Account::ALL {
             let values = of(account);
             if values.iter().any(|&value| value > 0.0) {
-                channels.push((format!("{name}.{}", account.name()), values));
+                channels.push(exact(&format!("{name}.{}", account.name()), values));
             }
         }
     };
@@ -39,4 +56,13 @@ fn cost_channels(job: &RenderJob, rendering: &Rendering) -> Vec<(String, Vec<f32
         });
     }
     channels
+}
+
+/// A channel that keeps every bit.
+fn exact(name: &str, values: Vec<f32>) -> Layer {
+    Layer {
+        name: name.into(),
+        kind: ExtraKind::Exact,
+        values,
+    }
 }

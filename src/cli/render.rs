@@ -319,7 +319,11 @@ fn write_image(
     let channels = channels::channels(job, rendering);
     let extra: Vec<ExtraChannel> = channels
         .iter()
-        .map(|(name, values)| ExtraChannel::exact(name, values))
+        .map(|layer| ExtraChannel {
+            name: &layer.name,
+            values: &layer.values,
+            kind: layer.kind,
+        })
         .collect();
     interrupt::finish_first(|| image::write_exr_with(image, &extra, job.encoding.exr, notes, path))?;
     Ok(())

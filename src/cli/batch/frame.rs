@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use crate::accel::Accel;
 use crate::batch::{FrameHead, Key, Part, Piece, PieceFolder, Plane, color_planes, planes_of};
-use crate::image::{ExtraKind, PngEncoding};
+use crate::image::PngEncoding;
 use crate::render::{
     self, Ledger, Monitor, Parts, Pattern, Plan as EffectPlan, Region, RenderSettings, Rendering, Share,
     Sums, TILE_SIDE,
@@ -444,13 +444,11 @@ fn joined(kept: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> 
 /// The channels of a rendering.
 fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
     let mut planes = color_planes(&rendering.image.pixels);
-    for (name, values) in channels(job, rendering) {
-        planes.push(Plane {
-            name,
-            kind: ExtraKind::Exact,
-            values,
-        });
-    }
+    planes.extend(channels(job, rendering).into_iter().map(|layer| Plane {
+        name: layer.name,
+        kind: layer.kind,
+        values: layer.values,
+    }));
     planes
 }
 

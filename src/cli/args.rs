@@ -240,7 +240,7 @@ pub(super) struct SamplingArgs {
 
     /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and
     /// `variance`; rays, time: rays and nanoseconds of each pixel, in all and by effect, as `rays`, `rays.shadow`,
-    /// `time`, `time.shadow`
+    /// `time`, `time.shadow`; the others tell what camera rays meet first, as means over a pixel's samples
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
     pub(super) aov: Vec<Aov>,
 }
@@ -254,6 +254,18 @@ pub(super) enum Aov {
     Rays,
     /// `time`, `time.camera` and so on, in nanoseconds
     Time,
+    /// `Z`, the distance along the ray in the file's unit; infinite where nothing is met
+    Depth,
+    /// `normal.X`, `.Y` and `.Z`, the shading normal in world space on the viewer's side
+    Normal,
+    /// `albedo.R`, `.G` and `.B`, the base colour with its textures, linear
+    Albedo,
+    /// `position.X`, `.Y` and `.Z`, in the file's coordinates
+    Position,
+    /// `uv.U` and `.V`, the first set of texture coordinates
+    Uv,
+    /// `id.object`, `id.material` and `id.primitive` of the first sample that meets anything; -1 where none does
+    Ids,
 }
 
 /// What is rendered, of whatever scene.

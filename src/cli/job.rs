@@ -268,6 +268,7 @@ impl RenderJob {
                 gain: f64::from(exposure_ev).exp2(),
             }),
             sample_aovs: self.aovs.contains(&Aov::Samples),
+            layers: self.aovs.iter().filter_map(|aov| aov.layers()).collect(),
             cost_aovs,
             effects: self.effects,
             seed: self.seed,
@@ -298,6 +299,12 @@ fn check_adaptive(settings: &RenderSettings) -> Result<(), Failure> {
         return refuse(
             "`--adaptive` gives neighbouring pixels unequal numbers of samples, which a filter cannot share: leave out \
              `--filter`, or give `--filter box` where the scene file has another",
+        );
+    }
+    if !settings.layers.is_empty() {
+        return refuse(
+            "`--adaptive` tells nothing of what camera rays meet: give `--aov` only `samples`, `rays` and `time`, or leave out \
+             `--adaptive`",
         );
     }
     if settings.pattern == Pattern::Regular {

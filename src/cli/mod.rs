@@ -8,6 +8,7 @@ mod args;
 mod asked_again;
 mod batch;
 mod bench;
+mod channels;
 mod compare;
 mod compare_stats;
 mod cost;

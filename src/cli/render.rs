@@ -9,7 +9,7 @@ use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::cost::{Findings, Settings};
 use crate::gltf::Pose;
 use crate::image::{self, ExtraChannel, ImageFormat, Note, PngEncoding, ToneMap};
-use crate::render::{self, Account, FinishedTile, Monitor, RenderSettings, Rendering};
+use crate::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
 use crate::report::cost::AimText;
 use crate::report::stats::{
     AccelStats, CutoffStats, ImageStats, LedgerStats, PhaseSeconds, RayCounts, RenderStats, SceneStats,
@@ -21,7 +21,8 @@ use crate::scene_file::{Edit, Output, SceneFile};
 use crate::watch::TevViewer;
 
 use super::aim;
-use super::args::{Aov, RenderArgs};
+use super::args::RenderArgs;
+use super::channels;
 use super::failure::Failure;
 use super::interrupt;
 use super::job::{RenderJob, Shot, StatsTo, Target, choose_camera, effective_precision};
@@ -315,49 +316,17 @@ fn write_image(
         interrupt::finish_first(|| image::write_png_with(image, encoding, notes, path))?;
         return Ok(());
     }
-    let channels = extra_channels(job, rendering);
+    let channels = channels::channels(job, rendering);
     let extra: Vec<ExtraChannel> = channels
         .iter()
-        .map(|(name, values)| ExtraChannel::exact(name, values))
+        .map(|layer| ExtraChannel {
+            name: &layer.name,
+            values: &layer.values,
+            kind: layer.kind,
+        })
         .collect();
     interrupt::finish_first(|| image::write_exr_with(image, &extra, job.encoding.exr, notes, path))?;
     Ok(())
-}
-
-/// The channels that were asked for beside the colours.
-pub(super) fn extra_channels(job: &RenderJob, rendering: &Rendering) -> Vec<(String, Vec<f32>)> {
-    let mut channels = cost_channels(job, rendering);
-    if let Some(aovs) = &rendering.aovs {
-        channels.push(("samples".into(), aovs.samples.clone()));
-        channels.push(("variance".into(), aovs.variance.clone()));
-    }
-    channels
-}
-
-/// The channels of rays and of nanoseconds that were asked for: all together, and each account that has any.
-fn cost_channels(job: &RenderJob, rendering: &Rendering) -> Vec<(String, Vec<f32>)> {
-    let Some(costs) = &rendering.costs else {
-        return Vec::new();
-    };
-    let mut channels = Vec::new();
-    let mut add = |name: &str, all: Vec<f32>, of: &dyn Fn(Account) -> Vec<f32>| {
-        channels.push((name.to_owned(), all));
-        for account in Account::ALL {
-            let values = of(account);
-            if values.iter().any(|&value| value > 0.0) {
-                channels.push((format!("{name}.{}", account.name()), values));
-            }
-        }
-    };
-    if job.aovs.contains(&Aov::Rays) {
-        add("rays", costs.all_rays(), &|account| costs.rays(account));
-    }
-    if job.aovs.contains(&Aov::Time) {
-        add("time", costs.all_nanoseconds(), &|account| {
-            costs.nanoseconds(account)
-        });
-    }
-    channels
 }
 
 /// Writes the heat map that was asked for; returns a line that tells its scale.

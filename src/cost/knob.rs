@@ -226,10 +226,12 @@ impl Turns<'_> {
             .collect()
     }
 
-    /// Up to the most samples; needs a box, and a pattern whose samples go on.
+    /// Up to the most samples; needs a box, a pattern whose samples go on, and nobody who wants layers.
     fn adaptive(&self) -> Vec<Level> {
         let settings = &self.base.settings;
-        let fits = settings.filter.kind == FilterKind::Box && settings.pattern != Pattern::Regular;
+        let fits = settings.filter.kind == FilterKind::Box
+            && settings.pattern != Pattern::Regular
+            && settings.layers.is_empty();
         // Every pixel takes sixteen.
         if !fits || self.reach.adaptive_samples <= 16 {
             return Vec::new();

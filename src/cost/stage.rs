@@ -8,7 +8,7 @@ use super::layout::area;
 use super::{Configuration, CostError, Displayed, Experiment, HitPath, SceneChange, Watcher};
 use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
-use crate::render::{Monitor, Mosaic, RenderSettings, Rendering, render, render_mosaic};
+use crate::render::{LayerSet, Monitor, Mosaic, RenderSettings, Rendering, render, render_mosaic};
 use crate::scene::Scene;
 
 /// What is rendered for a measurement.
@@ -133,6 +133,7 @@ impl Stage<'_, '_> {
             seed,
             ledger: false,
             sample_aovs: false,
+            layers: LayerSet::NONE,
             cost_aovs: false,
             ..configuration.settings
         };

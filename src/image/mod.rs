@@ -5,6 +5,7 @@
 //! beside their place, forced to the disk and renamed into it. Pictures larger than memory go row by row ([`rows`]).
 
 mod atomic;
+pub mod cryptomatte;
 mod exr;
 pub mod metrics;
 mod picture;

@@ -130,6 +130,7 @@ impl TileFilm {
             sums: Vec::new(),
             splat: samples.and_then(SampleFilm::splat).cloned(),
             estimates: estimates.map_or(Vec::new(), |all| cut(tile, all).copied().collect()),
+            layers: Vec::new(),
         }
     }
 
@@ -167,7 +168,7 @@ pub fn pixel_sum(packets: impl Iterator<Item = Lanes<f32>>) -> f64 {
 }
 
 /// The pixels that lie in `tile` of a full tile's, row by row.
-fn cut<T>(tile: Tile, pixels: &[T]) -> impl Iterator<Item = &T> {
+pub(super) fn cut<T>(tile: Tile, pixels: &[T]) -> impl Iterator<Item = &T> {
     let rows = pixels.chunks(TILE as usize).take(tile.height as usize);
     rows.flat_map(move |row| &row[..tile.width as usize])
 }

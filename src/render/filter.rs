@@ -324,6 +324,7 @@ mod tests {
                     means: Vec::new(),
                     splat: Some(splat),
                     estimates: Vec::new(),
+                    layers: Vec::new(),
                 };
                 (tile, picture)
             })

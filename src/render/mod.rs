@@ -9,9 +9,11 @@ mod departure;
 mod estimate;
 mod film;
 mod filter;
+mod first_hits;
 mod forecast;
 mod gather;
 mod lamps;
+mod layers;
 mod ledger;
 mod lens;
 mod look;
@@ -31,6 +33,7 @@ mod rough;
 mod sample;
 mod sampler;
 mod samples;
+mod settings;
 mod shade;
 mod shape_point;
 mod soft;
@@ -57,6 +60,7 @@ pub use costs::PixelCosts;
 pub use departure::{Departure, Departures};
 pub use film::pixel_sum;
 pub use filter::PixelFilter;
+pub use layers::{Layer, LayerKind, LayerSet};
 pub use ledger::{Account, Ledger, Loss, Tally};
 pub use memory::{Holding, Memory};
 pub use monitor::{FinishedTile, Monitor};
@@ -130,6 +134,9 @@ pub struct RenderSettings {
     pub adaptive: Option<Adaptive>,
     /// Whether [`Rendering::aovs`] are wanted. They change no bit of the picture.
     pub sample_aovs: bool,
+    /// Which of [`Rendering::layers`] are wanted. They change no bit of the picture; not together with `adaptive`, which
+    /// takes them for none.
+    pub layers: LayerSet,
     /// Reflections and refractions that are followed at most; 0 for none.
     pub depth: u32,
     /// Wavelengths that a path splits into where a body disperses it; at least 1.
@@ -163,6 +170,7 @@ impl Default for RenderSettings {
             filter: PixelFilter::default(),
             adaptive: None,
             sample_aovs: false,
+            layers: LayerSet::NONE,
             depth: DEFAULT_DEPTH,
             wavelengths: DEFAULT_WAVELENGTHS,
             weight_cutoff: 1.0 / 512.0,
@@ -185,6 +193,8 @@ pub struct Rendering {
     pub samples: SampleCounts,
     /// What each pixel's samples tell, if [`RenderSettings::sample_aovs`] asks for it.
     pub aovs: Option<SampleAovs>,
+    /// What camera rays met first, if [`RenderSettings::layers`] asks for it.
+    pub layers: Vec<Layer>,
     /// What each pixel cost, if [`RenderSettings::cost_aovs`] asks for it.
     pub costs: Option<PixelCosts>,
     /// Rays and seconds.
@@ -306,6 +316,7 @@ fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option
         })))
     };
     let aovs = settings.sample_aovs.then(aovs);
+    let layers = layers::assemble(settings, &cover, &tiles);
     meter.lap_all_threads(Account::Film);
     ledger += meter.ledger;
     let image = LinearImage {
@@ -316,6 +327,7 @@ fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option
     let samples = SampleCounts::uniform(region.pixel_count(), settings.spp);
     Some(Rendering {
         aovs,
+        layers,
         ..Rendering::new(image, samples, ledger, frame)
     })
 }
@@ -379,6 +391,7 @@ impl Rendering {
             image,
             samples,
             aovs: None,
+            layers: Vec::new(),
             costs: None,
             ledger,
             ready_seconds: 0.0,
@@ -386,51 +399,6 @@ impl Rendering {
             plan: frame.plan.clone(),
             subsurface: None,
         }
-    }
-}
-
-impl RenderSettings {
-    /// Bytes that filters, adaptive sampling and AOVs take for each pixel, beyond the picture itself.
-    pub fn sampling_bytes_per_pixel(&self) -> u64 {
-        let estimates = if self.target().is_some() || self.sample_aovs {
-            // The tiles' and the picture's.
-            2 * size_of::<Estimate>() + adaptive::LOOK_BYTES
-        } else {
-            0
-        };
-        let aovs = if self.sample_aovs {
-            // As rendered and on their way into a file, with the colours' planes.
-            2 * 2 * size_of::<f32>() + 3 * size_of::<f32>()
-        } else {
-            0
-        };
-        let costs = if self.cost_aovs {
-            // As counted, and every channel on its way into a file.
-            3 * PixelCosts::BYTES
-        } else {
-            0
-        };
-        (estimates + aovs + costs) as u64 + self.filter.bytes_per_pixel()
-    }
-
-    /// The pair of numbers that sample `sample` of `pixel` (column and row) has for `purpose`.
-    fn numbers(&self, pixel: [u32; 2], sample: u32, purpose: Purpose) -> [f64; 2] {
-        sample_2d(self.pattern, pixel, sample, self.spp, purpose.seeded(self.seed))
-    }
-
-    /// The cone of one of `count` even samples: a pixel's, by the root of their number narrower each way.
-    fn camera_cone(&self, view: &CameraView, count: u32) -> Cone {
-        let pixel = Cone::of_pixel(view, [0.5, 0.5], [self.width, self.height]);
-        let part = f64::from(count).sqrt().recip();
-        Cone {
-            width: pixel.width * part,
-            spread: pixel.spread * part,
-        }
-    }
-
-    /// The target of adaptive sampling, where there is anything to adapt.
-    fn target(&self) -> Option<Adaptive> {
-        self.adaptive.filter(|_| self.spp > ROUND)
     }
 }
 

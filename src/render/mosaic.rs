@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::film::Tile;
 use super::sample::{pixels, reach, spread};
-use super::{Frame, Monitor, Region, RenderSettings, Rendering, adaptive, render_tiles};
+use super::{Frame, LayerSet, Monitor, Region, RenderSettings, Rendering, adaptive, render_tiles};
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::scene::{Camera, Scene};
@@ -152,7 +152,7 @@ fn whole_pieces(settings: &RenderSettings) -> [u32; 2] {
 
 /// Renders a mosaic of the picture that `settings` ask for, in the current rayon pool. `None` if it was cancelled.
 ///
-/// [`RenderSettings::sample_aovs`] and [`RenderSettings::cost_aovs`] are ignored. `scene` must have passed
+/// [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and [`RenderSettings::cost_aovs`] are ignored. `scene` must have passed
 /// [`Scene::validate`], and `accel` must have been built from it.
 pub fn render_mosaic(
     (scene, camera): (&Scene, &Camera),
@@ -164,6 +164,7 @@ pub fn render_mosaic(
     let start = Instant::now();
     let settings = RenderSettings {
         sample_aovs: false,
+        layers: LayerSet::NONE,
         cost_aovs: false,
         ..*settings
     };

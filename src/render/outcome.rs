@@ -172,7 +172,7 @@ impl<'f, 's> Outcome<'f, 's> {
     }
 
     /// How wide the rays of a packet are.
-    fn widths<'t, const PLAIN: bool>(&self, travels: Option<TravelPacket<'t>>) -> Widths<'t> {
+    pub(super) fn widths<'t, const PLAIN: bool>(&self, travels: Option<TravelPacket<'t>>) -> Widths<'t> {
         if !self.effects::<PLAIN>().has(Effect::TextureFilter) {
             return Widths::None;
         }

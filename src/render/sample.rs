@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::film::{TILE, Tile, tiles};
 use super::wave::{TilePicture, Wave, Waves};
-use super::{Frame, Ledger, Monitor, Plan, RenderSettings, filter};
+use super::{Frame, LayerSet, Ledger, Monitor, Plan, RenderSettings, filter};
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::scene::{Camera, Scene};
@@ -54,7 +54,8 @@ pub fn tile_count(width: u32, height: u32) -> usize {
 
 /// Renders `count` tiles, or all if there are fewer, in the current rayon pool. `None` if it was cancelled.
 ///
-/// Every pixel gets all of its samples: [`RenderSettings::adaptive`] and [`RenderSettings::sample_aovs`] are ignored.
+/// Every pixel gets all of its samples: [`RenderSettings::adaptive`] is ignored, as are [`RenderSettings::sample_aovs`] and
+/// [`RenderSettings::layers`].
 /// `scene` must have passed [`Scene::validate`], and `accel` must have been built from it.
 pub fn render_sample(
     (scene, camera): (&Scene, &Camera),
@@ -67,6 +68,7 @@ pub fn render_sample(
     let settings = RenderSettings {
         adaptive: None,
         sample_aovs: false,
+        layers: LayerSet::NONE,
         ..*settings
     };
     let mut frame = Frame::new(scene, camera, accel, &settings);

@@ -6,18 +6,19 @@ use std::time::Instant;
 
 use crate::accel::Accel;
 use crate::batch::{FrameHead, Key, Part, Piece, PieceFolder, Plane, color_planes, planes_of};
-use crate::image::{ExtraKind, PngEncoding};
+use crate::image::PngEncoding;
 use crate::render::{
     self, Ledger, Monitor, Parts, Pattern, Plan as EffectPlan, Region, RenderSettings, Rendering, Share,
     Sums, TILE_SIDE,
 };
 use crate::scene::Camera;
 
+use super::super::channels::channels;
 use super::super::failure::Failure;
 use super::super::interrupt;
 use super::super::job::{RenderJob, Shot};
 use super::super::notes::Notes;
-use super::super::render::{extra_channels, project};
+use super::super::render::project;
 use super::picture;
 use super::plan::Plan;
 use super::stage::Stage;
@@ -443,13 +444,11 @@ fn joined(kept: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> 
 /// The channels of a rendering.
 fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
     let mut planes = color_planes(&rendering.image.pixels);
-    for (name, values) in extra_channels(job, rendering) {
-        planes.push(Plane {
-            name,
-            kind: ExtraKind::Exact,
-            values,
-        });
-    }
+    planes.extend(channels(job, rendering).into_iter().map(|layer| Plane {
+        name: layer.name,
+        kind: layer.kind,
+        values: layer.values,
+    }));
     planes
 }
 

@@ -1,0 +1,68 @@
+//! Channels of a picture file beside its colours: what was asked for with `--aov`, by name.
+
+use crate::image::ExtraKind;
+use crate::render::{Account, Layer, LayerKind, Rendering};
+
+use super::args::Aov;
+use super::job::RenderJob;
+
+impl Aov {
+    /// The layers that it asks for, if it is about those.
+    pub(super) fn layers(self) -> Option<LayerKind> {
+        match self {
+            Aov::Samples | Aov::Rays | Aov::Time => None,
+            Aov::Depth => Some(LayerKind::Depth),
+            Aov::Normal => Some(LayerKind::Normal),
+            Aov::Albedo => Some(LayerKind::Albedo),
+            Aov::Position => Some(LayerKind::Position),
+            Aov::Uv => Some(LayerKind::Uv),
+            Aov::Ids => Some(LayerKind::Ids),
+        }
+    }
+}
+
+/// The channels that were asked for beside the colours.
+pub(super) fn channels(job: &RenderJob, rendering: &Rendering) -> Vec<Layer> {
+    let mut channels = cost_channels(job, rendering);
+    if let Some(aovs) = &rendering.aovs {
+        channels.push(exact("samples", aovs.samples.clone()));
+        channels.push(exact("variance", aovs.variance.clone()));
+    }
+    channels.extend(rendering.layers.iter().cloned());
+    channels
+}
+
+/// The channels of rays and of nanoseconds that were asked for: all together, and each account that has any.
+fn cost_channels(job: &RenderJob, rendering: &Rendering) -> Vec<Layer> {
+    let Some(costs) = &rendering.costs else {
+        return Vec::new();
+    };
+    let mut channels = Vec::new();
+    let mut add = |name: &str, all: Vec<f32>, of: &dyn Fn(Account) -> Vec<f32>| {
+        channels.push(exact(name, all));
+        for account in Account::ALL {
+            let values = of(account);
+            if values.iter().any(|&value| value > 0.0) {
+                channels.push(exact(&format!("{name}.{}", account.name()), values));
+            }
+        }
+    };
+    if job.aovs.contains(&Aov::Rays) {
+        add("rays", costs.all_rays(), &|account| costs.rays(account));
+    }
+    if job.aovs.contains(&Aov::Time) {
+        add("time", costs.all_nanoseconds(), &|account| {
+            costs.nanoseconds(account)
+        });
+    }
+    channels
+}
+
+/// A channel that keeps every bit.
+fn exact(name: &str, values: Vec<f32>) -> Layer {
+    Layer {
+        name: name.into(),
+        kind: ExtraKind::Exact,
+        values,
+    }
+}

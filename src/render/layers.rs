@@ -1,0 +1,158 @@
+//! Layers: planes of what camera rays met first, beside a picture's colours.
+//!
+//! Every sample of a pixel asks one camera ray what surface it meets first; see-through and partly absent surfaces
+//! count, volumes and fog do not. A pixel's values are means over those of its samples that met one, each weighed alike
+//! whatever the picture's filter is. Lengths and places are in the file's coordinates.
+
+use super::RenderSettings;
+use super::film::{self, Tile};
+use super::region::Cover;
+use super::wave::TilePicture;
+use crate::image::ExtraKind;
+
+/// A group of layers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LayerKind {
+    /// `Z`: the distance along the ray from where it starts; infinite where no sample met anything.
+    Depth,
+    /// `normal.X`, `normal.Y`, `normal.Z`: the unit shading normal in world space on the viewer's side. The mean of
+    /// several is shorter than 1. 0 where no sample met anything.
+    Normal,
+    /// `albedo.R`, `albedo.G`, `albedo.B`: the base colour with its textures and vertex colours, linear RGB; of the
+    /// lecture's materials, the diffuse part of it. 0 where no sample met anything.
+    Albedo,
+    /// `position.X`, `position.Y`, `position.Z`; 0 where no sample met anything.
+    Position,
+    /// `uv.U`, `uv.V`: the first set of texture coordinates; 0 without one, or where no sample met anything.
+    Uv,
+    /// `id.object`, `id.material`, `id.primitive`: of the first sample that met anything, the index of the instance, of
+    /// its material, and of the mesh's triangle or the shape's part, from 0; -1 where none did. Whole numbers, exact up
+    /// to 2^24.
+    Ids,
+}
+
+impl LayerKind {
+    /// All, in the order in which their layers come.
+    pub const ALL: [LayerKind; 6] = [
+        LayerKind::Depth,
+        LayerKind::Normal,
+        LayerKind::Albedo,
+        LayerKind::Position,
+        LayerKind::Uv,
+        LayerKind::Ids,
+    ];
+
+    /// The names of its layers.
+    pub fn names(self) -> &'static [&'static str] {
+        match self {
+            LayerKind::Depth => &["Z"],
+            LayerKind::Normal => &["normal.X", "normal.Y", "normal.Z"],
+            LayerKind::Albedo => &["albedo.R", "albedo.G", "albedo.B"],
+            LayerKind::Position => &["position.X", "position.Y", "position.Z"],
+            LayerKind::Uv => &["uv.U", "uv.V"],
+            LayerKind::Ids => &["id.object", "id.material", "id.primitive"],
+        }
+    }
+
+    /// Whether a file of halves may round them.
+    fn rounding(self) -> ExtraKind {
+        match self {
+            LayerKind::Albedo => ExtraKind::Color,
+            _ => ExtraKind::Exact,
+        }
+    }
+}
+
+/// Some groups of layers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LayerSet(u8);
+
+impl LayerSet {
+    /// None.
+    pub const NONE: LayerSet = LayerSet(0);
+
+    /// The same and one more.
+    #[must_use]
+    pub fn with(self, kind: LayerKind) -> LayerSet {
+        LayerSet(self.0 | (1 << kind as u8))
+    }
+
+    /// Whether it is one of them.
+    #[inline(always)]
+    pub fn has(self, kind: LayerKind) -> bool {
+        self.0 & (1 << kind as u8) != 0
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(self) -> bool {
+        self == LayerSet::NONE
+    }
+
+    /// They, in their order.
+    pub fn kinds(self) -> impl Iterator<Item = LayerKind> {
+        LayerKind::ALL.into_iter().filter(move |&kind| self.has(kind))
+    }
+
+    /// How many layers they are.
+    pub fn layer_count(self) -> usize {
+        self.kinds().map(|kind| kind.names().len()).sum()
+    }
+}
+
+impl FromIterator<LayerKind> for LayerSet {
+    fn from_iter<I: IntoIterator<Item = LayerKind>>(kinds: I) -> LayerSet {
+        kinds.into_iter().fold(LayerSet::NONE, LayerSet::with)
+    }
+}
+
+/// One value a pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    /// What a file calls it, as [`LayerKind`] lists.
+    pub name: String,
+    /// Whether a file of halves may round it.
+    pub kind: ExtraKind,
+    /// Row by row, the top row first.
+    pub values: Vec<f32>,
+}
+
+/// The layers of what `cover` shows, of placed tiles.
+pub(super) fn assemble(
+    settings: &RenderSettings,
+    cover: &Cover,
+    tiles: &[(Tile, TilePicture)],
+) -> Vec<Layer> {
+    let [width, height] = cover.size();
+    let kinds = settings.layers.kinds();
+    let layers = kinds.flat_map(|kind| kind.names().iter().map(move |name| (kind, name)));
+    layers
+        .enumerate()
+        .map(|(index, (kind, &name))| Layer {
+            name: name.into(),
+            kind: kind.rounding(),
+            values: cover.cut(film::assemble(width, height, tiles, |picture| {
+                &picture.layers[index]
+            })),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_set_has_what_was_put_into_it_in_one_order() {
+        let set: LayerSet = [LayerKind::Ids, LayerKind::Depth].into_iter().collect();
+        assert!(set.has(LayerKind::Ids) && set.has(LayerKind::Depth) && !set.has(LayerKind::Uv));
+        assert_eq!(
+            set.kinds().collect::<Vec<_>>(),
+            [LayerKind::Depth, LayerKind::Ids]
+        );
+        // `Z` and three numbers.
+        assert_eq!(set.layer_count(), 4);
+        assert!(LayerSet::NONE.is_empty() && !set.is_empty());
+        let all: LayerSet = LayerKind::ALL.into_iter().collect();
+        assert_eq!(all.layer_count(), 15);
+    }
+}

@@ -80,8 +80,8 @@ fn shown(rendering: &Rendering) -> Displayed {
 fn everything(scene: &Scene, plan: &Plan, base: &Configuration) -> Vec<Vec<Configuration>> {
     let mut by_knob: BTreeMap<Knob, Vec<Configuration>> = BTreeMap::new();
     for (knob, _, configuration) in knobs(scene, plan, base, &Reach::of(256)) {
-        let is_like_base = configuration.path == base.path;
-        if is_like_base {
+        let is_offered = configuration.path == base.path && configuration.is_trusted_like(base);
+        if is_offered && configuration != *base {
             by_knob
                 .entry(knob)
                 .or_insert_with(|| vec![*base])

@@ -481,3 +481,49 @@ fn a_render_goes_on_without_a_viewer_that_went_away() {
         "{words}"
     );
 }
+
+#[test]
+fn frames_of_a_batch_are_seen_as_they_are_written_and_all_but_the_last_are_closed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (jobs, out) = (path("film.jobs.toml"), path("film"));
+    let text = format!(
+        "settings = {{ size = \"50x40\", filter = \"tent\" }}\nscene = {:?}\n[[job]]\nframes = 11\nturntable = {{}}\n\
+         image = \"{{frame}}.exr\"\n",
+        first_light()
+    );
+    std::fs::write(&jobs, text).unwrap();
+    let (address, received) = all_bytes();
+    let run = whit(&["batch", &jobs, "--out", &out, "--tev", &address]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let packets: Vec<Packet> = received
+        .join()
+        .unwrap()
+        .iter()
+        .map(|bytes| packet(bytes))
+        .collect();
+    for frame in 1..=11 {
+        let name = format!("{frame}.exr");
+        let (size, shown) = picture(&packets, &name);
+        assert_eq!(size, [50, 40]);
+        let written = whit::image::read_exr(path(&format!("film/{name}")).as_ref()).unwrap();
+        for (channel, plane) in shown.iter().enumerate() {
+            assert!(
+                written
+                    .pixels
+                    .iter()
+                    .map(|pixel| pixel[channel])
+                    .eq(plane.iter().copied()),
+                "{name}"
+            );
+        }
+    }
+    // The first three that were begun, two at a time; eight stay.
+    let closed = packets.iter().filter_map(|packet| match packet {
+        Packet::Close(name) => name.strip_suffix(".exr")?.parse::<u32>().ok(),
+        _ => None,
+    });
+    let closed: Vec<u32> = closed.collect();
+    assert_eq!(closed.len(), 3);
+    assert!(closed.iter().all(|&frame| frame <= 4), "{closed:?}");
+}

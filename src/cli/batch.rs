@@ -8,8 +8,10 @@ mod frame;
 mod page;
 mod picture;
 mod plan;
+mod rows;
 mod run;
 mod stage;
+mod viewer;
 
 use std::fs;
 use std::path::Path;
@@ -21,6 +23,7 @@ use super::failure::Failure;
 use super::output;
 use super::tracing::Tracing;
 use run::Batch;
+use viewer::Viewer;
 
 /// Makes what the arguments ask for.
 pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
@@ -35,12 +38,13 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
     if args.dry_run {
         return pool.install(|| dry_run::list(args, &plans));
     }
+    let viewer = Viewer::connect(args.watching.tev.as_deref())?;
     let lock = lock(&args.out, args.shard)?;
     if lock.is_some() && args.shard == Shard::ALL {
         plan::sweep_up(&plans, &args.out);
     }
     let manifest = manifest(args)?;
-    let result = Batch::new(args, &plans, manifest).run(&pool);
+    let result = Batch::new(args, &plans, manifest, viewer).run(&pool);
     drop(lock);
     result
 }

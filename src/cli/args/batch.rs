@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args as ArgGroup;
 
 use super::MAX_THREADS;
+use super::watching::WatchingArgs;
 use crate::batch::Shard;
-use crate::cli::progress::ProgressKind;
 
 /// More than a week would be a mistake.
 const MOST_SECONDS: f64 = 604_800.0;
@@ -81,15 +81,8 @@ pub(in crate::cli) struct BatchArgs {
     #[arg(long, value_name = "FILE.html")]
     pub(in crate::cli) html: Option<PathBuf>,
 
-    /// How progress is shown on standard error: a bar on a terminal, JSON lines for programs, or not at all
-    #[arg(
-        long,
-        value_enum,
-        value_name = "auto|json|none",
-        default_value = "auto",
-        hide_possible_values = true
-    )]
-    pub(in crate::cli) progress: ProgressKind,
+    #[command(flatten)]
+    pub(in crate::cli) watching: WatchingArgs,
 
     /// Say nothing but errors
     #[arg(long, short)]

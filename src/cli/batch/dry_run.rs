@@ -14,6 +14,7 @@ use super::super::interrupt;
 use super::super::output;
 use super::super::progress::{Progress, Verbosity};
 use super::plan::Plan;
+use super::rows::film_bytes;
 use super::stage::{Loaded, Stage};
 
 /// What a frame will probably take.
@@ -33,7 +34,7 @@ pub(super) fn list(args: &BatchArgs, plans: &[Plan]) -> Result<(), Failure> {
     let threads = rayon::current_num_threads() as f64;
     let mut total = 0.0;
     let mut most = 0;
-    for (plan, cost) in plans.iter().zip(costs(plans, progress(args))?) {
+    for (plan, cost) in plans.iter().zip(costs(plans, args)?) {
         let [width, height] = cost.size;
         let seconds = cost.seconds / threads;
         total += seconds + cost.ready;
@@ -63,7 +64,7 @@ pub(super) fn list(args: &BatchArgs, plans: &[Plan]) -> Result<(), Failure> {
 /// Writes the script for a cluster.
 pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Result<(), Failure> {
     let threads = rayon::current_num_threads() as u32;
-    let costs = costs(plans, progress(args))?;
+    let costs = costs(plans, args)?;
     let pieces: usize = plans.iter().map(Plan::piece_count).sum();
     let shards = args.shards.min(u32::try_from(pieces).unwrap_or(u32::MAX)).max(1);
     let rendering: f64 = costs.iter().map(|cost| cost.seconds / f64::from(threads)).sum();
@@ -105,11 +106,12 @@ fn progress(args: &BatchArgs) -> Progress {
     } else {
         Verbosity::Normal
     };
-    Progress::of_kind(args.progress, verbosity)
+    Progress::of_kind(args.watching.progress, verbosity)
 }
 
 /// What the frames will take: of frames that share a scene the first is probed.
-fn costs(plans: &[Plan], progress: Progress) -> Result<Vec<Cost>, Failure> {
+fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
+    let progress = progress(args);
     let mut costs: Vec<Cost> = Vec::with_capacity(plans.len());
     for (index, plan) in plans.iter().enumerate() {
         let before = index.checked_sub(1).and_then(|before| plans.get(before));
@@ -118,7 +120,7 @@ fn costs(plans: &[Plan], progress: Progress) -> Result<Vec<Cost>, Failure> {
             costs.last(),
         ) {
             (Some(_), Some(&cost)) => costs.push(Cost { ready: 0.0, ..cost }),
-            _ => costs.push(probed(plan, &progress)?),
+            _ => costs.push(probed(plan, args, &progress)?),
         }
         progress.fraction(index as f64 / plans.len() as f64);
     }
@@ -126,7 +128,7 @@ fn costs(plans: &[Plan], progress: Progress) -> Result<Vec<Cost>, Failure> {
     Ok(costs)
 }
 
-fn probed(plan: &Plan, progress: &Progress) -> Result<Cost, Failure> {
+fn probed(plan: &Plan, args: &BatchArgs, progress: &Progress) -> Result<Cost, Failure> {
     progress.phase(&plan.name(), "probe");
     let loaded = Loaded::new(plan, progress)?;
     let stage = Stage::new(plan, &loaded, progress)?;
@@ -143,7 +145,7 @@ fn probed(plan: &Plan, progress: &Progress) -> Result<Cost, Failure> {
     Ok(Cost {
         seconds: forecast.seconds,
         ready: loaded.seconds + stage.build_seconds,
-        bytes: loaded.bytes(&plan.job, &shot),
+        bytes: loaded.bytes(&plan.job) + film_bytes(&shot.settings, args.time),
         size: [shot.settings.width, shot.settings.height],
         spp: shot.settings.spp,
     })

@@ -8,8 +8,8 @@ use crate::accel::Accel;
 use crate::batch::{FrameHead, Key, Part, Piece, PieceFolder, Plane, color_planes, planes_of};
 use crate::image::PngEncoding;
 use crate::render::{
-    self, Ledger, Monitor, Parts, Pattern, Plan as EffectPlan, Region, RenderSettings, Rendering, Share,
-    Sums, TILE_SIDE,
+    self, FinishedTile, Ledger, Monitor, Parts, Pattern, Plan as EffectPlan, Region, RenderSettings,
+    Rendering, Share, Sums,
 };
 use crate::scene::Camera;
 
@@ -21,12 +21,8 @@ use super::super::notes::Notes;
 use super::super::render::project;
 use super::picture;
 use super::plan::Plan;
+use super::rows::{MOST_KEPT, Steps, film_bytes, is_one};
 use super::stage::Stage;
-
-/// Tiles for each thread in the first rows that are rendered, by which is told how long the others will take.
-const FIRST_TILES: usize = 8;
-/// Bytes of finished rows that are kept in memory; more go to the disk.
-const MOST_KEPT: usize = 1 << 28;
 
 /// What a frame is to keep to.
 #[derive(Clone, Copy)]
@@ -112,11 +108,6 @@ pub(super) fn make<'a>(
     })
 }
 
-/// Whether a picture can only be made at once: where its pixels depend on each other, or on when they are made.
-fn is_one(settings: &RenderSettings) -> bool {
-    settings.adaptive.is_some() || settings.cost_aovs
-}
-
 impl<'a> Making<'a> {
     fn new(
         (plan, key): (&'a Plan, Key),
@@ -128,7 +119,7 @@ impl<'a> Making<'a> {
         let mut shot = job.shot(&stage.loaded.file.output)?;
         // For the page of the batch; it changes no bit.
         shot.settings.ledger = true;
-        check_memory(stage, plan, &shot, limits.max_memory)?;
+        check_memory(stage, plan, &shot, limits)?;
         check_division(plan, &shot.settings, limits.time)?;
         let camera = stage.loaded.camera(plan)?;
         let effects = EffectPlan::new(stage.scene(), &camera, &shot.settings.effects);
@@ -358,10 +349,29 @@ impl<'a> Making<'a> {
     }
 
     fn keep(&mut self, rows: Range<u32>, planes: Vec<Plane>) {
+        self.show(&rows, &planes);
         if self.kept.is_empty() {
             self.kept_since = Instant::now();
         }
         self.kept.push((rows, planes));
+    }
+
+    /// Shows finished rows to whoever watches: filtered, and with all of their samples.
+    fn show(&self, rows: &Range<u32>, planes: &[Plane]) {
+        let (Some(show), [red, green, blue, ..]) = (self.monitor.tiles, planes) else {
+            return;
+        };
+        let channels = red.values.iter().zip(&green.values).zip(&blue.values);
+        let pixels: Vec<[f32; 3]> = channels
+            .map(|((&red, &green), &blue)| [red, green, blue])
+            .collect();
+        show(FinishedTile {
+            x: 0,
+            y: rows.start,
+            width: self.shot.settings.width,
+            height: rows.end - rows.start,
+            pixels: &pixels,
+        });
     }
 
     fn kept_bytes(&self) -> usize {
@@ -452,46 +462,9 @@ fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
     planes
 }
 
-/// How many rows are rendered at a time: few at first, then as many as can be lost.
-struct Steps {
-    rows: Range<u32>,
-    step: u32,
-    seconds: f64,
-}
-
-impl Steps {
-    fn new(rows: Range<u32>, settings: &RenderSettings, checkpoint: f64) -> Steps {
-        let columns = settings.width.div_ceil(TILE_SIDE) as usize;
-        let tiles = FIRST_TILES * rayon::current_num_threads();
-        Steps {
-            rows,
-            step: TILE_SIDE * tiles.div_ceil(columns) as u32,
-            // So that at most half of what is kept at a time is in the making.
-            seconds: 0.5 * checkpoint,
-        }
-    }
-
-    /// The rows that come next.
-    fn next(&mut self) -> Option<Range<u32>> {
-        let start = self.rows.start;
-        // To an edge of tiles, so that none is rendered twice.
-        let edge = (start / TILE_SIDE * TILE_SIDE).saturating_add(self.step);
-        let end = edge.min(self.rows.end);
-        self.rows.start = end;
-        (start < end).then_some(start..end)
-    }
-
-    /// What rows took.
-    fn took(&mut self, rows: &Range<u32>, seconds: f64) {
-        let of_row = seconds / f64::from(rows.end - rows.start);
-        let fitting = (self.seconds / of_row.max(f64::MIN_POSITIVE)).min(f64::from(u32::MAX / 2)) as u32;
-        self.step = (fitting / TILE_SIDE * TILE_SIDE).max(TILE_SIDE);
-    }
-}
-
-fn check_memory(stage: &Stage, plan: &Plan, shot: &Shot, most: Option<u64>) -> Result<(), Failure> {
-    let needed = stage.loaded.bytes(&plan.job, shot);
-    match most.filter(|&most| needed > most) {
+fn check_memory(stage: &Stage, plan: &Plan, shot: &Shot, limits: Limits) -> Result<(), Failure> {
+    let needed = stage.loaded.bytes(&plan.job) + film_bytes(&shot.settings, limits.time);
+    match limits.max_memory.filter(|&most| needed > most) {
         None => Ok(()),
         Some(most) => Err(Failure::Work(format!(
             "{} is forecast to take {} of memory and may take {}: give a larger `--max-memory` or a smaller `size`",

@@ -32,7 +32,7 @@ const SAID_OTHERWISE: [(&str, &str); 15] = [
     ("progress", "give it to `whit batch`"),
     ("quiet", "give it to `whit batch`"),
     ("stats", "look into the manifest in the folder of results"),
-    ("tev", "render that frame with `whit render --tev`"),
+    ("tev", "give it to `whit batch`"),
     ("threads", "give it to `whit batch`"),
     ("time", "give the job an `animation`"),
 ];

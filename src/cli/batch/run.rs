@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use crate::batch::{Done, Key, Manifest, Sources};
-use crate::render::Monitor;
+use crate::render::{FinishedTile, Monitor};
 use crate::report::gallery::FrameStatus;
 
 use super::super::args::BatchArgs;
@@ -19,6 +19,7 @@ use super::frame::{Limits, Made, make};
 use super::page::{Page, Record};
 use super::plan::Plan;
 use super::stage::{Loaded, Stage, key};
+use super::viewer::Viewer;
 
 /// Frames of one scene that are made at the same time: one has the processors while the other is written.
 const AT_ONCE: usize = 2;
@@ -30,6 +31,7 @@ pub(super) struct Batch<'a> {
     args: &'a BatchArgs,
     plans: &'a [Plan],
     progress: Progress,
+    viewer: Option<Viewer>,
     manifest: Mutex<Manifest>,
     page: Mutex<Page<'a>>,
     failed: AtomicUsize,
@@ -54,7 +56,12 @@ struct Task<'a> {
 }
 
 impl<'a> Batch<'a> {
-    pub(super) fn new(args: &'a BatchArgs, plans: &'a [Plan], manifest: Manifest) -> Batch<'a> {
+    pub(super) fn new(
+        args: &'a BatchArgs,
+        plans: &'a [Plan],
+        manifest: Manifest,
+        viewer: Option<Viewer>,
+    ) -> Batch<'a> {
         let verbosity = if args.quiet {
             Verbosity::Quiet
         } else {
@@ -63,7 +70,8 @@ impl<'a> Batch<'a> {
         Batch {
             args,
             plans,
-            progress: Progress::of_kind(args.progress, verbosity),
+            progress: Progress::of_kind(args.watching.progress, verbosity),
+            viewer,
             manifest: Mutex::new(manifest),
             page: Mutex::new(Page::new(args, plans)),
             failed: AtomicUsize::new(0),
@@ -73,7 +81,15 @@ impl<'a> Batch<'a> {
     }
 
     /// Makes all that is this process's to make.
-    pub(super) fn run(&self, pool: &rayon::ThreadPool) -> Result<(), Failure> {
+    pub(super) fn run(mut self, pool: &rayon::ThreadPool) -> Result<(), Failure> {
+        let result = self.make_mine(pool);
+        if let Some(viewer) = self.viewer.take() {
+            viewer.finish(&self.progress);
+        }
+        result
+    }
+
+    fn make_mine(&self, pool: &rayon::ThreadPool) -> Result<(), Failure> {
         let start = Instant::now();
         let mine = self.tasks();
         let shown = self.progress.batch(mine.len());
@@ -212,10 +228,16 @@ impl<'a> Batch<'a> {
         let plan = task.plan;
         let bar = shown.begin(&plan.name());
         let progress = |fraction: f64| bar.fraction(fraction);
+        let name = plan.name();
+        let live = self.viewer.as_ref().and_then(|viewer| {
+            let shot = plan.job.shot(&stage.loaded.file.output).ok()?;
+            Some(viewer.begin(&name, [shot.settings.width, shot.settings.height]))
+        });
+        let show = live.map(|live| move |tile: FinishedTile| live.show(tile));
         let monitor = Monitor {
             progress: &progress,
             cancel: &interrupt::CANCELLED,
-            tiles: None,
+            tiles: show.as_ref().map(|show| show as _),
         };
         let limits = Limits {
             out: &self.args.out,
@@ -227,6 +249,9 @@ impl<'a> Batch<'a> {
                 .or_else(crate::report::memory::available_bytes),
         };
         let made = make((plan, task.key), stage, task.pieces.clone(), limits, monitor);
+        if let Some(viewer) = &self.viewer {
+            viewer.warn_if_gone(&self.progress);
+        }
         match made.and_then(|made| self.note(task, &made).map(|()| made)) {
             Ok(made) => {
                 self.tell_time(plan, &made);

@@ -8,12 +8,12 @@ use glam::DVec3;
 use crate::accel::Accel;
 use crate::batch::{Key, Keyring, Sources};
 use crate::gltf::Pose;
-use crate::report::memory::{self, MemoryForecast};
+use crate::report::memory::MemoryForecast;
 use crate::scene::{Camera, Scene};
 use crate::scene_file::SceneFile;
 
 use super::super::failure::Failure;
-use super::super::job::{RenderJob, Shot, choose_camera};
+use super::super::job::{RenderJob, choose_camera};
 use super::super::progress::Progress;
 use super::super::render;
 use super::plan::Plan;
@@ -59,21 +59,15 @@ impl Loaded {
         Ok(plan.frame.view.of(camera, scene, self.middle))
     }
 
-    /// Bytes that rendering a picture of `shot` will take, about.
-    pub(super) fn bytes(&self, job: &RenderJob, shot: &Shot) -> u64 {
+    /// Bytes that the scene and what finds the hits in it take, about.
+    pub(super) fn bytes(&self, job: &RenderJob) -> u64 {
         let forecast = MemoryForecast::of(&self.file.scene);
         let tree = match job.backend {
             crate::accel::Backend::Embree => forecast.embree_bytes,
             crate::accel::Backend::Bsp => forecast.bsp_bytes,
             crate::accel::Backend::Brute => 0,
         };
-        let pixels = u64::from(shot.settings.width) * u64::from(shot.settings.height);
-        let film = memory::film_bytes(shot.settings.width, shot.settings.height);
-        forecast.scene_bytes
-            + tree
-            + forecast.subsurface_bytes
-            + film
-            + shot.settings.sampling_bytes_per_pixel() * pixels
+        forecast.scene_bytes + tree + forecast.subsurface_bytes
     }
 }
 

@@ -1,0 +1,137 @@
+//! How many rows of a frame are rendered at a time, and what they take: a picture of any size is made in little memory.
+
+use std::ops::Range;
+
+use crate::render::{RenderSettings, TILE_SIDE};
+use crate::report::memory;
+
+/// Tiles for each thread in the first rows that are rendered, by which is told how long the others will take.
+const FIRST_TILES: usize = 8;
+/// Bytes of finished rows that are kept in memory; more go to the disk. Rows take no more while they are rendered.
+pub(super) const MOST_KEPT: usize = 1 << 28;
+
+/// Whether a picture can only be made at once: where its pixels depend on each other, or on when they are made.
+pub(super) fn is_one(settings: &RenderSettings) -> bool {
+    settings.adaptive.is_some() || settings.cost_aovs
+}
+
+/// Bytes that the picture takes until it is written; `time` is what there is for all of it, if that is limited.
+pub(super) fn film_bytes(settings: &RenderSettings, time: Option<f64>) -> u64 {
+    let whole = bytes_of(settings, settings.height);
+    if is_one(settings) || time.is_some() {
+        return whole;
+    }
+    // Rows in the making, and those that are kept, which may be too many by the last that came to them.
+    whole.min(2 * bytes_of(settings, most_rows(settings)) + MOST_KEPT as u64)
+}
+
+fn bytes_of(settings: &RenderSettings, rows: u32) -> u64 {
+    let pixels = u64::from(settings.width) * u64::from(rows);
+    memory::film_bytes(settings.width, rows) + settings.sampling_bytes_per_pixel() * pixels
+}
+
+/// How many rows may be rendered at a time: whole tiles.
+fn most_rows(settings: &RenderSettings) -> u32 {
+    let fitting = MOST_KEPT as u64 / bytes_of(settings, TILE_SIDE);
+    let rows = fitting.max(1).saturating_mul(u64::from(TILE_SIDE));
+    u32::try_from(rows).unwrap_or(u32::MAX / TILE_SIDE * TILE_SIDE)
+}
+
+/// Rows that are rendered step by step: few at first, then as many as can be lost.
+pub(super) struct Steps {
+    rows: Range<u32>,
+    step: u32,
+    most: u32,
+    seconds: f64,
+}
+
+impl Steps {
+    /// Steps through `rows`, of which so many seconds may be lost.
+    pub(super) fn new(rows: Range<u32>, settings: &RenderSettings, checkpoint: f64) -> Steps {
+        let columns = settings.width.div_ceil(TILE_SIDE) as usize;
+        let tiles = FIRST_TILES * rayon::current_num_threads();
+        let most = most_rows(settings);
+        Steps {
+            rows,
+            step: most.min(TILE_SIDE * tiles.div_ceil(columns) as u32),
+            most,
+            // So that at most half of what is kept at a time is in the making.
+            seconds: 0.5 * checkpoint,
+        }
+    }
+
+    /// The rows that come next.
+    pub(super) fn next(&mut self) -> Option<Range<u32>> {
+        let start = self.rows.start;
+        // To an edge of tiles, so that none is rendered twice.
+        let edge = (start / TILE_SIDE * TILE_SIDE).saturating_add(self.step);
+        let end = edge.min(self.rows.end);
+        self.rows.start = end;
+        (start < end).then_some(start..end)
+    }
+
+    /// What rows took.
+    pub(super) fn took(&mut self, rows: &Range<u32>, seconds: f64) {
+        let of_row = seconds / f64::from(rows.end - rows.start);
+        let fitting = (self.seconds / of_row.max(f64::MIN_POSITIVE)).min(f64::from(self.most)) as u32;
+        self.step = (fitting / TILE_SIDE * TILE_SIDE).max(TILE_SIDE);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(width: u32, height: u32) -> RenderSettings {
+        RenderSettings {
+            width,
+            height,
+            ..RenderSettings::default()
+        }
+    }
+
+    #[test]
+    fn rows_are_all_made_once_by_whole_tiles() {
+        let mut steps = Steps::new(5..1000, &settings(100, 1000), 60.0);
+        let mut end = 5;
+        while let Some(rows) = steps.next() {
+            assert_eq!(rows.start, end);
+            assert!(rows.end == 1000 || rows.end.is_multiple_of(TILE_SIDE));
+            end = rows.end;
+            steps.took(&rows, 1e-3);
+        }
+        assert_eq!(end, 1000);
+    }
+
+    #[test]
+    fn slow_rows_go_tile_by_tile_and_fast_ones_fill_their_memory_at_most() {
+        let wide = settings(1 << 14, 1 << 20);
+        let mut steps = Steps::new(0..1 << 20, &wide, 60.0);
+        let rows = steps.next().unwrap();
+        steps.took(&rows, 1e9);
+        let slow = steps.next().unwrap();
+        assert_eq!(slow.end - slow.start, TILE_SIDE);
+        steps.took(&slow, 0.0);
+        let fast = steps.next().unwrap();
+        assert_eq!(fast.end - fast.start, most_rows(&wide));
+        let bytes = bytes_of(&wide, fast.end - fast.start);
+        assert!(
+            (MOST_KEPT as u64 / 2..=MOST_KEPT as u64).contains(&bytes),
+            "{bytes}"
+        );
+    }
+
+    #[test]
+    fn a_huge_picture_takes_little_but_where_all_of_it_is_made_at_once() {
+        let huge = settings(1 << 17, 1 << 17);
+        assert!(film_bytes(&huge, None) <= 3 * MOST_KEPT as u64);
+        assert_eq!(film_bytes(&huge, Some(1.0)), bytes_of(&huge, 1 << 17));
+        let costly = RenderSettings {
+            cost_aovs: true,
+            ..huge
+        };
+        assert_eq!(film_bytes(&costly, None), bytes_of(&costly, 1 << 17));
+        let small = settings(64, 64);
+        assert_eq!(film_bytes(&small, None), bytes_of(&small, 64));
+    }
+}

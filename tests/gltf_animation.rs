@@ -9,8 +9,11 @@ use serde_json::{Value, json};
 use whit::gltf::{LoadOptions, Pose, load};
 use whit::scene::Scene;
 
+/// Interpolations, times and values.
+type Samplers<'a> = &'a [(&'a str, &'a [f32], &'a [f32])];
+
 /// A file with a triangle on a node that is animated, and a camera on its child.
-fn file(folder: &Path, samplers: &[(&str, &[f32], &[f32])], channels: Value) -> PathBuf {
+fn file(folder: &Path, samplers: Samplers, channels: Value) -> PathBuf {
     let mut bytes: Vec<u8> = Vec::new();
     let (mut views, mut accessors) = (Vec::new(), Vec::new());
     let mut add = |numbers: &[f32], kind: &str, width: usize| {
@@ -142,7 +145,7 @@ fn a_spline_scales_a_node() {
 fn what_makes_no_animation_is_told_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let good: [f32; 6] = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0];
-    let cases: [(&[(&str, &[f32], &[f32])], Value, Option<&str>, &str); 7] = [
+    let cases: [(Samplers, Value, Option<&str>, &str); 7] = [
         (
             &[("LINEAR", &[0.0, 1.0], &good)],
             channel("scale"),

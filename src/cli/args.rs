@@ -266,6 +266,11 @@ pub(super) enum Aov {
     Uv,
     /// `id.object`, `id.material` and `id.primitive` of the first sample that meets anything; -1 where none does
     Ids,
+    /// `CryptoObject00.R` to `CryptoObject02.A`: objects by the hashes of their names, and what part of the pixel each
+    /// covers, as Cryptomatte has them
+    CryptoObject,
+    /// `CryptoMaterial00.R` to `CryptoMaterial02.A`: their materials, likewise
+    CryptoMaterial,
 }
 
 /// What is rendered, of whatever scene.

@@ -3,26 +3,29 @@
 //! Nothing that may differ between two runs with the same pixels: no times, threads or folders. So the files are the
 //! same to the last byte.
 
+use std::borrow::Cow;
+
 use serde::Serialize;
 
 use crate::accel::EmbreeIdentity;
 use crate::cost::{Configuration, Settings};
-use crate::image::Note;
+use crate::image::{Note, cryptomatte};
 use crate::render::Plan;
 use crate::scene::picture::FilterKind;
-use crate::scene::{Camera, Effect, EffectSet};
+use crate::scene::{Camera, Effect, EffectSet, Scene};
 
 use super::job::{RenderJob, Shot};
 
 /// Texts under their names.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Notes(Vec<(&'static str, String)>);
+pub(super) struct Notes(Vec<(Cow<'static, str>, String)>);
 
 impl Notes {
-    /// How a picture was made: `whit.settings` as JSON, `whit.plan`, and `whit.embree` where Embree found the hits.
+    /// How a picture was made: `whit.settings` as JSON, `whit.plan`, and `whit.embree` where Embree found the hits; and
+    /// what the ids of its mattes stand for.
     pub(super) fn of(
         (job, shot): (&RenderJob, &Shot),
-        camera: &Camera,
+        (scene, camera): (&Scene, &Camera),
         embree: Option<&EmbreeIdentity>,
         plan: &Plan,
     ) -> Notes {
@@ -32,12 +35,19 @@ impl Notes {
         }
         notes.add("whit.plan", plan.to_string());
         notes.add("whit.settings", settings((job, shot), camera));
+        for kind in shot.settings.layers.kinds() {
+            if let Some(names) = kind.matte_names(scene) {
+                for (name, text) in cryptomatte::attributes(kind.name(), names) {
+                    notes.add(name, text);
+                }
+            }
+        }
         notes
     }
 
     /// Adds a text.
-    pub(super) fn add(&mut self, name: &'static str, text: String) {
-        self.0.push((name, text));
+    pub(super) fn add(&mut self, name: impl Into<Cow<'static, str>>, text: String) {
+        self.0.push((name.into(), text));
     }
 
     /// The texts as a file takes them.

@@ -124,23 +124,32 @@ impl Document {
         let form = &self.root.nodes[node];
         let widened = |weights: &Vec<f32>| weights.iter().copied().map(f64::from).collect();
         let of_mesh = || self.root.meshes.get(form.mesh?.value())?.weights.as_ref();
-        let weights: Vec<f64> = match moved.get(&node).and_then(|moved| moved.weights.clone()) {
-            Some(weights) => weights,
-            None => form
-                .weights
-                .as_ref()
-                .or_else(of_mesh)
-                .map(widened)
-                .unwrap_or_default(),
-        };
+        let own: Vec<f64> = form
+            .weights
+            .as_ref()
+            .or_else(of_mesh)
+            .map(widened)
+            .unwrap_or_default();
+        let of_moment = moved.get(&node).and_then(|moved| moved.weights.as_ref());
+        // Those that a file has are looked at even where a moment has others.
+        for weights in [Some(&own), of_moment].into_iter().flatten() {
+            self.check_weights(node, weights, target_count)?;
+        }
+        let weights = of_moment.cloned().unwrap_or(own);
+        Ok(if weights.iter().all(|&weight| weight == 0.0) {
+            Vec::new()
+        } else {
+            weights
+        })
+    }
+
+    fn check_weights(&self, node: usize, weights: &[f64], target_count: usize) -> Result<(), GltfError> {
         let fault = if weights.iter().any(|weight| !weight.is_finite()) {
             "has weights of morph targets that are not finite".to_owned()
         } else if weights.len() > target_count {
             format!("has {} weights for {target_count} morph targets", weights.len())
-        } else if weights.iter().all(|&weight| weight == 0.0) {
-            return Ok(Vec::new());
         } else {
-            return Ok(weights);
+            return Ok(());
         };
         Err(self.fault(self.node_item(node), fault, EXPORT_AGAIN))
     }

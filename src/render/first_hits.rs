@@ -1,178 +1,313 @@
 //! What the camera rays of a tile met first, summed up pixel by pixel for the picture's [layers](super::layers).
 //!
-//! Surfaces are worked out here once more than for shading: whoever wants no layers pays for one question a batch of
-//! camera packets, and the picture's own way through its surfaces stays as it is.
+//! Hits are those that are shaded, with the points and materials that shading takes: a layer costs its sums. Whoever wants
+//! none pays for one question a packet.
 
-use glam::{DVec2, DVec3};
+use std::ops::Range;
+
+use multiversion::multiversion;
 
 use super::Frame;
-use super::film::{self, TILE, Tile};
+use super::film::{TILE, Tile};
 use super::layers::{LayerKind, LayerSet};
-use super::outcome::Outcome;
-use super::queue::Paths;
+use super::mattes::Meetings;
 use super::samples::pixel_of;
-use super::surface::Surfaces;
+use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
-use crate::numeric::LANES;
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::shading::MaterialPacket;
+
+/// Layers that are sums, at most.
+const MOST_SUMS: usize = 12;
 
 /// The working memory of one thread.
 pub(super) struct FirstHits<'f, 's> {
     frame: &'f Frame<'s>,
-    surfaces: Surfaces,
-    /// `TILE` to a row.
-    pixels: Vec<PixelHits>,
+    /// Of each pixel, `TILE` to a row: samples that met anything.
+    counts: Vec<u32>,
+    /// Instance, material and primitive of the first of them.
+    ids: Vec<[u32; 3]>,
+    /// Sums over them: of each wanted layer, in their order, but for the ids.
+    sums: Vec<Vec<f64>>,
+    /// Where mattes are wanted.
+    meetings: Option<Meetings>,
+    /// What a packet adds to each of the sums.
+    rows: [Lanes<f64>; MOST_SUMS],
 }
 
-/// What the samples of a pixel met, so far.
-#[derive(Clone, Copy)]
-struct PixelHits {
-    /// Samples that met anything.
-    count: u32,
-    /// Instance, material and primitive of the first of them.
-    ids: [u32; 3],
-    /// Sums over them.
-    depth: f64,
-    normal: DVec3,
-    albedo: DVec3,
-    position: DVec3,
-    uv: DVec2,
+/// The lanes of a packet that met anything, and their pixels.
+struct Met {
+    hit: Lanes<bool>,
+    pixel: Lanes<usize>,
+    /// The pixel of all lanes, if it is one.
+    only: Option<usize>,
 }
 
 impl<'f, 's> FirstHits<'f, 's> {
     /// Where somebody wants layers.
     pub(super) fn of(frame: &'f Frame<'s>) -> Option<Box<FirstHits<'f, 's>>> {
+        let pixel_count = (TILE * TILE) as usize;
+        let wanted = frame.settings.layers;
         let new = || {
             Box::new(FirstHits {
                 frame,
-                surfaces: Surfaces::new(frame.effects()),
-                pixels: vec![PixelHits::NONE; (TILE * TILE) as usize],
+                counts: vec![0; pixel_count],
+                ids: vec![[0; 3]; pixel_count],
+                sums: vec![vec![0.0; pixel_count]; sum_count(wanted)],
+                meetings: (!frame.mattes.is_empty()).then(|| Meetings::new(pixel_count)),
+                rows: [[0.0; LANES]; MOST_SUMS],
             })
         };
-        (!frame.settings.layers.is_empty()).then(new)
+        (!wanted.is_empty()).then(new)
     }
 
     pub(super) fn clear(&mut self) {
-        self.pixels.fill(PixelHits::NONE);
+        self.counts.fill(0);
+        self.sums.iter_mut().for_each(|sums| sums.fill(0.0));
+        self.meetings.iter_mut().for_each(Meetings::clear);
     }
 
     /// Bytes of all of it.
     pub(super) fn byte_count(&self) -> usize {
-        size_of_val(self) + size_of_val(&self.pixels[..])
+        let sums: usize = self.sums.iter().map(|sums| size_of_val(&sums[..])).sum();
+        let meetings = self.meetings.as_ref().map_or(0, Meetings::byte_count);
+        size_of_val(self) + size_of_val(&self.counts[..]) + size_of_val(&self.ids[..]) + sums + meetings
     }
 
-    /// Adds what a batch of traced camera packets has met.
-    #[inline(never)]
-    pub(super) fn add(&mut self, outcome: &Outcome, packets: &[RayPacket], paths: Paths) {
-        for (index, packet) in packets.iter().enumerate() {
-            if packet.instance.iter().all(|&instance| instance == NO_HIT) {
-                continue;
+    /// Adds what a camera packet has met, `surfaces` worked out.
+    pub(super) fn add(&mut self, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
+        add(self, packet, label, surfaces);
+    }
+
+    #[inline(always)]
+    fn add_inlined(&mut self, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
+        let met = Met::of(packet, label);
+        self.count(packet, &met);
+        let mut place = 0;
+        for kind in self.frame.settings.layers.kinds() {
+            let rows = &mut self.rows[place..];
+            place += match kind {
+                LayerKind::Depth => {
+                    distances(
+                        packet,
+                        &surfaces.points,
+                        self.frame.scene.normalisation.scale,
+                        &mut rows[0],
+                    );
+                    1
+                }
+                LayerKind::Normal => widened(&surfaces.points.ns, rows),
+                LayerKind::Albedo => albedo(&surfaces.materials, rows),
+                LayerKind::Position => self.positions(&surfaces.points, place),
+                LayerKind::Uv => self.tex_coords(packet, &met, place),
+                LayerKind::Ids | LayerKind::CryptoObject | LayerKind::CryptoMaterial => 0,
+            };
+        }
+        if let Some(meetings) = &mut self.meetings {
+            for l in (0..LANES).filter(|&l| met.hit[l]) {
+                meetings.add(met.pixel[l], packet.instance[l]);
             }
-            let (path, travels) = paths.at(index);
-            let widths = outcome.widths::<false>(travels);
-            self.frame.surfaces.meet(packet, widths, &mut self.surfaces);
-            for l in (0..LANES).filter(|&l| packet.instance[l] != NO_HIT) {
-                self.add_hit(packet, l, pixel_of(path.pixel[l]) as usize);
-            }
+        }
+        for (sums, row) in self.sums.iter_mut().zip(&self.rows) {
+            met.add(row, sums);
         }
     }
 
-    /// Adds what lane `l` has met.
-    fn add_hit(&mut self, packet: &RayPacket, l: usize, pixel: usize) {
-        let FirstHits {
-            frame,
-            surfaces: Surfaces {
-                points, materials, ..
-            },
-            pixels,
-        } = self;
-        let (wanted, instance) = (frame.settings.layers, packet.instance[l]);
-        let file = &frame.scene.normalisation;
-        let hits = &mut pixels[pixel];
-        if hits.count == 0 {
-            let material = frame.scene.instances[instance as usize].material;
-            hits.ids = [instance, material, packet.primitive[l]];
+    /// Counts the samples that met anything, and notes what the first of a pixel met.
+    #[inline(always)]
+    fn count(&mut self, packet: &RayPacket, met: &Met) {
+        if let Some(pixel) = met.only {
+            let count = met.hit.iter().map(|&hit| u32::from(hit)).sum::<u32>();
+            if self.counts[pixel] == 0
+                && let Some(first) = met.hit.iter().position(|&hit| hit)
+            {
+                self.note(packet, first, pixel);
+            }
+            self.counts[pixel] += count;
+            return;
         }
-        hits.count += 1;
-        let p = points.point(l);
-        if wanted.has(LayerKind::Depth) {
-            let ray = packet.ray(l);
-            let direction = ray.direction.as_dvec3().normalize();
-            hits.depth += (p - ray.origin.as_dvec3()).dot(direction) / file.scale;
+        for l in (0..LANES).filter(|&l| met.hit[l]) {
+            let pixel = met.pixel[l];
+            if self.counts[pixel] == 0 {
+                self.note(packet, l, pixel);
+            }
+            self.counts[pixel] += 1;
         }
-        if wanted.has(LayerKind::Normal) {
-            hits.normal += points.shading_normal(l);
+    }
+
+    #[inline(always)]
+    fn note(&mut self, packet: &RayPacket, l: usize, pixel: usize) {
+        let instance = packet.instance[l];
+        let material = self.frame.scene.instances[instance as usize].material;
+        self.ids[pixel] = [instance, material, packet.primitive[l]];
+    }
+
+    /// Places in the file's coordinates.
+    fn positions(&mut self, points: &SurfacePacket, place: usize) -> usize {
+        let file = &self.frame.scene.normalisation;
+        let center = file.center.to_array();
+        for axis in 0..3 {
+            self.rows[place + axis] = points.p[axis].map(|p| p / file.scale + center[axis]);
         }
-        if wanted.has(LayerKind::Albedo) {
-            hits.albedo += albedo(materials, l);
+        3
+    }
+
+    fn tex_coords(&mut self, packet: &RayPacket, met: &Met, place: usize) -> usize {
+        let surfaces = &self.frame.surfaces;
+        for l in (0..LANES).filter(|&l| met.hit[l]) {
+            let pose = surfaces.pose(packet, l);
+            let chart = surfaces.view(packet.instance[l]).chart(&pose, 0, packet, l);
+            let [u, v] = chart.uv.map(f64::from);
+            (self.rows[place][l], self.rows[place + 1][l]) = (u, v);
         }
-        if wanted.has(LayerKind::Position) {
-            hits.position += p / file.scale + file.center;
-        }
-        if wanted.has(LayerKind::Uv) {
-            let pose = frame.surfaces.pose(packet, l);
-            let chart = frame.surfaces.view(instance).chart(&pose, 0, packet, l);
-            hits.uv += DVec2::from(chart.uv.map(f64::from));
-        }
+        2
     }
 
     /// The wanted layers of a tile, each row by row.
     pub(super) fn planes(&self, tile: Tile) -> Vec<Vec<f32>> {
-        let wanted: LayerSet = self.frame.settings.layers;
-        let plane = |kind: LayerKind, part: usize| {
-            let pixels = film::cut(tile, &self.pixels);
-            pixels.map(|hits| hits.values(kind)[part]).collect()
+        let mut sums = self.sums.iter();
+        let mut planes = Vec::with_capacity(self.frame.settings.layers.layer_count());
+        for kind in self.frame.settings.layers.kinds() {
+            match kind {
+                LayerKind::Ids => planes.extend((0..3).map(|part| self.ids_of(tile, part))),
+                LayerKind::CryptoObject | LayerKind::CryptoMaterial => {
+                    let kind = (kind, &self.frame.mattes);
+                    let meetings = self.meetings.iter();
+                    planes.extend(meetings.flat_map(|all| all.planes(tile, kind, self.frame.settings.spp)));
+                }
+                _ => {
+                    let sums = sums.by_ref().take(kind.names().len());
+                    planes.extend(sums.map(|sums| self.means_of(tile, kind, sums)));
+                }
+            }
+        }
+        planes
+    }
+
+    fn means_of(&self, tile: Tile, kind: LayerKind, sums: &[f64]) -> Vec<f32> {
+        let nothing = nothing(kind);
+        let mean = |(&count, &sum): (&u32, &f64)| {
+            let mean = (sum / f64::from(count.max(1))) as f32;
+            if count == 0 { nothing } else { mean }
         };
-        wanted
-            .kinds()
-            .flat_map(|kind| (0..kind.names().len()).map(move |part| plane(kind, part)))
-            .collect()
+        let mut plane = Vec::with_capacity((tile.width * tile.height) as usize);
+        for row in rows(tile) {
+            plane.extend(self.counts[row.clone()].iter().zip(&sums[row]).map(mean));
+        }
+        plane
+    }
+
+    fn ids_of(&self, tile: Tile, part: usize) -> Vec<f32> {
+        let nothing = nothing(LayerKind::Ids);
+        let id = |(&count, ids): (&u32, &[u32; 3])| if count == 0 { nothing } else { ids[part] as f32 };
+        let mut plane = Vec::with_capacity((tile.width * tile.height) as usize);
+        for row in rows(tile) {
+            plane.extend(self.counts[row.clone()].iter().zip(&self.ids[row]).map(id));
+        }
+        plane
     }
 }
 
-impl PixelHits {
-    const NONE: PixelHits = PixelHits {
-        count: 0,
-        ids: [0; 3],
-        depth: 0.0,
-        normal: DVec3::ZERO,
-        albedo: DVec3::ZERO,
-        position: DVec3::ZERO,
-        uv: DVec2::ZERO,
-    };
+/// The places of a tile's rows among the pixels of a whole one.
+pub(super) fn rows(tile: Tile) -> impl Iterator<Item = Range<usize>> {
+    let [width, height] = [tile.width, tile.height].map(|size| size as usize);
+    (0..height).map(move |row| row * TILE as usize..row * TILE as usize + width)
+}
 
-    /// The values of a kind's layers, in their order; there may be fewer than three.
-    fn values(&self, kind: LayerKind) -> [f32; 3] {
-        if self.count == 0 {
-            return match kind {
-                LayerKind::Depth => [f32::INFINITY; 3],
-                LayerKind::Ids => [-1.0; 3],
-                _ => [0.0; 3],
-            };
+impl Met {
+    #[inline(always)]
+    fn of(packet: &RayPacket, label: &Lanes<u32>) -> Met {
+        let pixel = label.map(|label| pixel_of(label) as usize);
+        let differ = pixel.iter().fold(0, |differ, other| differ | (other ^ pixel[0]));
+        Met {
+            hit: packet.instance.map(|instance| instance != NO_HIT),
+            only: (differ == 0).then_some(pixel[0]),
+            pixel,
         }
-        let mean = |sum: DVec3| (sum / f64::from(self.count)).as_vec3().to_array();
-        match kind {
-            LayerKind::Depth => mean(DVec3::splat(self.depth)),
-            LayerKind::Normal => mean(self.normal),
-            LayerKind::Albedo => mean(self.albedo),
-            LayerKind::Position => mean(self.position),
-            LayerKind::Uv => mean(self.uv.extend(0.0)),
-            LayerKind::Ids => self.ids.map(|id| id as f32),
+    }
+
+    /// Adds one value a lane to the sums of pixels.
+    #[inline(always)]
+    fn add(&self, row: &Lanes<f64>, sums: &mut [f64]) {
+        if let Some(pixel) = self.only {
+            sums[pixel] += sum_of_lanes(row, &self.hit);
+            return;
+        }
+        for l in 0..LANES {
+            sums[self.pixel[l]] += if self.hit[l] { row[l] } else { 0.0 };
         }
     }
 }
 
-/// What part of the light that arrives at lane `l` its surface may send back without a highlight.
-fn albedo(materials: &MaterialPacket, l: usize) -> DVec3 {
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn add(hits: &mut FirstHits, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
+    hits.add_inlined(packet, label, surfaces);
+}
+
+/// What a layer holds where nothing is met.
+fn nothing(kind: LayerKind) -> f32 {
+    match kind {
+        LayerKind::Depth => f32::INFINITY,
+        LayerKind::Ids => -1.0,
+        _ => 0.0,
+    }
+}
+
+/// How many of the wanted layers are sums.
+fn sum_count(wanted: LayerSet) -> usize {
+    let counted = [LayerKind::Ids, LayerKind::CryptoObject, LayerKind::CryptoMaterial];
+    let summed = wanted.kinds().filter(|kind| !counted.contains(kind));
+    summed.map(|kind| kind.names().len()).sum()
+}
+
+/// The sum of the values of lanes that have hit something, by halves.
+#[inline(always)]
+fn sum_of_lanes(row: &Lanes<f64>, hit: &Lanes<bool>) -> f64 {
+    let mut halves: Lanes<f64> = std::array::from_fn(|l| if hit[l] { row[l] } else { 0.0 });
+    let mut width = LANES / 2;
+    while width > 0 {
+        for l in 0..width {
+            halves[l] += halves[l + width];
+        }
+        width /= 2;
+    }
+    halves[0]
+}
+
+/// From where rays start to the points, in a unit of which there are `scale`.
+#[inline(always)]
+fn distances(packet: &RayPacket, points: &SurfacePacket, scale: f64, row: &mut Lanes<f64>) {
+    let unit = scale.recip();
+    for l in 0..LANES {
+        let [x, y, z] = [0, 1, 2].map(|axis| points.p[axis][l] - f64::from(packet.origin[axis][l]));
+        row[l] = (x * x + y * y + z * z).sqrt() * unit;
+    }
+}
+
+#[inline(always)]
+fn widened(lanes: &Lanes3<f32>, rows: &mut [Lanes<f64>]) -> usize {
+    for (row, lanes) in rows.iter_mut().zip(lanes) {
+        *row = lanes.map(f64::from);
+    }
+    3
+}
+
+/// What part of the light that arrives surfaces may send back without a highlight.
+#[inline(always)]
+fn albedo(materials: &MaterialPacket, rows: &mut [Lanes<f64>]) -> usize {
+    widened(&materials.base_color, rows);
     let rich = &materials.rich;
-    let channel = |c: usize| {
-        let base = f64::from(materials.base_color[c][l]);
-        match rich.is_lecture[l] {
-            true => base * f64::from(rich.diffuse[c][l]),
-            false => base,
+    if rich.is_lecture.contains(&true) {
+        for channel in 0..3 {
+            for l in (0..LANES).filter(|&l| rich.is_lecture[l]) {
+                rows[channel][l] *= f64::from(rich.diffuse[channel][l]);
+            }
         }
-    };
-    DVec3::new(channel(0), channel(1), channel(2))
+    }
+    3
 }
 
 #[cfg(test)]
@@ -180,21 +315,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pixel_tells_the_mean_of_what_was_met_and_the_ids_of_the_first() {
-        let hits = PixelHits {
-            count: 4,
-            ids: [7, 2, 30],
-            depth: 10.0,
-            normal: DVec3::new(0.0, 2.0, 3.0),
-            uv: DVec2::new(1.0, 3.0),
-            ..PixelHits::NONE
+    fn lanes_without_a_hit_add_nothing_to_one_pixel_or_to_several() {
+        let mut row = [f64::NAN; LANES];
+        (row[2], row[9]) = (0.5, 4.0);
+        let mut met = Met {
+            hit: row.map(|value| !value.is_nan()),
+            pixel: [3; LANES],
+            only: Some(3),
         };
-        assert_eq!(hits.values(LayerKind::Depth)[0], 2.5);
-        assert_eq!(hits.values(LayerKind::Normal), [0.0, 0.5, 0.75]);
-        assert_eq!(hits.values(LayerKind::Uv)[..2], [0.25, 0.75]);
-        assert_eq!(hits.values(LayerKind::Ids), [7.0, 2.0, 30.0]);
-        assert_eq!(PixelHits::NONE.values(LayerKind::Depth)[0], f32::INFINITY);
-        assert_eq!(PixelHits::NONE.values(LayerKind::Ids), [-1.0; 3]);
-        assert_eq!(PixelHits::NONE.values(LayerKind::Position), [0.0; 3]);
+        let mut sums = [1.0; 5];
+        met.add(&row, &mut sums);
+        assert_eq!(sums, [1.0, 1.0, 1.0, 5.5, 1.0]);
+        met.pixel[9] = 4;
+        met.only = None;
+        met.add(&row, &mut sums);
+        assert_eq!(sums, [1.0, 1.0, 1.0, 6.0, 5.0]);
+    }
+
+    #[test]
+    fn there_is_room_for_all_sums() {
+        assert_eq!(sum_count(LayerKind::ALL.into_iter().collect()), MOST_SUMS);
+        assert_eq!(sum_count(LayerSet::NONE.with(LayerKind::Ids)), 0);
     }
 }

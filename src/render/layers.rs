@@ -29,17 +29,25 @@ pub enum LayerKind {
     /// its material, and of the mesh's triangle or the shape's part, from 0; -1 where none did. Whole numbers, exact up
     /// to 2^24.
     Ids,
+    /// `CryptoObject00.R` to `CryptoObject02.A`: the instances that the samples met, as Cryptomatte has them: six times the
+    /// id of a name and the part of the pixel's samples that met it, the largest part first; 0 where there are fewer. Of
+    /// a pixel with more than six the others are left out.
+    CryptoObject,
+    /// `CryptoMaterial00.R` to `CryptoMaterial02.A`: their materials, likewise.
+    CryptoMaterial,
 }
 
 impl LayerKind {
     /// All, in the order in which their layers come.
-    pub const ALL: [LayerKind; 6] = [
+    pub const ALL: [LayerKind; 8] = [
         LayerKind::Depth,
         LayerKind::Normal,
         LayerKind::Albedo,
         LayerKind::Position,
         LayerKind::Uv,
         LayerKind::Ids,
+        LayerKind::CryptoObject,
+        LayerKind::CryptoMaterial,
     ];
 
     /// The names of its layers.
@@ -51,6 +59,48 @@ impl LayerKind {
             LayerKind::Position => &["position.X", "position.Y", "position.Z"],
             LayerKind::Uv => &["uv.U", "uv.V"],
             LayerKind::Ids => &["id.object", "id.material", "id.primitive"],
+            LayerKind::CryptoObject => &[
+                "CryptoObject00.R",
+                "CryptoObject00.G",
+                "CryptoObject00.B",
+                "CryptoObject00.A",
+                "CryptoObject01.R",
+                "CryptoObject01.G",
+                "CryptoObject01.B",
+                "CryptoObject01.A",
+                "CryptoObject02.R",
+                "CryptoObject02.G",
+                "CryptoObject02.B",
+                "CryptoObject02.A",
+            ],
+            LayerKind::CryptoMaterial => &[
+                "CryptoMaterial00.R",
+                "CryptoMaterial00.G",
+                "CryptoMaterial00.B",
+                "CryptoMaterial00.A",
+                "CryptoMaterial01.R",
+                "CryptoMaterial01.G",
+                "CryptoMaterial01.B",
+                "CryptoMaterial01.A",
+                "CryptoMaterial02.R",
+                "CryptoMaterial02.G",
+                "CryptoMaterial02.B",
+                "CryptoMaterial02.A",
+            ],
+        }
+    }
+
+    /// What they are called together: all before the dots.
+    pub fn name(self) -> &'static str {
+        match self {
+            LayerKind::Depth => "Z",
+            LayerKind::Normal => "normal",
+            LayerKind::Albedo => "albedo",
+            LayerKind::Position => "position",
+            LayerKind::Uv => "uv",
+            LayerKind::Ids => "id",
+            LayerKind::CryptoObject => "CryptoObject",
+            LayerKind::CryptoMaterial => "CryptoMaterial",
         }
     }
 
@@ -65,7 +115,7 @@ impl LayerKind {
 
 /// Some groups of layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LayerSet(u8);
+pub struct LayerSet(u16);
 
 impl LayerSet {
     /// None.
@@ -153,6 +203,6 @@ mod tests {
         assert_eq!(set.layer_count(), 4);
         assert!(LayerSet::NONE.is_empty() && !set.is_empty());
         let all: LayerSet = LayerKind::ALL.into_iter().collect();
-        assert_eq!(all.layer_count(), 15);
+        assert_eq!(all.layer_count(), 39);
     }
 }

@@ -251,6 +251,7 @@ impl Frame<'_> {
         }
         let layers = pixels * settings.layers.layer_count() * size_of::<f32>();
         memory.add("film", "layers", layers);
+        memory.add("film", "ids of mattes", self.mattes.byte_count());
         if self.costs.is_some() {
             memory.add("other", "costs of pixels", pixels * PixelCosts::BYTES);
         }

@@ -18,6 +18,7 @@ mod ledger;
 mod lens;
 mod look;
 mod losses;
+mod mattes;
 mod memory;
 mod meter;
 mod monitor;
@@ -93,6 +94,7 @@ use estimate::Estimate;
 use film::Tile;
 use lamps::SoftLight;
 use lens::MovingCamera;
+use mattes::MatteIds;
 use memory::ThreadMemory;
 use meter::Meter;
 use mosaic::Canvas;
@@ -242,6 +244,8 @@ struct Frame<'s> {
     probe_count: u64,
     /// What each pixel cost, where somebody asks.
     costs: Option<CostSheet>,
+    /// What the instances are called in layers of mattes.
+    mattes: MatteIds,
     /// What the threads hold, with the ledger on.
     thread_memory: Option<ThreadMemory>,
     /// How wide a camera ray is.
@@ -441,6 +445,7 @@ impl<'s> Frame<'s> {
             probe_count: 0,
             costs: (settings.ledger && settings.cost_aovs)
                 .then(|| CostSheet::new(settings.width, settings.height)),
+            mattes: MatteIds::of(scene, settings.layers),
             thread_memory: settings.ledger.then(ThreadMemory::default),
             even_count,
             camera_cone: settings.camera_cone(&view, even_count),

@@ -5,6 +5,7 @@ use std::cell::OnceCell;
 use glam::Vec3;
 
 use super::film::{Tile, TileFilm};
+use super::first_hits::FirstHits;
 use super::ledger::Account;
 use super::losses::{Limit, TileLosses};
 use super::meter::{Accounts, Meter, Moment};
@@ -22,6 +23,8 @@ use crate::scene::{Effect, EffectSet};
 pub(super) struct Outcome<'f, 's> {
     pub(super) frame: &'f Frame<'s>,
     pub(super) film: TileFilm,
+    /// Where layers are wanted.
+    pub(super) first_hits: Option<Box<FirstHits<'f, 's>>>,
     /// Column and row of the film's first pixel in the picture.
     pub(super) corner: [u32; 2],
     pub(super) feelers: Box<Feelers>,
@@ -57,6 +60,7 @@ impl<'f, 's> Outcome<'f, 's> {
         Outcome {
             frame,
             film,
+            first_hits: FirstHits::of(frame),
             corner: [0; 2],
             feelers: Feelers::new(frame.effects()),
             next: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
@@ -74,6 +78,9 @@ impl<'f, 's> Outcome<'f, 's> {
         self.film.clear();
         self.next.clear();
         self.losses.clear();
+        if let Some(first_hits) = &mut self.first_hits {
+            first_hits.clear();
+        }
     }
 
     /// Books the end of a tile.
@@ -119,6 +126,7 @@ impl<'f, 's> Outcome<'f, 's> {
         stage: Stage,
     ) {
         let effects = self.effects::<PLAIN>();
+        let has_layers = stage.depth == 0 && self.first_hits.is_some();
         for (index, packet) in packets.iter().enumerate() {
             let (path, travels) = paths.at(index);
             let travels = travels.filter(|_| !PLAIN);
@@ -149,6 +157,9 @@ impl<'f, 's> Outcome<'f, 's> {
                 let widths = self.widths::<PLAIN>(travels);
                 self.frame.surfaces.meet(packet, widths, surfaces);
                 self.book_meeting(surfaces);
+                if has_layers {
+                    self.note_first_hits(packet, &path.pixel, surfaces);
+                }
                 self.shade::<PLAIN>(effects, &traced, surfaces, stage);
             } else if effects.glows() {
                 self.add_surroundings(traced);
@@ -156,6 +167,14 @@ impl<'f, 's> Outcome<'f, 's> {
             self.meter.leave();
         }
         self.answer_feelers::<PLAIN>(stage.order);
+    }
+
+    #[cold]
+    fn note_first_hits(&mut self, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
+        if let Some(first_hits) = &mut self.first_hits {
+            first_hits.add(packet, label, surfaces);
+            self.meter.part(Account::Film);
+        }
     }
 
     /// Books the time of points and materials, and of textures if there were any.
@@ -172,7 +191,7 @@ impl<'f, 's> Outcome<'f, 's> {
     }
 
     /// How wide the rays of a packet are.
-    pub(super) fn widths<'t, const PLAIN: bool>(&self, travels: Option<TravelPacket<'t>>) -> Widths<'t> {
+    fn widths<'t, const PLAIN: bool>(&self, travels: Option<TravelPacket<'t>>) -> Widths<'t> {
         if !self.effects::<PLAIN>().has(Effect::TextureFilter) {
             return Widths::None;
         }

@@ -14,7 +14,6 @@ use super::Frame;
 use super::estimate::Estimate;
 use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
-use super::first_hits::FirstHits;
 use super::ledger::{Account, Ledger, Tally};
 use super::lens;
 use super::memory::{Held, Memory};
@@ -43,8 +42,6 @@ pub(super) struct Wave<'f, 's> {
     current: Generation,
     surfaces: Box<Surfaces>,
     outcome: Outcome<'f, 's>,
-    /// Where layers are wanted.
-    first_hits: Option<Box<FirstHits<'f, 's>>>,
     /// Whether camera rays are bent, or begin paths that keep more than their weights.
     has_camera_travels: bool,
     /// Camera packets of this tile so far.
@@ -91,7 +88,6 @@ impl<'f, 's> Wave<'f, 's> {
             current: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
             surfaces: Box::new(Surfaces::new(frame.effects())),
             outcome: Outcome::new(frame, TileFilm::new(samples)),
-            first_hits: FirstHits::of(frame),
             has_camera_travels: frame.has_camera_travels(),
         }
     }
@@ -118,7 +114,7 @@ impl<'f, 's> Wave<'f, 's> {
         if frame.keeps_sums {
             picture.sums = outcome.film.sums_of(tile);
         }
-        if let Some(first_hits) = &self.first_hits {
+        if let Some(first_hits) = &self.outcome.first_hits {
             picture.layers = first_hits.planes(tile);
         }
         self.note_memory(frame.tile_bytes(tile));
@@ -157,9 +153,6 @@ impl<'f, 's> Wave<'f, 's> {
         self.current.clear();
         self.outcome.clear();
         self.outcome.corner = [tile.x, tile.y];
-        if let Some(first_hits) = &mut self.first_hits {
-            first_hits.clear();
-        }
     }
 
     /// Makes the camera packet of one group of samples of the block at `corner`, within the tile; traces what is due.
@@ -247,11 +240,6 @@ impl<'f, 's> Wave<'f, 's> {
             self.frame.accel.intersect(packets, stage.order)
         });
         meter.ledger.book(Account::Camera, traced);
-        if let Some(first_hits) = &mut self.first_hits {
-            first_hits.add(&self.outcome, packets, paths);
-            let lanes = (0..packets.len()).map(|index| (&paths.at(index).0.pixel, &packets[index].active));
-            self.outcome.meter.lap_over(Account::Film, lanes);
-        }
         self.outcome
             .shade_batch(&mut self.surfaces, packets, paths, stage);
         self.current.clear();
@@ -384,7 +372,7 @@ impl Wave<'_, '_> {
             .iter()
             .for_each(|marches| marches.add_to(&mut memory));
         outcome.film.add_to(&mut memory);
-        let first_hits = self.first_hits.as_ref().map_or(0, |hits| hits.byte_count());
+        let first_hits = outcome.first_hits.as_ref().map_or(0, |hits| hits.byte_count());
         memory.add(Account::Film.name(), "first hits of a tile", first_hits);
         let losses = outcome.losses.byte_count();
         memory.add(Account::Film.name(), "weights of lost rays", losses);

@@ -266,6 +266,12 @@ pub(super) enum Aov {
     Uv,
     /// `id.object`, `id.material` and `id.primitive` of the first sample that meets anything; -1 where none does
     Ids,
+    /// `motion.X` and `.Y`, by how many pixels to the right and down surfaces move while the shutter is open
+    Motion,
+    /// `CryptoObject00.R` and so on: Cryptomatte of the names of objects, six ranks of id and coverage
+    CryptoObject,
+    /// `CryptoMaterial00.R` and so on: Cryptomatte of the names of materials
+    CryptoMaterial,
 }
 
 /// What is rendered, of whatever scene.

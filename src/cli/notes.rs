@@ -3,26 +3,29 @@
 //! Nothing that may differ between two runs with the same pixels: no times, threads or folders. So the files are the
 //! same to the last byte.
 
+use std::borrow::Cow;
+
 use serde::Serialize;
 
 use crate::accel::EmbreeIdentity;
 use crate::cost::{Configuration, Settings};
-use crate::image::Note;
-use crate::render::Plan;
+use crate::image::{Note, cryptomatte};
+use crate::render::{LayerKind, Plan};
 use crate::scene::picture::FilterKind;
-use crate::scene::{Camera, Effect, EffectSet};
+use crate::scene::{Camera, Effect, EffectSet, Scene};
 
 use super::job::{RenderJob, Shot};
 
 /// Texts under their names.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Notes(Vec<(&'static str, String)>);
+pub(super) struct Notes(Vec<(Cow<'static, str>, String)>);
 
 impl Notes {
-    /// How a picture was made: `whit.settings` as JSON, `whit.plan`, and `whit.embree` where Embree found the hits.
+    /// How a picture was made: `whit.settings` as JSON, `whit.plan`, and `whit.embree` where Embree found the hits; and
+    /// what Cryptomatte wants to be told of its layers.
     pub(super) fn of(
         (job, shot): (&RenderJob, &Shot),
-        camera: &Camera,
+        (scene, camera): (&Scene, &Camera),
         embree: Option<&EmbreeIdentity>,
         plan: &Plan,
     ) -> Notes {
@@ -32,12 +35,28 @@ impl Notes {
         }
         notes.add("whit.plan", plan.to_string());
         notes.add("whit.settings", settings((job, shot), camera));
+        for kind in shot.settings.layers.kinds() {
+            notes.add_matte(kind, scene);
+        }
         notes
     }
 
     /// Adds a text.
-    pub(super) fn add(&mut self, name: &'static str, text: String) {
-        self.0.push((name, text));
+    pub(super) fn add(&mut self, name: impl Into<Cow<'static, str>>, text: String) {
+        self.0.push((name.into(), text));
+    }
+
+    /// Adds what Cryptomatte wants to be told of layers, where these are its own.
+    fn add_matte(&mut self, kind: LayerKind, scene: &Scene) {
+        let Some(layer) = kind.cryptomatte() else { return };
+        let names = scene.instances.iter().map(|instance| match kind {
+            LayerKind::CryptoMaterial => &scene.materials[instance.material as usize].name[..],
+            _ => &instance.name[..],
+        });
+        let attributes = cryptomatte::attributes(layer, names);
+        for (name, text) in attributes {
+            self.add(name, text);
+        }
     }
 
     /// The texts as a file takes them.

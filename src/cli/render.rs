@@ -149,7 +149,7 @@ fn render_one(
 
     let (heat, write_seconds) = timed(|| {
         let embree = accel.report().embree;
-        let notes = Notes::of((job, &shot), camera, embree.as_ref(), &rendering.plan);
+        let notes = Notes::of((job, &shot), (&scene, camera), embree.as_ref(), &rendering.plan);
         write_image((job, &shot), target, &rendering, &notes.list())?;
         write_heat(job, &rendering)
     })?;

@@ -7,12 +7,14 @@ use glam::{DVec2, DVec3};
 
 use super::Frame;
 use super::film::{self, TILE, Tile};
-use super::layers::{LayerKind, LayerSet};
+use super::layers::LayerKind;
+use super::mattes::Matte;
 use super::outcome::Outcome;
 use super::queue::Paths;
 use super::samples::pixel_of;
 use super::surface::Surfaces;
 use crate::accel::{NO_HIT, RayPacket};
+use crate::image::cryptomatte;
 use crate::numeric::LANES;
 use crate::shading::MaterialPacket;
 
@@ -22,6 +24,9 @@ pub(super) struct FirstHits<'f, 's> {
     surfaces: Surfaces,
     /// `TILE` to a row.
     pixels: Vec<PixelHits>,
+    /// What Cryptomatte tells, where it is wanted.
+    objects: Option<Matte>,
+    materials: Option<Matte>,
 }
 
 /// What the samples of a pixel met, so far.
@@ -37,28 +42,39 @@ struct PixelHits {
     albedo: DVec3,
     position: DVec3,
     uv: DVec2,
+    motion: DVec2,
 }
 
 impl<'f, 's> FirstHits<'f, 's> {
     /// Where somebody wants layers.
     pub(super) fn of(frame: &'f Frame<'s>) -> Option<Box<FirstHits<'f, 's>>> {
+        let layers = frame.settings.layers;
+        let matte = |kind: LayerKind| layers.has(kind).then(Matte::new);
         let new = || {
             Box::new(FirstHits {
                 frame,
                 surfaces: Surfaces::new(frame.effects()),
                 pixels: vec![PixelHits::NONE; (TILE * TILE) as usize],
+                objects: matte(LayerKind::CryptoObject),
+                materials: matte(LayerKind::CryptoMaterial),
             })
         };
-        (!frame.settings.layers.is_empty()).then(new)
+        (!layers.is_empty()).then(new)
     }
 
     pub(super) fn clear(&mut self) {
         self.pixels.fill(PixelHits::NONE);
+        self.mattes_mut().for_each(Matte::clear);
+    }
+
+    fn mattes_mut(&mut self) -> impl Iterator<Item = &mut Matte> {
+        self.objects.iter_mut().chain(&mut self.materials)
     }
 
     /// Bytes of all of it.
     pub(super) fn byte_count(&self) -> usize {
-        size_of_val(self) + size_of_val(&self.pixels[..])
+        let mattes = self.objects.iter().chain(&self.materials);
+        size_of_val(self) + size_of_val(&self.pixels[..]) + mattes.map(Matte::byte_count).sum::<usize>()
     }
 
     /// Adds what a batch of traced camera packets has met.
@@ -72,8 +88,23 @@ impl<'f, 's> FirstHits<'f, 's> {
             let widths = outcome.widths::<false>(travels);
             self.frame.surfaces.meet(packet, widths, &mut self.surfaces);
             for l in (0..LANES).filter(|&l| packet.instance[l] != NO_HIT) {
-                self.add_hit(packet, l, pixel_of(path.pixel[l]) as usize);
+                let pixel = pixel_of(path.pixel[l]);
+                self.add_names(packet.instance[l], pixel);
+                self.add_hit(packet, l, pixel as usize);
             }
+        }
+    }
+
+    /// Adds the names of what a sample has met.
+    fn add_names(&mut self, instance: u32, pixel: u32) {
+        let scene = self.frame.scene;
+        let instance = &scene.instances[instance as usize];
+        if let Some(objects) = &mut self.objects {
+            objects.add(pixel, cryptomatte::id_of(&instance.name));
+        }
+        if let Some(materials) = &mut self.materials {
+            let material = &scene.materials[instance.material as usize];
+            materials.add(pixel, cryptomatte::id_of(&material.name));
         }
     }
 
@@ -85,6 +116,7 @@ impl<'f, 's> FirstHits<'f, 's> {
                 points, materials, ..
             },
             pixels,
+            ..
         } = self;
         let (wanted, instance) = (frame.settings.layers, packet.instance[l]);
         let file = &frame.scene.normalisation;
@@ -114,19 +146,37 @@ impl<'f, 's> FirstHits<'f, 's> {
             let chart = frame.surfaces.view(instance).chart(&pose, 0, packet, l);
             hits.uv += DVec2::from(chart.uv.map(f64::from));
         }
+        if let Some(motion) = &frame.screen_motion {
+            let instance = &frame.scene.instances[instance as usize];
+            hits.motion += motion.of(p, instance, packet.time[l]);
+        }
     }
 
     /// The wanted layers of a tile, each row by row.
-    pub(super) fn planes(&self, tile: Tile) -> Vec<Vec<f32>> {
-        let wanted: LayerSet = self.frame.settings.layers;
-        let plane = |kind: LayerKind, part: usize| {
+    pub(super) fn planes(&mut self, tile: Tile) -> Vec<Vec<f32>> {
+        let (wanted, samples) = (self.frame.settings.layers, self.frame.samples_taken());
+        let mut planes = Vec::with_capacity(wanted.layer_count());
+        for kind in wanted.kinds() {
+            let matte = match kind {
+                LayerKind::CryptoObject => &mut self.objects,
+                LayerKind::CryptoMaterial => &mut self.materials,
+                _ => &mut None,
+            };
+            match matte {
+                Some(matte) => planes.extend(matte.planes(tile, samples)),
+                None => planes.extend(self.planes_of(kind, tile)),
+            }
+        }
+        planes
+    }
+
+    /// The layers of a kind that [`PixelHits`] has.
+    fn planes_of(&self, kind: LayerKind, tile: Tile) -> impl Iterator<Item = Vec<f32>> {
+        let plane = move |part: usize| {
             let pixels = film::cut(tile, &self.pixels);
             pixels.map(|hits| hits.values(kind)[part]).collect()
         };
-        wanted
-            .kinds()
-            .flat_map(|kind| (0..kind.names().len()).map(move |part| plane(kind, part)))
-            .collect()
+        (0..kind.names().len()).map(plane)
     }
 }
 
@@ -139,6 +189,7 @@ impl PixelHits {
         albedo: DVec3::ZERO,
         position: DVec3::ZERO,
         uv: DVec2::ZERO,
+        motion: DVec2::ZERO,
     };
 
     /// The values of a kind's layers, in their order; there may be fewer than three.
@@ -158,6 +209,9 @@ impl PixelHits {
             LayerKind::Position => mean(self.position),
             LayerKind::Uv => mean(self.uv.extend(0.0)),
             LayerKind::Ids => self.ids.map(|id| id as f32),
+            LayerKind::Motion => mean(self.motion.extend(0.0)),
+            // Mattes tell them.
+            LayerKind::CryptoObject | LayerKind::CryptoMaterial => [0.0; 3],
         }
     }
 }

@@ -133,7 +133,7 @@ impl<'a> Making<'a> {
         let camera = stage.loaded.camera(plan)?;
         let effects = EffectPlan::new(stage.scene(), &camera, &shot.settings.effects);
         let embree = stage.accel.report().embree;
-        let notes = Notes::of((job, &shot), &camera, embree.as_ref(), &effects);
+        let notes = Notes::of((job, &shot), (stage.scene(), &camera), embree.as_ref(), &effects);
         let notes = notes
             .list()
             .iter()

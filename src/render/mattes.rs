@@ -1,0 +1,165 @@
+//! Mattes: how many of a pixel's samples met what, for the layers of Cryptomatte.
+//!
+//! Hits are listed one by one, and the list is counted up when it is full. So every count is exact, however many things
+//! a pixel shows, and the list is never longer than twice the pairs of a pixel and a thing that the tile has. Counts are
+//! whole numbers and equal ones are ranked by their ids, so no order of samples changes a bit.
+//!
+//! Source: J. Friedman and A. Jones, "Cryptomatte Specification", "Ranking Pixel Filter".
+
+use std::cmp::Reverse;
+
+use super::film::{TILE, Tile};
+
+/// Things that a pixel tells of, those that most of its samples met: as many as Cryptomatte suggests.
+pub(super) const RANKS: usize = 6;
+
+/// Entries of a list at first: several for each pixel of a tile.
+const FIRST_ENTRIES: usize = 4 * (TILE * TILE) as usize;
+
+/// What the samples of a tile met, so far.
+pub(super) struct Matte {
+    met: Vec<Met>,
+}
+
+/// Samples of a pixel that met one thing; a pixel may have several entries of one until they are counted up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Met {
+    /// Within the tile, `TILE` to a row.
+    pixel: u32,
+    /// The bits of the number that stands for it.
+    id: u32,
+    count: u32,
+}
+
+impl Matte {
+    pub(super) fn new() -> Matte {
+        Matte {
+            met: Vec::with_capacity(FIRST_ENTRIES),
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.met.clear();
+    }
+
+    /// Bytes of its list.
+    pub(super) fn byte_count(&self) -> usize {
+        self.met.capacity() * size_of::<Met>()
+    }
+
+    /// Adds a sample of `pixel` that met what `id` stands for.
+    pub(super) fn add(&mut self, pixel: u32, id: f32) {
+        let id = id.to_bits();
+        // Samples in a row are often of one pixel, and meet the same.
+        if let Some(last) = self.met.last_mut().filter(|met| (met.pixel, met.id) == (pixel, id)) {
+            last.count += 1;
+            return;
+        }
+        if self.met.len() == self.met.capacity() {
+            self.count_up();
+            // Half of it is free after that, so that counting up takes no more than a part of all time.
+            if self.met.len() > self.met.capacity() / 2 {
+                self.met.reserve_exact(self.met.capacity());
+            }
+        }
+        self.met.push(Met { pixel, id, count: 1 });
+    }
+
+    /// Makes one entry of all that are of the same pixel and thing.
+    fn count_up(&mut self) {
+        self.met.sort_unstable_by_key(|met| (met.pixel, met.id));
+        self.met.dedup_by(|next, kept| {
+            let is_same = (next.pixel, next.id) == (kept.pixel, kept.id);
+            kept.count += if is_same { next.count } else { 0 };
+            is_same
+        });
+    }
+
+    /// The layers of a tile whose pixels took `samples` each: ids and coverages in turn, the largest coverage first;
+    /// 0 where a pixel has no more.
+    pub(super) fn planes(&mut self, tile: Tile, samples: u32) -> Vec<Vec<f32>> {
+        self.count_up();
+        let mut planes = vec![vec![0.0; (tile.width * tile.height) as usize]; 2 * RANKS];
+        for met in self.met.chunk_by_mut(|a, b| a.pixel == b.pixel) {
+            met.sort_unstable_by_key(|met| (Reverse(met.count), met.id));
+            let [column, row] = [met[0].pixel % TILE, met[0].pixel / TILE];
+            let pixel = (row * tile.width + column) as usize;
+            for (met, planes) in met.iter().zip(planes.chunks_exact_mut(2)) {
+                planes[0][pixel] = f32::from_bits(met.id);
+                planes[1][pixel] = (f64::from(met.count) / f64::from(samples)) as f32;
+            }
+        }
+        planes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TINY: Tile = Tile {
+        x: 0,
+        y: 0,
+        width: 3,
+        height: 2,
+    };
+
+    /// What the planes say of a pixel.
+    fn ranks(planes: &[Vec<f32>], pixel: usize) -> Vec<(f32, f32)> {
+        planes
+            .chunks_exact(2)
+            .map(|pair| (pair[0][pixel], pair[1][pixel]))
+            .collect()
+    }
+
+    #[test]
+    fn things_are_ranked_by_their_coverage_and_equal_ones_by_their_ids() {
+        let mut matte = Matte::new();
+        let met = [7.0, 5.0, 5.0, -1.0, 7.0, 2.0];
+        met.into_iter().for_each(|id| matte.add(TILE + 2, id));
+        let planes = matte.planes(TINY, 8);
+        // Two of eight samples met nothing; a sign is the highest bit.
+        let expected = [(5.0, 0.25), (7.0, 0.25), (2.0, 0.125), (-1.0, 0.125), (0.0, 0.0), (0.0, 0.0)];
+        assert_eq!(ranks(&planes, 5), expected);
+        assert!((0..5).all(|pixel| ranks(&planes, pixel) == [(0.0, 0.0); RANKS]));
+        matte.clear();
+        assert!(matte.planes(TINY, 8).iter().flatten().all(|&value| value == 0.0));
+    }
+
+    #[test]
+    fn of_more_things_than_ranks_the_largest_are_told_whatever_came_first() {
+        let mut matte = Matte::new();
+        // Thing n is met n times: of 1 + ... + 9 = 45 samples.
+        for round in 1..10 {
+            (round..10).for_each(|id| matte.add(0, id as f32));
+        }
+        let told = ranks(&matte.planes(TINY, 45), 0);
+        let expected: Vec<(f32, f32)> = (4..10).rev().map(|n| (n as f32, n as f32 / 45.0)).collect();
+        assert_eq!(told, expected);
+    }
+
+    #[test]
+    fn lists_that_run_full_lose_no_count() {
+        let mut matte = Matte::new();
+        // No two in a row are the same, and there are more than the list holds at first.
+        let (pixels, things, rounds) = (TILE * TILE, 7, 3);
+        for _ in 0..rounds {
+            for id in 1..=things {
+                (0..pixels).for_each(|pixel| matte.add(pixel, id as f32));
+            }
+        }
+        let pairs = (pixels * things) as usize;
+        assert!(matte.byte_count() <= 2 * (pairs + FIRST_ENTRIES) * size_of::<Met>());
+        let tile = Tile {
+            x: 0,
+            y: 0,
+            width: TILE,
+            height: TILE,
+        };
+        let planes = matte.planes(tile, rounds * things);
+        for pixel in 0..pixels as usize {
+            let expected: Vec<(f32, f32)> = (1..=6).map(|id| (id as f32, 1.0 / 7.0)).collect();
+            assert_eq!(ranks(&planes, pixel), expected);
+        }
+    }
+}

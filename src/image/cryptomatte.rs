@@ -139,7 +139,9 @@ mod tests {
     #[test]
     fn attributes_name_a_layer_under_its_hash_and_tell_each_name_once() {
         let text = |pair: &(String, String)| format!("{} {}", pair.0, pair.1);
-        let told = attributes("CryptoObject", ["default", "bunny", "default"]).each_ref().map(text);
+        let told = attributes("CryptoObject", ["default", "bunny", "default"])
+            .each_ref()
+            .map(text);
         // The hash of `CryptoObject` is 3ae39a58.
         assert_eq!(
             told,
@@ -160,7 +162,14 @@ mod tests {
         let read: BTreeMap<String, String> = serde_json::from_str(&text).unwrap();
         let expected = names.map(|name| {
             let id = format!("{:08x}", id_of(name).to_bits());
-            (if name.is_empty() { "unnamed".to_owned() } else { name.to_owned() }, id)
+            (
+                if name.is_empty() {
+                    "unnamed".to_owned()
+                } else {
+                    name.to_owned()
+                },
+                id,
+            )
         });
         assert_eq!(read, BTreeMap::from(expected));
     }

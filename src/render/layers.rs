@@ -2,7 +2,8 @@
 //!
 //! Every sample of a pixel asks one camera ray what surface it meets first; see-through and partly absent surfaces
 //! count, volumes and fog do not. A pixel's values are means over those of its samples that met one, each weighed alike
-//! whatever the picture's filter is. Lengths and places are in the file's coordinates.
+//! whatever the picture's filter is; those of Cryptomatte are parts of all samples. Lengths and places are in the file's
+//! coordinates.
 
 use super::RenderSettings;
 use super::film::{self, Tile};
@@ -217,7 +218,9 @@ mod tests {
     #[test]
     fn names_of_cryptomattes_begin_with_what_they_are_called() {
         for kind in LayerKind::ALL {
-            let Some(called) = kind.cryptomatte() else { continue };
+            let Some(called) = kind.cryptomatte() else {
+                continue;
+            };
             for (index, name) in kind.names().iter().enumerate() {
                 // Four channels to a layer.
                 let channel = ["R", "G", "B", "A"][index % 4];

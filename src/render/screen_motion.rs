@@ -48,7 +48,8 @@ impl ScreenMotion {
             Some(motion) => motion.at(time).transform_point3(p_object),
         };
         let Shutter { open, close } = self.shutter;
-        let [before, after] = [(0, open), (1, close)].map(|(end, time)| self.views[end].film_point(place(time)));
+        let [before, after] =
+            [(0, open), (1, close)].map(|(end, time)| self.views[end].film_point(place(time)));
         before
             .zip(after)
             .map_or(DVec2::ZERO, |(before, after)| (after - before) * self.size)
@@ -122,7 +123,10 @@ mod tests {
         };
         // At four times the distance 10 pixels are 8 units.
         let moved = ScreenMotion::new(&moving, [10, 10]).of(p, &still, 0.5);
-        assert!((moved - DVec2::new(-1.0, 0.0)).length() <= 8.0 * f64::EPSILON, "{moved}");
+        assert!(
+            (moved - DVec2::new(-1.0, 0.0)).length() <= 8.0 * f64::EPSILON,
+            "{moved}"
+        );
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Layers of what camera rays meet first: depth, normals, albedo, places, texture coordinates and ids, against what is
-//! known in closed form; and that nobody who wants none, nor any picture, notices them.
+//! Layers of what camera rays meet first: depth, normals, albedo, places, texture coordinates, ids and motion, against what
+//! is known in closed form; and that nobody who wants none, nor any picture, notices them. Cryptomatte has tests of its own.
 
 #[path = "common"]
 mod common {
@@ -9,12 +9,13 @@ mod common {
 }
 mod cli_program;
 
+use std::f64::consts::FRAC_PI_4;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use cli_program::{fails_with, whit};
 use common::pictures::{add, rendered, settings};
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec2, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::LoadOptions;
 use whit::image::ExtraKind;
@@ -23,7 +24,7 @@ use whit::mesh::Mesh;
 use whit::render::{
     FilterKind, LayerKind, LayerSet, Monitor, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering,
 };
-use whit::scene::{Camera, Geometry, Lecture, Material, Model, Scene};
+use whit::scene::{Camera, Geometry, Instance, Lecture, Material, Model, Scene, Shutter};
 use whit::shape::{Shape, Sphere};
 
 static GO_ON: AtomicBool = AtomicBool::new(false);
@@ -36,6 +37,9 @@ const MONITOR: Monitor = Monitor {
 
 /// f32 rounds rays and results; sums of a few such numbers are off by this, relative to the largest.
 const ROUNDING: f64 = 8.0 * f32::EPSILON as f64;
+
+/// How many layers there are: 15 of means and ids, two of motion, twelve of each Cryptomatte.
+const LAYERS: usize = 15 + 2 + 24;
 
 fn all() -> LayerSet {
     LayerKind::ALL.into_iter().collect()
@@ -273,6 +277,61 @@ fn places_and_depths_are_in_the_units_of_the_file() {
     assert!(vector(&seen, POSITION, 0).distance(center) <= center.length() * ROUNDING);
 }
 
+/// A square wall that moves while the shutter is open, from one place to another.
+fn moving_wall(ends: [DAffine3; 2]) -> Scene {
+    let mut scene = Scene::default();
+    scene.geometries.push(Geometry::Shape(Shape::Quad));
+    scene.materials.push(Material::default());
+    scene
+        .instances
+        .push(Instance::moving("wall", 0, 0, ends).unwrap());
+    scene
+}
+
+#[test]
+fn a_wall_that_moves_across_the_picture_has_its_motion_in_pixels() {
+    let scale = DAffine3::from_scale(DVec3::splat(3.0));
+    let step = DVec3::new(0.5, -0.25, 0.0);
+    let (camera, size) = (camera(5.0), 12);
+    // At a distance of 5 the picture's height is 10 tan(45 deg / 2); y is up in the world and down in the picture.
+    let pixel = 10.0 * (0.5 * FRAC_PI_4).tan() / f64::from(size);
+    let expected = step.truncate() * DVec2::new(1.0, -1.0) / pixel;
+    for part in [1.0, 0.5] {
+        let scene = moving_wall([scale, DAffine3::from_translation(step) * scale]);
+        let camera = Camera {
+            shutter: Shutter {
+                open: 0.0,
+                close: part,
+            },
+            ..camera.clone()
+        };
+        let seen = rendered(&scene, &camera, &with_layers(size, 4));
+        for pixel in 0..(size * size) as usize {
+            let motion = ["motion.X", "motion.Y"].map(|name| f64::from(values(&seen, name)[pixel]));
+            let error = (DVec2::from(motion) - part * expected).length();
+            // Points are known to the rounding of rays, and lie within some ten pixels.
+            assert!(
+                error <= f64::from(size) * ROUNDING,
+                "{motion:?} for {}",
+                part * expected
+            );
+        }
+    }
+}
+
+#[test]
+fn what_comes_nearer_moves_away_from_the_middle_and_what_stands_still_does_not_move() {
+    let scale = DAffine3::from_scale(DVec3::splat(9.0));
+    let nearer = DAffine3::from_translation(DVec3::Z) * scale;
+    let size = 6;
+    let seen = rendered(&moving_wall([scale, nearer]), &camera(5.0), &with_layers(size, 4));
+    let still = rendered(&moving_wall([scale, scale]), &camera(5.0), &with_layers(size, 4));
+    let corner = |seen: &Rendering| ["motion.X", "motion.Y"].map(|name| values(seen, name)[0]);
+    let [x, y] = corner(&seen);
+    assert!(x < 0.0 && y < 0.0, "{x} {y}");
+    assert_eq!(corner(&still), [0.0; 2]);
+}
+
 /// A small picture with much in it.
 fn small(filter: FilterKind) -> RenderSettings {
     RenderSettings {
@@ -297,21 +356,26 @@ fn no_picture_has_other_bits_with_all_layers() {
         "textured.toml",
         "foliage.toml",
     ];
-    for name in scenes {
+    // Filters in turn: how samples are weighed has nothing to do with what they meet.
+    let filters = [FilterKind::Box, FilterKind::Mitchell].into_iter().cycle();
+    for (name, filter) in scenes.into_iter().zip(filters) {
         let scene = load(name);
-        for filter in [FilterKind::Box, FilterKind::Mitchell] {
-            let without = small(filter);
-            let with = RenderSettings {
-                layers: all(),
-                ..without
-            };
-            let plain = rendered(&scene, &scene.cameras[0], &without);
-            let layered = rendered(&scene, &scene.cameras[0], &with);
-            assert_eq!(plain.image.pixels, layered.image.pixels, "{name}");
-            assert_eq!((plain.layers.len(), layered.layers.len()), (0, all().layer_count()));
-            let depths = values(&layered, "Z");
-            assert!(depths.iter().any(|depth| depth.is_finite()), "{name}");
-        }
+        let without = RenderSettings {
+            width: 20,
+            height: 15,
+            spp: 2,
+            ..small(filter)
+        };
+        let with = RenderSettings {
+            layers: all(),
+            ..without
+        };
+        let plain = rendered(&scene, &scene.cameras[0], &without);
+        let layered = rendered(&scene, &scene.cameras[0], &with);
+        assert_eq!(plain.image.pixels, layered.image.pixels, "{name}");
+        assert_eq!((plain.layers.len(), layered.layers.len()), (0, LAYERS));
+        let depths = values(&layered, "Z");
+        assert!(depths.iter().any(|depth| depth.is_finite()), "{name}");
     }
 }
 
@@ -336,7 +400,7 @@ fn a_region_has_the_bits_of_the_whole_pictures_layers() {
                 assert_eq!(layer.name, all.name);
                 assert!(layer.values.iter().eq(shown), "{} of {region:?}", all.name);
             }
-            assert_eq!(part.layers.len(), all().layer_count());
+            assert_eq!(part.layers.len(), LAYERS);
         }
     }
 }
@@ -372,7 +436,7 @@ fn a_file_of_halves_has_colours_as_halves_and_all_else_as_floats() {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (scene, image) = (path("ball.toml"), path("ball.exr"));
     std::fs::write(&scene, BALL).unwrap();
-    let aovs = "depth,normal,albedo,position,uv,ids";
+    let aovs = "depth,normal,albedo,position,uv,ids,motion,crypto-object,crypto-material";
     let run = whit(&[
         "render",
         &scene,
@@ -400,11 +464,14 @@ fn a_file_of_halves_has_colours_as_halves_and_all_else_as_floats() {
         "normal.X Float",
         "id.primitive Float",
         "uv.V Float",
+        "motion.Y Float",
+        "CryptoObject00.R Float",
+        "CryptoMaterial02.A Float",
     ] {
         assert!(kinds.iter().any(|kind| kind == wanted), "{wanted}: {kinds:?}");
     }
-    assert_eq!(kinds.len(), 3 + 15);
-    assert_eq!(reader.read_rows(0..9).unwrap().len(), 18);
+    assert_eq!(kinds.len(), 3 + LAYERS);
+    assert_eq!(reader.read_rows(0..9).unwrap().len(), 3 + LAYERS);
 }
 
 #[test]

@@ -266,10 +266,11 @@ pub(super) enum Aov {
     Uv,
     /// `id.object`, `id.material` and `id.primitive` of the first sample that meets anything; -1 where none does
     Ids,
-    /// `CryptoObject00.R` to `CryptoObject02.A`: objects by the hashes of their names, and what part of the pixel each
-    /// covers, as Cryptomatte has them
+    /// `motion.X` and `.Y`, by how many pixels to the right and down surfaces move while the shutter is open
+    Motion,
+    /// `CryptoObject00.R` and so on: Cryptomatte of the names of objects, six ranks of id and coverage
     CryptoObject,
-    /// `CryptoMaterial00.R` to `CryptoMaterial02.A`: their materials, likewise
+    /// `CryptoMaterial00.R` and so on: Cryptomatte of the names of materials
     CryptoMaterial,
 }
 

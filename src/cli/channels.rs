@@ -17,6 +17,7 @@ impl Aov {
             Aov::Position => Some(LayerKind::Position),
             Aov::Uv => Some(LayerKind::Uv),
             Aov::Ids => Some(LayerKind::Ids),
+            Aov::Motion => Some(LayerKind::Motion),
             Aov::CryptoObject => Some(LayerKind::CryptoObject),
             Aov::CryptoMaterial => Some(LayerKind::CryptoMaterial),
         }

@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::accel::EmbreeIdentity;
 use crate::cost::{Configuration, Settings};
 use crate::image::{Note, cryptomatte};
-use crate::render::Plan;
+use crate::render::{LayerKind, Plan};
 use crate::scene::picture::FilterKind;
 use crate::scene::{Camera, Effect, EffectSet, Scene};
 
@@ -22,7 +22,7 @@ pub(super) struct Notes(Vec<(Cow<'static, str>, String)>);
 
 impl Notes {
     /// How a picture was made: `whit.settings` as JSON, `whit.plan`, and `whit.embree` where Embree found the hits; and
-    /// what the ids of its mattes stand for.
+    /// what Cryptomatte wants to be told of its layers.
     pub(super) fn of(
         (job, shot): (&RenderJob, &Shot),
         (scene, camera): (&Scene, &Camera),
@@ -36,11 +36,7 @@ impl Notes {
         notes.add("whit.plan", plan.to_string());
         notes.add("whit.settings", settings((job, shot), camera));
         for kind in shot.settings.layers.kinds() {
-            if let Some(names) = kind.matte_names(scene) {
-                for (name, text) in cryptomatte::attributes(kind.name(), names) {
-                    notes.add(name, text);
-                }
-            }
+            notes.add_matte(kind, scene);
         }
         notes
     }
@@ -48,6 +44,16 @@ impl Notes {
     /// Adds a text.
     pub(super) fn add(&mut self, name: impl Into<Cow<'static, str>>, text: String) {
         self.0.push((name.into(), text));
+    }
+
+    /// Adds what Cryptomatte wants to be told of layers, where these are its own.
+    fn add_matte(&mut self, kind: LayerKind, scene: &Scene) {
+        let Some(layer) = kind.cryptomatte() else { return };
+        let names = kind.matte_names(scene).unwrap_or_default();
+        let attributes = cryptomatte::attributes(layer, names);
+        for (name, text) in attributes {
+            self.add(name, text);
+        }
     }
 
     /// The texts as a file takes them.

@@ -1,51 +1,72 @@
-//! Identifiers of Cryptomatte: names hashed to 32 bits, and those bits as numbers that every picture file keeps.
+//! Cryptomatte: names hashed to 32 bits, those bits as numbers that every picture file keeps, and what a file says of
+//! them.
 //!
-//! Source: J. Friedman and A. Jones, "Cryptomatte Specification", 2015; the hash is A. Appleby's MurmurHash3_x86_32.
+//! Things of the same name are one to Cryptomatte. What has no name is called [`UNNAMED`], as the hash of no letters
+//! means nothing at all.
+//!
+//! Source: J. Friedman and A. Jones, "Cryptomatte Specification"; the hash is A. Appleby's MurmurHash3_x86_32.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// What things without a name are called.
+pub const UNNAMED: &str = "unnamed";
+
+/// Hexadecimal digits of the key under which a file tells of a layer: more would make names of attributes too long.
+const KEY_DIGITS: usize = 7;
 
 /// The number that stands for `name` in a Cryptomatte layer: its hash, as a finite and normal f32.
 ///
-/// Exponents of zero and of all ones would be denormal, infinite or NaN; their lowest bit is flipped.
+/// Exponents of zero and of all ones would be denormal, infinite or NaN; they become the nearest that are not.
 pub fn id_of(name: &str) -> f32 {
-    let hash = murmur3(name.as_bytes());
+    let hash = murmur3(called(name).as_bytes());
     let exponent = hash >> 23 & 0xff;
     let is_special = exponent == 0 || exponent == 0xff;
     f32::from_bits(if is_special { hash ^ 1 << 23 } else { hash })
 }
 
-/// What a file says of a layer of mattes called `layer`, which shows things called `names`: attributes by their names.
+/// What something is called: by its name, if it has one.
+fn called(name: &str) -> &str {
+    if name.is_empty() { UNNAMED } else { name }
+}
+
+/// What a file must say of the layers `layer`00, `layer`01 ... that tell of things with these names: attributes, each
+/// with its name first. Texts are ASCII.
 pub fn attributes<'n>(layer: &str, names: impl IntoIterator<Item = &'n str>) -> [(String, String); 4] {
-    let manifest: BTreeMap<&str, String> = names
-        .into_iter()
-        .map(|name| (name, format!("{:08x}", id_of(name).to_bits())))
-        .collect();
-    // Names and digits, which JSON can say.
-    let manifest = serde_json::to_string(&manifest).unwrap_or_default();
     let key = format!("{:08x}", murmur3(layer.as_bytes()));
-    let attribute = |what: &str, value: String| (format!("cryptomatte/{}/{what}", &key[..7]), value);
+    let attribute = |name: &str, text: String| (format!("cryptomatte/{}/{name}", &key[..KEY_DIGITS]), text);
     [
-        attribute("name", layer.to_owned()),
-        attribute("hash", "MurmurHash3_32".to_owned()),
-        attribute("conversion", "uint32_to_float32".to_owned()),
-        attribute("manifest", ascii(&manifest)),
+        attribute("name", layer.into()),
+        attribute("hash", "MurmurHash3_32".into()),
+        attribute("conversion", "uint32_to_float32".into()),
+        attribute("manifest", manifest(names)),
     ]
 }
 
-/// JSON whose letters are all ASCII, as those of attributes are.
+/// Names with the bits of their numbers, in the order of the names, as JSON.
+fn manifest<'n>(names: impl IntoIterator<Item = &'n str>) -> String {
+    let ids: BTreeMap<&str, String> = names
+        .into_iter()
+        .map(|name| (called(name), format!("{:08x}", id_of(name).to_bits())))
+        .collect();
+    // Texts, which JSON can say.
+    ascii(&serde_json::to_string(&ids).unwrap_or_default())
+}
+
+/// JSON whose letters beyond ASCII, which are within its texts, are written by their numbers.
 fn ascii(json: &str) -> String {
-    let mut units = [0; 2];
-    json.chars()
-        .fold(String::with_capacity(json.len()), |mut text, letter| {
-            match letter.is_ascii() {
-                true => text.push(letter),
-                false => {
-                    let units = letter.encode_utf16(&mut units).iter();
-                    text.extend(units.map(|unit| format!("\\u{unit:04x}")));
-                }
-            }
-            text
-        })
+    let mut text = String::with_capacity(json.len());
+    for letter in json.chars() {
+        if letter.is_ascii() {
+            text.push(letter);
+            continue;
+        }
+        for unit in letter.encode_utf16(&mut [0; 2]) {
+            // A text takes whatever is written.
+            let _ = write!(text, "\\u{unit:04x}");
+        }
+    }
+    text
 }
 
 /// MurmurHash3_x86_32 with seed 0.
@@ -97,30 +118,59 @@ mod tests {
 
     #[test]
     fn every_identifier_is_a_normal_number() {
-        // "" hashes to 0, whose exponent of zero becomes one.
-        assert_eq!(id_of("").to_bits(), 1 << 23);
         for number in 0..10_000 {
             assert!(id_of(&number.to_string()).is_normal());
+        }
+        assert_eq!(id_of(""), id_of(UNNAMED));
+    }
+
+    #[test]
+    fn identifiers_are_those_of_the_specification() {
+        // Its examples of manifests.
+        for (name, bits) in [
+            ("bunny", 0x1385_1a76),
+            ("default", 0x42c9_679f),
+            ("bunny_porcelain_mat", 0xb24b_26d4),
+        ] {
+            assert_eq!(id_of(name).to_bits(), bits, "{name}");
         }
     }
 
     #[test]
-    fn a_manifest_has_each_name_once_in_letters_that_attributes_have() {
-        let [name, hash, conversion, manifest] = attributes("CryptoObject", ["hello", "Grün \"𝄞\"", "hello"]);
-        let key = format!("{:08x}", murmur3(b"CryptoObject"));
+    fn attributes_name_a_layer_under_its_hash_and_tell_each_name_once() {
+        let text = |pair: &(String, String)| format!("{} {}", pair.0, pair.1);
+        let told = attributes("CryptoObject", ["default", "bunny", "default"])
+            .each_ref()
+            .map(text);
+        // The hash of `CryptoObject` is 3ae39a58.
         assert_eq!(
-            name,
-            (format!("cryptomatte/{}/name", &key[..7]), "CryptoObject".into())
+            told,
+            [
+                "cryptomatte/3ae39a5/name CryptoObject",
+                "cryptomatte/3ae39a5/hash MurmurHash3_32",
+                "cryptomatte/3ae39a5/conversion uint32_to_float32",
+                r#"cryptomatte/3ae39a5/manifest {"bunny":"13851a76","default":"42c9679f"}"#,
+            ]
         );
-        assert_eq!(
-            (&*hash.1, &*conversion.1),
-            ("MurmurHash3_32", "uint32_to_float32")
-        );
-        assert!(manifest.1.is_ascii());
-        let read: BTreeMap<String, String> = serde_json::from_str(&manifest.1).unwrap();
-        assert_eq!(read.len(), 2);
-        assert_eq!(read["hello"], "248bfa47");
-        let other = id_of("Grün \"𝄞\"").to_bits();
-        assert_eq!(read["Grün \"𝄞\""], format!("{other:08x}"));
+    }
+
+    #[test]
+    fn manifests_are_ascii_whatever_names_hold() {
+        let names = ["Käse \"𝄞\"", "", "a\\b\n"];
+        let text = manifest(names);
+        assert!(text.is_ascii(), "{text}");
+        let read: BTreeMap<String, String> = serde_json::from_str(&text).unwrap();
+        let expected = names.map(|name| {
+            let id = format!("{:08x}", id_of(name).to_bits());
+            (
+                if name.is_empty() {
+                    "unnamed".to_owned()
+                } else {
+                    name.to_owned()
+                },
+                id,
+            )
+        });
+        assert_eq!(read, BTreeMap::from(expected));
     }
 }

@@ -10,7 +10,7 @@ use multiversion::multiversion;
 use super::Frame;
 use super::film::{TILE, Tile};
 use super::layers::{LayerKind, LayerSet};
-use super::mattes::Meetings;
+use super::mattes::Matte;
 use super::samples::pixel_of;
 use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
@@ -18,7 +18,7 @@ use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::shading::MaterialPacket;
 
 /// Layers that are sums, at most.
-const MOST_SUMS: usize = 12;
+const MOST_SUMS: usize = 14;
 
 /// The working memory of one thread.
 pub(super) struct FirstHits<'f, 's> {
@@ -29,8 +29,8 @@ pub(super) struct FirstHits<'f, 's> {
     ids: Vec<[u32; 3]>,
     /// Sums over them: of each wanted layer, in their order, but for the ids.
     sums: Vec<Vec<f64>>,
-    /// Where mattes are wanted.
-    meetings: Option<Meetings>,
+    /// Those that are wanted, in their order.
+    mattes: Vec<Matte>,
     /// What a packet adds to each of the sums.
     rows: [Lanes<f64>; MOST_SUMS],
 }
@@ -54,7 +54,7 @@ impl<'f, 's> FirstHits<'f, 's> {
                 counts: vec![0; pixel_count],
                 ids: vec![[0; 3]; pixel_count],
                 sums: vec![vec![0.0; pixel_count]; sum_count(wanted)],
-                meetings: (!frame.mattes.is_empty()).then(|| Meetings::new(pixel_count)),
+                mattes: frame.mattes.iter().map(|_| Matte::new()).collect(),
                 rows: [[0.0; LANES]; MOST_SUMS],
             })
         };
@@ -64,14 +64,14 @@ impl<'f, 's> FirstHits<'f, 's> {
     pub(super) fn clear(&mut self) {
         self.counts.fill(0);
         self.sums.iter_mut().for_each(|sums| sums.fill(0.0));
-        self.meetings.iter_mut().for_each(Meetings::clear);
+        self.mattes.iter_mut().for_each(Matte::clear);
     }
 
     /// Bytes of all of it.
     pub(super) fn byte_count(&self) -> usize {
         let sums: usize = self.sums.iter().map(|sums| size_of_val(&sums[..])).sum();
-        let meetings = self.meetings.as_ref().map_or(0, Meetings::byte_count);
-        size_of_val(self) + size_of_val(&self.counts[..]) + size_of_val(&self.ids[..]) + sums + meetings
+        let mattes: usize = self.mattes.iter().map(Matte::byte_count).sum();
+        size_of_val(self) + size_of_val(&self.counts[..]) + size_of_val(&self.ids[..]) + sums + mattes
     }
 
     /// Adds what a camera packet has met, `surfaces` worked out.
@@ -100,12 +100,13 @@ impl<'f, 's> FirstHits<'f, 's> {
                 LayerKind::Albedo => albedo(&surfaces.materials, rows),
                 LayerKind::Position => self.positions(&surfaces.points, place),
                 LayerKind::Uv => self.tex_coords(packet, &met, place),
+                LayerKind::Motion => self.motions(packet, &met, &surfaces.points, place),
                 LayerKind::Ids | LayerKind::CryptoObject | LayerKind::CryptoMaterial => 0,
             };
         }
-        if let Some(meetings) = &mut self.meetings {
+        for (matte, ids) in self.mattes.iter_mut().zip(self.frame.mattes.iter()) {
             for l in (0..LANES).filter(|&l| met.hit[l]) {
-                meetings.add(met.pixel[l], packet.instance[l]);
+                matte.add(met.pixel[l] as u32, ids[packet.instance[l] as usize]);
             }
         }
         for (sums, row) in self.sums.iter_mut().zip(&self.rows) {
@@ -163,17 +164,29 @@ impl<'f, 's> FirstHits<'f, 's> {
         2
     }
 
+    fn motions(&mut self, packet: &RayPacket, met: &Met, points: &SurfacePacket, place: usize) -> usize {
+        if let Some(motion) = &self.frame.screen_motion {
+            for l in (0..LANES).filter(|&l| met.hit[l]) {
+                let instance = &self.frame.scene.instances[packet.instance[l] as usize];
+                let moved = motion.of(points.point(l), instance, packet.time[l]);
+                (self.rows[place][l], self.rows[place + 1][l]) = (moved.x, moved.y);
+            }
+        }
+        2
+    }
+
     /// The wanted layers of a tile, each row by row.
-    pub(super) fn planes(&self, tile: Tile) -> Vec<Vec<f32>> {
+    pub(super) fn planes(&mut self, tile: Tile) -> Vec<Vec<f32>> {
+        let samples = self.frame.samples_taken();
+        let mattes = self.mattes.iter_mut();
+        let mut mattes: Vec<Vec<Vec<f32>>> = mattes.map(|matte| matte.planes(tile, samples)).rev().collect();
         let mut sums = self.sums.iter();
         let mut planes = Vec::with_capacity(self.frame.settings.layers.layer_count());
         for kind in self.frame.settings.layers.kinds() {
             match kind {
                 LayerKind::Ids => planes.extend((0..3).map(|part| self.ids_of(tile, part))),
                 LayerKind::CryptoObject | LayerKind::CryptoMaterial => {
-                    let kind = (kind, &self.frame.mattes);
-                    let meetings = self.meetings.iter();
-                    planes.extend(meetings.flat_map(|all| all.planes(tile, kind, self.frame.settings.spp)));
+                    planes.extend(mattes.pop().unwrap_or_default());
                 }
                 _ => {
                     let sums = sums.by_ref().take(kind.names().len());
@@ -209,7 +222,7 @@ impl<'f, 's> FirstHits<'f, 's> {
 }
 
 /// The places of a tile's rows among the pixels of a whole one.
-pub(super) fn rows(tile: Tile) -> impl Iterator<Item = Range<usize>> {
+fn rows(tile: Tile) -> impl Iterator<Item = Range<usize>> {
     let [width, height] = [tile.width, tile.height].map(|size| size as usize);
     (0..height).map(move |row| row * TILE as usize..row * TILE as usize + width)
 }

@@ -2,10 +2,12 @@
 //!
 //! Every sample of a pixel asks one camera ray what surface it meets first; see-through and partly absent surfaces
 //! count, volumes and fog do not. A pixel's values are means over those of its samples that met one, each weighed alike
-//! whatever the picture's filter is. Lengths and places are in the file's coordinates.
+//! whatever the picture's filter is; those of Cryptomatte are parts of all samples. Lengths and places are in the file's
+//! coordinates.
 
 use super::RenderSettings;
 use super::film::{self, Tile};
+use super::mattes::RANKS;
 use super::region::Cover;
 use super::wave::TilePicture;
 use crate::image::ExtraKind;
@@ -29,23 +31,28 @@ pub enum LayerKind {
     /// its material, and of the mesh's triangle or the shape's part, from 0; -1 where none did. Whole numbers, exact up
     /// to 2^24.
     Ids,
-    /// `CryptoObject00.R` to `CryptoObject02.A`: the instances that the samples met, as Cryptomatte has them: six times the
-    /// id of a name and the part of the pixel's samples that met it, the largest part first; 0 where there are fewer. Of
-    /// a pixel with more than six the others are left out.
+    /// `motion.X`, `motion.Y`: by how many pixels, to the right and down, points of surfaces move in the picture from
+    /// when the shutter opens to when it closes, as the camera moves too; 0 where no sample met anything. Points that are
+    /// behind the camera before or after count as if they stood still.
+    Motion,
+    /// `CryptoObject00.R` to `CryptoObject02.A`: in turn the id of a name of instances, by Cryptomatte, and which part of
+    /// the pixel's samples met those first; six names, the largest part first. 0 where there are no more. Samples that
+    /// met nothing are in no part.
     CryptoObject,
-    /// `CryptoMaterial00.R` to `CryptoMaterial02.A`: their materials, likewise.
+    /// `CryptoMaterial00.R` to `CryptoMaterial02.A`: the same of the names of materials.
     CryptoMaterial,
 }
 
 impl LayerKind {
     /// All, in the order in which their layers come.
-    pub const ALL: [LayerKind; 8] = [
+    pub const ALL: [LayerKind; 9] = [
         LayerKind::Depth,
         LayerKind::Normal,
         LayerKind::Albedo,
         LayerKind::Position,
         LayerKind::Uv,
         LayerKind::Ids,
+        LayerKind::Motion,
         LayerKind::CryptoObject,
         LayerKind::CryptoMaterial,
     ];
@@ -59,48 +66,18 @@ impl LayerKind {
             LayerKind::Position => &["position.X", "position.Y", "position.Z"],
             LayerKind::Uv => &["uv.U", "uv.V"],
             LayerKind::Ids => &["id.object", "id.material", "id.primitive"],
-            LayerKind::CryptoObject => &[
-                "CryptoObject00.R",
-                "CryptoObject00.G",
-                "CryptoObject00.B",
-                "CryptoObject00.A",
-                "CryptoObject01.R",
-                "CryptoObject01.G",
-                "CryptoObject01.B",
-                "CryptoObject01.A",
-                "CryptoObject02.R",
-                "CryptoObject02.G",
-                "CryptoObject02.B",
-                "CryptoObject02.A",
-            ],
-            LayerKind::CryptoMaterial => &[
-                "CryptoMaterial00.R",
-                "CryptoMaterial00.G",
-                "CryptoMaterial00.B",
-                "CryptoMaterial00.A",
-                "CryptoMaterial01.R",
-                "CryptoMaterial01.G",
-                "CryptoMaterial01.B",
-                "CryptoMaterial01.A",
-                "CryptoMaterial02.R",
-                "CryptoMaterial02.G",
-                "CryptoMaterial02.B",
-                "CryptoMaterial02.A",
-            ],
+            LayerKind::Motion => &["motion.X", "motion.Y"],
+            LayerKind::CryptoObject => &CRYPTO_OBJECT,
+            LayerKind::CryptoMaterial => &CRYPTO_MATERIAL,
         }
     }
 
-    /// What they are called together: all before the dots.
-    pub fn name(self) -> &'static str {
+    /// What Cryptomatte calls it, if it is one of its layers.
+    pub fn cryptomatte(self) -> Option<&'static str> {
         match self {
-            LayerKind::Depth => "Z",
-            LayerKind::Normal => "normal",
-            LayerKind::Albedo => "albedo",
-            LayerKind::Position => "position",
-            LayerKind::Uv => "uv",
-            LayerKind::Ids => "id",
-            LayerKind::CryptoObject => "CryptoObject",
-            LayerKind::CryptoMaterial => "CryptoMaterial",
+            LayerKind::CryptoObject => Some("CryptoObject"),
+            LayerKind::CryptoMaterial => Some("CryptoMaterial"),
+            _ => None,
         }
     }
 
@@ -113,6 +90,38 @@ impl LayerKind {
     }
 }
 
+/// Ids and coverages of two names to four channels.
+const CRYPTO_OBJECT: [&str; 2 * RANKS] = [
+    "CryptoObject00.R",
+    "CryptoObject00.G",
+    "CryptoObject00.B",
+    "CryptoObject00.A",
+    "CryptoObject01.R",
+    "CryptoObject01.G",
+    "CryptoObject01.B",
+    "CryptoObject01.A",
+    "CryptoObject02.R",
+    "CryptoObject02.G",
+    "CryptoObject02.B",
+    "CryptoObject02.A",
+];
+
+/// As above.
+const CRYPTO_MATERIAL: [&str; 2 * RANKS] = [
+    "CryptoMaterial00.R",
+    "CryptoMaterial00.G",
+    "CryptoMaterial00.B",
+    "CryptoMaterial00.A",
+    "CryptoMaterial01.R",
+    "CryptoMaterial01.G",
+    "CryptoMaterial01.B",
+    "CryptoMaterial01.A",
+    "CryptoMaterial02.R",
+    "CryptoMaterial02.G",
+    "CryptoMaterial02.B",
+    "CryptoMaterial02.A",
+];
+
 /// Some groups of layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LayerSet(u16);
@@ -124,13 +133,13 @@ impl LayerSet {
     /// The same and one more.
     #[must_use]
     pub fn with(self, kind: LayerKind) -> LayerSet {
-        LayerSet(self.0 | (1 << kind as u8))
+        LayerSet(self.0 | (1 << kind as u16))
     }
 
     /// Whether it is one of them.
     #[inline(always)]
     pub fn has(self, kind: LayerKind) -> bool {
-        self.0 & (1 << kind as u8) != 0
+        self.0 & (1 << kind as u16) != 0
     }
 
     /// Whether there is none.
@@ -203,6 +212,20 @@ mod tests {
         assert_eq!(set.layer_count(), 4);
         assert!(LayerSet::NONE.is_empty() && !set.is_empty());
         let all: LayerSet = LayerKind::ALL.into_iter().collect();
-        assert_eq!(all.layer_count(), 39);
+        assert_eq!(all.layer_count(), 41);
+    }
+
+    #[test]
+    fn names_of_cryptomattes_begin_with_what_they_are_called() {
+        for kind in LayerKind::ALL {
+            let Some(called) = kind.cryptomatte() else {
+                continue;
+            };
+            for (index, name) in kind.names().iter().enumerate() {
+                // Four channels to a layer.
+                let channel = ["R", "G", "B", "A"][index % 4];
+                assert_eq!(*name, format!("{called}0{}.{channel}", index / 4));
+            }
+        }
     }
 }

@@ -1,21 +1,28 @@
-//! Which objects and materials the samples of a pixel met first, and what part of it each covers: the mattes of Cryptomatte.
+//! Mattes: how many of a pixel's samples met what, for the layers of Cryptomatte.
 //!
-//! Names are what counts: instances of one name are one object. Every sample is counted, so that coverage is exact however
-//! many objects a pixel has; only the six that cover most of it get into its layers.
+//! Hits are listed one by one, and the list is counted up when it is full. So every count is exact, however many things
+//! a pixel shows, and the list grows beyond its first size only to less than three times the pairs of a pixel and a thing
+//! that the tile has. Counts are whole numbers and equal ones are ranked by their ids, so no order of samples changes a
+//! bit.
+//!
+//! Source: J. Friedman and A. Jones, "Cryptomatte Specification", "Ranking Pixel Filter".
 
-use super::film::Tile;
-use super::first_hits::rows;
+use std::cmp::Reverse;
+
+use super::film::{TILE, Tile};
 use super::layers::{LayerKind, LayerSet};
 use crate::image::cryptomatte::id_of;
 use crate::scene::Scene;
 
-/// Ids that the layers have room for: three times two.
-const RANKS: usize = 6;
-/// The layers of those: an id and a coverage each.
-const PLANES: usize = 2 * RANKS;
+/// Things that a pixel tells of, those that most of its samples met: as many as Cryptomatte suggests.
+pub(super) const RANKS: usize = 6;
+
+/// Entries of a list at first: several for each pixel of a tile.
+const FIRST_ENTRIES: usize = 4 * (TILE * TILE) as usize;
 
 impl LayerKind {
-    /// The names that its ids are hashes of, one an instance of the scene; `None` where its values are no such ids.
+    /// What its ids are hashes of: the name of each instance of the scene or of its material; `None` where it has no such
+    /// ids.
     pub fn matte_names(self, scene: &Scene) -> Option<Vec<&str>> {
         let instances = scene.instances.iter();
         match self {
@@ -29,119 +36,103 @@ impl LayerKind {
     }
 }
 
-/// The ids of a scene's instances, of each kind of matte that is wanted.
-pub(super) struct MatteIds(Vec<(LayerKind, Vec<f32>)>);
+/// The ids of a scene's instances by the mattes that are wanted, in the order of these.
+pub(super) struct MatteIds(Vec<Vec<f32>>);
 
 impl MatteIds {
     pub(super) fn of(scene: &Scene, wanted: LayerSet) -> MatteIds {
-        let ids = |kind: LayerKind| {
-            let names = kind.matte_names(scene)?;
-            Some((kind, names.into_iter().map(id_of).collect()))
-        };
+        let ids = |kind: LayerKind| Some(kind.matte_names(scene)?.into_iter().map(id_of).collect());
         MatteIds(wanted.kinds().filter_map(ids).collect())
     }
 
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
     pub(super) fn byte_count(&self) -> usize {
-        self.0.iter().map(|(_, ids)| size_of_val(&ids[..])).sum()
+        self.0.iter().map(|ids| size_of_val(&ids[..])).sum()
     }
 
-    fn of_kind(&self, kind: LayerKind) -> Option<&[f32]> {
-        let mut all = self.0.iter();
-        all.find(|(of, _)| *of == kind).map(|(_, ids)| &ids[..])
+    /// For each matte, the ids.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &[f32]> {
+        self.0.iter().map(|ids| &ids[..])
     }
 }
 
-/// How many samples of each pixel of a tile met which instances.
-pub(super) struct Meetings {
-    /// Of each pixel, the last of its entries.
-    last: Vec<u32>,
-    entries: Vec<Entry>,
+/// What the samples of a tile met, so far.
+pub(super) struct Matte {
+    met: Vec<Met>,
 }
 
-/// An instance that samples of a pixel met.
-struct Entry {
-    instance: u32,
+/// Samples of a pixel that met one thing; a pixel may have several entries of one until they are counted up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Met {
+    /// Within the tile, `TILE` to a row.
+    pixel: u32,
+    /// The bits of the number that stands for it.
+    id: u32,
     count: u32,
-    /// The entry of the same pixel before this.
-    before: u32,
 }
 
-/// Where there is no entry.
-const NONE: u32 = u32::MAX;
-
-impl Meetings {
-    pub(super) fn new(pixel_count: usize) -> Meetings {
-        Meetings {
-            last: vec![NONE; pixel_count],
-            entries: Vec::new(),
+impl Matte {
+    pub(super) fn new() -> Matte {
+        Matte {
+            met: Vec::with_capacity(FIRST_ENTRIES),
         }
     }
 
     pub(super) fn clear(&mut self) {
-        self.last.fill(NONE);
-        self.entries.clear();
+        self.met.clear();
     }
 
+    /// Bytes of its list.
     pub(super) fn byte_count(&self) -> usize {
-        size_of_val(&self.last[..]) + self.entries.capacity() * size_of::<Entry>()
+        self.met.capacity() * size_of::<Met>()
     }
 
-    /// Counts one sample more of a pixel that met an instance.
-    pub(super) fn add(&mut self, pixel: usize, instance: u32) {
-        let mut place = self.last[pixel];
-        while let Some(entry) = self.entries.get_mut(place as usize) {
-            if entry.instance == instance {
-                entry.count += 1;
-                return;
-            }
-            place = entry.before;
+    /// Adds a sample of `pixel` that met what `id` stands for.
+    pub(super) fn add(&mut self, pixel: u32, id: f32) {
+        let id = id.to_bits();
+        // Samples in a row are often of one pixel, and meet the same.
+        if let Some(last) = self
+            .met
+            .last_mut()
+            .filter(|met| (met.pixel, met.id) == (pixel, id))
+        {
+            last.count += 1;
+            return;
         }
-        let place = self.entries.len() as u32;
-        self.entries.push(Entry {
-            instance,
-            count: 1,
-            before: self.last[pixel],
-        });
-        self.last[pixel] = place;
+        if self.met.len() == self.met.capacity() {
+            self.count_up();
+            // A third of it at least is free then, so that lists are seldom counted up.
+            if self.met.len() > self.met.capacity() / 2 {
+                self.met.reserve_exact(self.met.capacity());
+            }
+        }
+        self.met.push(Met { pixel, id, count: 1 });
     }
 
-    /// The layers of a kind of matte, each row by row, where every pixel has so many samples.
-    pub(super) fn planes(&self, tile: Tile, (kind, ids): (LayerKind, &MatteIds), spp: u32) -> Vec<Vec<f32>> {
-        let mut planes = vec![Vec::with_capacity((tile.width * tile.height) as usize); PLANES];
-        let ids = ids.of_kind(kind).unwrap_or_default();
-        let mut ranked = Vec::new();
-        for pixel in rows(tile).flatten() {
-            self.rank(pixel, ids, &mut ranked);
-            let mut all = ranked.iter();
-            for rank in planes.chunks_mut(2) {
-                let (id, coverage) = all.next().map_or((0.0, 0.0), |&(id, count)| {
-                    (f32::from_bits(id), count as f32 / spp as f32)
-                });
-                rank[0].push(id);
-                rank[1].push(coverage);
+    /// Makes one entry of all that are of the same pixel and thing.
+    fn count_up(&mut self) {
+        self.met.sort_unstable_by_key(|met| (met.pixel, met.id));
+        self.met.dedup_by(|next, kept| {
+            let is_same = (next.pixel, next.id) == (kept.pixel, kept.id);
+            kept.count += if is_same { next.count } else { 0 };
+            is_same
+        });
+    }
+
+    /// The layers of a tile whose pixels took `samples` each: ids and coverages in turn, the largest coverage first;
+    /// 0 where a pixel has no more.
+    pub(super) fn planes(&mut self, tile: Tile, samples: u32) -> Vec<Vec<f32>> {
+        self.count_up();
+        let mut planes = vec![vec![0.0; (tile.width * tile.height) as usize]; 2 * RANKS];
+        for met in self.met.chunk_by_mut(|a, b| a.pixel == b.pixel) {
+            met.sort_unstable_by_key(|met| (Reverse(met.count), met.id));
+            let [column, row] = [met[0].pixel % TILE, met[0].pixel / TILE];
+            let pixel = (row * tile.width + column) as usize;
+            for (met, planes) in met.iter().zip(planes.chunks_exact_mut(2)) {
+                planes[0][pixel] = f32::from_bits(met.id);
+                planes[1][pixel] = (f64::from(met.count) / f64::from(samples)) as f32;
             }
         }
         planes
-    }
-
-    /// The bits of the ids that a pixel's samples met and how many met each, most first; of equally many in the order of
-    /// the bits.
-    fn rank(&self, pixel: usize, ids: &[f32], ranked: &mut Vec<(u32, u32)>) {
-        ranked.clear();
-        let mut place = self.last[pixel];
-        while let Some(entry) = self.entries.get(place as usize) {
-            let id = ids.get(entry.instance as usize).map_or(0, |id| id.to_bits());
-            match ranked.iter_mut().find(|(known, _)| *known == id) {
-                Some((_, count)) => *count += entry.count,
-                None => ranked.push((id, entry.count)),
-            }
-            place = entry.before;
-        }
-        ranked.sort_unstable_by_key(|&(id, count)| (u32::MAX - count, id));
     }
 }
 
@@ -149,44 +140,76 @@ impl Meetings {
 mod tests {
     use super::*;
 
-    fn ids(ids: &[f32]) -> MatteIds {
-        MatteIds(vec![(LayerKind::CryptoObject, ids.to_vec())])
-    }
-
-    const TILE: Tile = Tile {
+    const TINY: Tile = Tile {
         x: 0,
         y: 0,
-        width: 2,
-        height: 1,
+        width: 3,
+        height: 2,
     };
 
-    #[test]
-    fn the_largest_comes_first_and_equal_ones_in_the_order_of_their_ids() {
-        let mut meetings = Meetings::new(2);
-        for instance in [0, 1, 2, 1, 0, 3, 1] {
-            meetings.add(1, instance);
-        }
-        let planes = meetings.planes(TILE, (LayerKind::CryptoObject, &ids(&[8.0, 2.0, 5.0, 4.0])), 8);
-        let of_pixel = |pixel: usize| planes.iter().map(|plane| plane[pixel]).collect::<Vec<f32>>();
-        assert_eq!(of_pixel(0), [0.0; 12]);
-        let ranked = [2.0, 0.375, 8.0, 0.25, 4.0, 0.125, 5.0, 0.125, 0.0, 0.0, 0.0, 0.0];
-        assert_eq!(of_pixel(1), ranked);
+    /// What the planes say of a pixel.
+    fn ranks(planes: &[Vec<f32>], pixel: usize) -> Vec<(f32, f32)> {
+        planes
+            .chunks_exact(2)
+            .map(|pair| (pair[0][pixel], pair[1][pixel]))
+            .collect()
     }
 
     #[test]
-    fn instances_of_one_name_are_one_object_and_a_seventh_is_left_out() {
-        let mut meetings = Meetings::new(2);
-        for instance in 0..8 {
-            (0..=instance).for_each(|_| meetings.add(0, instance));
+    fn things_are_ranked_by_their_coverage_and_equal_ones_by_their_ids() {
+        let mut matte = Matte::new();
+        let met = [7.0, 5.0, 5.0, -1.0, 7.0, 2.0];
+        met.into_iter().for_each(|id| matte.add(TILE + 2, id));
+        let planes = matte.planes(TINY, 8);
+        // Two of eight samples met nothing; a sign is the highest bit.
+        let expected = [
+            (5.0, 0.25),
+            (7.0, 0.25),
+            (2.0, 0.125),
+            (-1.0, 0.125),
+            (0.0, 0.0),
+            (0.0, 0.0),
+        ];
+        assert_eq!(ranks(&planes, 5), expected);
+        assert!((0..5).all(|pixel| ranks(&planes, pixel) == [(0.0, 0.0); RANKS]));
+        matte.clear();
+        assert!(matte.planes(TINY, 8).iter().flatten().all(|&value| value == 0.0));
+    }
+
+    #[test]
+    fn of_more_things_than_ranks_the_largest_are_told_whatever_came_first() {
+        let mut matte = Matte::new();
+        // Thing n is met n times: of 1 + ... + 9 = 45 samples.
+        for round in 1..10 {
+            (round..10).for_each(|id| matte.add(0, id as f32));
         }
-        let names = ids(&[1.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
-        let planes = meetings.planes(TILE, (LayerKind::CryptoObject, &names), 36);
-        let ranked: Vec<f32> = planes.iter().step_by(2).map(|plane| plane[0]).collect();
-        // 8, 7, 6, 5, 4 samples; then the 3 of two instances, before the 3 of another.
-        assert_eq!(ranked, [7.0, 6.0, 5.0, 4.0, 3.0, 1.0]);
-        assert_eq!(planes[11][0], 3.0 / 36.0);
-        meetings.clear();
-        let planes = meetings.planes(TILE, (LayerKind::CryptoObject, &names), 36);
-        assert!(planes.iter().flatten().all(|&value| value == 0.0));
+        let told = ranks(&matte.planes(TINY, 45), 0);
+        let expected: Vec<(f32, f32)> = (4..10).rev().map(|n| (n as f32, n as f32 / 45.0)).collect();
+        assert_eq!(told, expected);
+    }
+
+    #[test]
+    fn lists_that_run_full_lose_no_count() {
+        let mut matte = Matte::new();
+        // No two in a row are the same, and there are more than the list holds at first.
+        let (pixels, things, rounds) = (TILE * TILE, 7, 3);
+        for _ in 0..rounds {
+            for id in 1..=things {
+                (0..pixels).for_each(|pixel| matte.add(pixel, id as f32));
+            }
+        }
+        let pairs = (pixels * things) as usize;
+        assert!(matte.byte_count() < 3 * pairs * size_of::<Met>());
+        let tile = Tile {
+            x: 0,
+            y: 0,
+            width: TILE,
+            height: TILE,
+        };
+        let planes = matte.planes(tile, rounds * things);
+        for pixel in 0..pixels as usize {
+            let expected: Vec<(f32, f32)> = (1..=6).map(|id| (id as f32, 1.0 / 7.0)).collect();
+            assert_eq!(ranks(&planes, pixel), expected);
+        }
     }
 }

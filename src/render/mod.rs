@@ -34,6 +34,7 @@ mod rough;
 mod sample;
 mod sampler;
 mod samples;
+mod screen_motion;
 mod settings;
 mod shade;
 mod shape_point;
@@ -100,6 +101,7 @@ use meter::Meter;
 use mosaic::Canvas;
 use region::Cover;
 use sampler::{Layout, PacketShape, SampleGroup};
+use screen_motion::ScreenMotion;
 use subsurface::Bodies;
 use surface::{SurfaceScene, Surfaces};
 use surroundings::Environment;
@@ -256,6 +258,8 @@ struct Frame<'s> {
     lens: Option<LensView>,
     /// Where it is when, if it moves.
     motion: Option<MovingCamera>,
+    /// How points move in the picture, where somebody asks.
+    screen_motion: Option<ScreenMotion>,
     /// When samples are taken, where anything moves.
     shutter: Shutter,
     /// Lights with an extent, at the places of the lights; empty if there are none to simulate.
@@ -451,6 +455,10 @@ impl<'s> Frame<'s> {
             camera_cone: settings.camera_cone(&view, even_count),
             lens: camera.lens_view().filter(|_| effects.has(Effect::DepthOfField)),
             motion: MovingCamera::of(camera, [settings.width, settings.height], effects),
+            screen_motion: settings
+                .layers
+                .has(LayerKind::Motion)
+                .then(|| ScreenMotion::new(camera, [settings.width, settings.height])),
             shutter: camera.shutter,
             soft_lights: if effects.has(Effect::AreaLight) {
                 lamps::soft_lights(scene, effects)

@@ -114,7 +114,7 @@ impl<'f, 's> Wave<'f, 's> {
         if frame.keeps_sums {
             picture.sums = outcome.film.sums_of(tile);
         }
-        if let Some(first_hits) = &self.outcome.first_hits {
+        if let Some(first_hits) = &mut self.outcome.first_hits {
             picture.layers = first_hits.planes(tile);
         }
         self.note_memory(frame.tile_bytes(tile));

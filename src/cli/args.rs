@@ -240,7 +240,8 @@ pub(super) struct SamplingArgs {
 
     /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and
     /// `variance`; rays, time: rays and nanoseconds of each pixel, in all and by effect, as `rays`, `rays.shadow`,
-    /// `time`, `time.shadow`; the others tell what camera rays meet first, as means over a pixel's samples
+    /// `time`, `time.shadow`; lights, effects: the picture's own light by lamp and by effect, which add up to it, with the
+    /// box filter only; the others tell what camera rays meet first, as means over a pixel's samples
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
     pub(super) aov: Vec<Aov>,
 }
@@ -272,6 +273,10 @@ pub(super) enum Aov {
     CryptoObject,
     /// `CryptoMaterial00.R` and so on: Cryptomatte of the names of materials
     CryptoMaterial,
+    /// `light.NAME.R`, `.G` and `.B`, the light of each lamp; `light.emission.R` and so on, what is seen without one
+    Lights,
+    /// `effect.direct.R`, `effect.reflection.R` and so on, the light by the first step from the camera
+    Effects,
 }
 
 /// What is rendered, of whatever scene.

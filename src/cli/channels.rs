@@ -10,7 +10,7 @@ impl Aov {
     /// The layers that it asks for, if it is about those.
     pub(super) fn layers(self) -> Option<LayerKind> {
         match self {
-            Aov::Samples | Aov::Rays | Aov::Time => None,
+            Aov::Samples | Aov::Rays | Aov::Time | Aov::Lights | Aov::Effects => None,
             Aov::Depth => Some(LayerKind::Depth),
             Aov::Normal => Some(LayerKind::Normal),
             Aov::Albedo => Some(LayerKind::Albedo),

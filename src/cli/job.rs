@@ -10,7 +10,7 @@ use crate::cost::{self, SceneChange, Settings, SettingsFile};
 use crate::gltf::Pose;
 use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::numeric::SpawnPolicy;
-use crate::render::{Adaptive, FilterKind, HitPoint, Pattern, PixelFilter, RenderSettings};
+use crate::render::{Adaptive, FilterKind, HitPoint, LightLayers, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
 use crate::scene::{Camera, Effect, EffectOverrides, Scene};
@@ -269,6 +269,10 @@ impl RenderJob {
             }),
             sample_aovs: self.aovs.contains(&Aov::Samples),
             layers: self.aovs.iter().filter_map(|aov| aov.layers()).collect(),
+            light_layers: LightLayers {
+                lights: self.aovs.contains(&Aov::Lights),
+                effects: self.aovs.contains(&Aov::Effects),
+            },
             cost_aovs,
             effects: self.effects,
             seed: self.seed,
@@ -284,6 +288,7 @@ impl RenderJob {
         if settings.adaptive.is_some() {
             check_adaptive(&settings)?;
         }
+        check_light_layers(&settings)?;
         check_memory(&settings)?;
         Ok(Shot {
             settings,
@@ -301,9 +306,9 @@ fn check_adaptive(settings: &RenderSettings) -> Result<(), Failure> {
              `--filter`, or give `--filter box` where the scene file has another",
         );
     }
-    if !settings.layers.is_empty() {
+    if !(settings.layers.is_empty() && settings.light_layers.is_empty()) {
         return refuse(
-            "`--adaptive` tells nothing of what camera rays meet: give `--aov` only `samples`, `rays` and `time`, or leave out \
+            "`--adaptive` tells nothing of what camera rays meet or whose light it is: give `--aov` only `samples`, `rays` and `time`, or leave out \
              `--adaptive`",
         );
     }
@@ -313,6 +318,18 @@ fn check_adaptive(settings: &RenderSettings) -> Result<(), Failure> {
         );
     }
     Ok(())
+}
+
+/// Refuses to divide light that is shared among pixels.
+fn check_light_layers(settings: &RenderSettings) -> Result<(), Failure> {
+    if settings.light_layers.is_empty() || settings.filter.kind == FilterKind::Box {
+        return Ok(());
+    }
+    Err(Failure::Input(
+        "`--aov lights` and `--aov effects` are not filtered and would not add up to the picture: leave out `--filter`, or \
+         give `--filter box` where the scene file has another"
+            .into(),
+    ))
 }
 
 /// The settings in a file that was chosen.

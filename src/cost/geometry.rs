@@ -16,7 +16,7 @@ use super::stage::Stage;
 use super::{Configuration, HitPath, Interval, Knob, Point};
 use crate::accel::{Accel, LANES, RayOrder, RayPacket};
 use crate::numeric::{Ray, SpawnPolicy};
-use crate::render::{HitPoint, LayerSet, RecordedRays, RenderSettings, record};
+use crate::render::{HitPoint, LayerSet, LightLayers, RecordedRays, RenderSettings, record};
 use crate::scene::Effect;
 
 /// What rounding may move a ray by, of its direction's length and of its origin's largest coordinate: sixteen roundings of
@@ -339,6 +339,7 @@ impl Stage<'_, '_> {
             adaptive: None,
             sample_aovs: false,
             layers: LayerSet::NONE,
+            light_layers: LightLayers::NONE,
             cost_aovs: false,
             ledger: false,
             effects,

@@ -231,7 +231,8 @@ impl Turns<'_> {
         let settings = &self.base.settings;
         let fits = settings.filter.kind == FilterKind::Box
             && settings.pattern != Pattern::Regular
-            && settings.layers.is_empty();
+            && settings.layers.is_empty()
+            && settings.light_layers.is_empty();
         // Every pixel takes sixteen.
         if !fits || self.reach.adaptive_samples <= 16 {
             return Vec::new();

@@ -8,7 +8,9 @@ use super::layout::area;
 use super::{Configuration, CostError, Displayed, Experiment, HitPath, SceneChange, Watcher};
 use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
-use crate::render::{LayerSet, Monitor, Mosaic, RenderSettings, Rendering, render, render_mosaic};
+use crate::render::{
+    LayerSet, LightLayers, Monitor, Mosaic, RenderSettings, Rendering, render, render_mosaic,
+};
 use crate::scene::Scene;
 
 /// What is rendered for a measurement.
@@ -134,6 +136,7 @@ impl Stage<'_, '_> {
             ledger: false,
             sample_aovs: false,
             layers: LayerSet::NONE,
+            light_layers: LightLayers::NONE,
             cost_aovs: false,
             ..configuration.settings
         };

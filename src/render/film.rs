@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::RenderSettings;
 use super::estimate::Estimate;
+use super::light_layers::{LightFilm, Source, without_step};
 use super::memory::Memory;
 use super::samples::{SampleFilm, pixel_of};
 use super::wave::{TilePicture, Visit};
@@ -52,21 +53,64 @@ pub(super) fn tiles_among([width, height]: [u32; 2], [columns, rows]: [Range<u32
 /// Where single samples are asked for, rays carry labels that tell their samples beside their pixels.
 pub(super) struct TileFilm {
     sums: Vec<[f64; 3]>,
+    /// One thing to ask about, as most pictures want neither.
+    beside: Option<Beside>,
+}
+
+/// What is kept beside the sums.
+#[derive(Default)]
+struct Beside {
     samples: Option<SampleFilm>,
+    light: Option<LightFilm>,
+}
+
+impl Beside {
+    #[inline(never)]
+    fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: Source) {
+        if let Some(light) = &mut self.light {
+            light.add(label, radiance, source);
+        }
+        if let Some(samples) = &mut self.samples {
+            samples.add(&label.map(without_step), radiance);
+        }
+    }
 }
 
 impl TileFilm {
     pub(super) fn new(samples: Option<SampleFilm>) -> TileFilm {
         TileFilm {
             sums: vec![[0.0; 3]; (TILE * TILE) as usize],
-            samples,
+            beside: samples.map(|samples| Beside {
+                samples: Some(samples),
+                light: None,
+            }),
         }
+    }
+
+    /// The same with sums of layers of light, where these are wanted.
+    pub(super) fn with_light(mut self, light: Option<LightFilm>) -> TileFilm {
+        if light.is_some() {
+            self.beside.get_or_insert_default().light = light;
+        }
+        self
+    }
+
+    /// The layers of light, where any are wanted.
+    pub(super) fn light(&mut self) -> Option<&mut LightFilm> {
+        self.beside.as_mut()?.light.as_mut()
+    }
+
+    fn kept_samples(&self) -> Option<&SampleFilm> {
+        self.beside.as_ref()?.samples.as_ref()
     }
 
     pub(super) fn clear(&mut self) {
         self.sums.fill([0.0; 3]);
-        if let Some(samples) = &mut self.samples {
+        if let Some(samples) = self.samples() {
             samples.clear();
+        }
+        if let Some(light) = self.light() {
+            light.clear();
         }
     }
 
@@ -78,24 +122,27 @@ impl TileFilm {
     /// Adds what is kept for the pixels, and for single samples.
     pub(super) fn add_to(&self, memory: &mut Memory) {
         memory.add("film", "sums of a tile", size_of_val(&self.sums[..]));
-        let samples = self.samples.as_ref().map_or(0, SampleFilm::byte_count);
+        let samples = self.kept_samples().map_or(0, SampleFilm::byte_count);
         memory.add("sampling", "single samples of a tile", samples);
+        let light = self.beside.as_ref().and_then(|beside| beside.light.as_ref());
+        let light = light.map_or(0, LightFilm::byte_count);
+        memory.add("film", "layers of light of a tile", light);
     }
 
     /// The film of single samples, where it is kept.
     pub(super) fn samples(&mut self) -> Option<&mut SampleFilm> {
-        self.samples.as_mut()
+        self.beside.as_mut()?.samples.as_mut()
     }
 
-    /// Adds one value a lane; lanes that have nothing to add hold zero.
+    /// Adds one value a lane, all from `source`; lanes that have nothing to add hold zero.
     ///
     /// Pixels get the same sums whether single samples are kept or not.
     #[inline(always)]
-    pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>) {
-        match &mut self.samples {
+    pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: Source) {
+        match &mut self.beside {
             None => self.add_to_pixels(label, radiance),
-            Some(samples) => {
-                samples.add(label, radiance);
+            Some(beside) => {
+                beside.add(label, radiance, source);
                 self.add_to_pixels(&label.map(pixel_of), radiance);
             }
         }
@@ -121,7 +168,7 @@ impl TileFilm {
 
     /// The picture of a tile after `settings.spp` samples of every pixel.
     pub(super) fn picture(&self, tile: Tile, settings: RenderSettings) -> TilePicture {
-        let samples = self.samples.as_ref();
+        let samples = self.kept_samples();
         let estimates = samples
             .filter(|_| settings.sample_aovs)
             .map(SampleFilm::estimates);
@@ -141,7 +188,7 @@ impl TileFilm {
 
     /// What the samples of the visited pixels tell.
     pub(super) fn estimates(&self, visits: &[Visit]) -> Vec<Estimate> {
-        let all = self.samples.as_ref().map_or(&[][..], SampleFilm::estimates);
+        let all = self.kept_samples().map_or(&[][..], SampleFilm::estimates);
         let of = |visit: &Visit| {
             let estimate = all.get((visit.y * TILE + visit.x) as usize);
             estimate.copied().unwrap_or(Estimate::NONE)
@@ -162,7 +209,11 @@ impl TileFilm {
 pub fn pixel_sum(packets: impl Iterator<Item = Lanes<f32>>) -> f64 {
     let mut film = TileFilm::new(None);
     for samples in packets {
-        film.add(&[0; LANES], &[samples, [0.0; LANES], [0.0; LANES]]);
+        film.add(
+            &[0; LANES],
+            &[samples, [0.0; LANES], [0.0; LANES]],
+            Source::Emission,
+        );
     }
     film.sums()[0][0]
 }
@@ -238,10 +289,10 @@ mod tests {
     fn one_pixel_and_sixteen_pixels_sum_alike() {
         let radiance = [std::array::from_fn(|l| l as f32), [0.25; LANES], [0.0; LANES]];
         let mut film = TileFilm::new(None);
-        film.add(&[5; LANES], &radiance);
+        film.add(&[5; LANES], &radiance, Source::Emission);
         // 0 + 1 + ... + 15 = 120.
         assert_eq!(film.sums[5], [120.0, 4.0, 0.0]);
-        film.add(&std::array::from_fn(|l| l as u32), &radiance);
+        film.add(&std::array::from_fn(|l| l as u32), &radiance, Source::Emission);
         assert_eq!(film.sums[7], [7.0, 0.25, 0.0]);
         assert_eq!(film.sums[5], [125.0, 4.25, 0.0]);
     }

@@ -213,7 +213,8 @@ impl Frame<'_> {
         } else {
             0
         };
-        let layers = settings.layers.layer_count() * size_of::<f32>();
+        let layers = settings.layers.layer_count() + self.light_sheet.layer_count();
+        let layers = layers * size_of::<f32>();
         let pixel = size_of::<[f32; 3]>() + estimate + layers + settings.filter.bytes_per_pixel() as usize;
         (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TilePicture), Ledger)>()
     }
@@ -249,7 +250,8 @@ impl Frame<'_> {
         if settings.sample_aovs {
             memory.add("sampling", "counts and variances", pixels * 2 * size_of::<f32>());
         }
-        let layers = pixels * settings.layers.layer_count() * size_of::<f32>();
+        let layers = settings.layers.layer_count() + self.light_sheet.layer_count();
+        let layers = pixels * layers * size_of::<f32>();
         memory.add("film", "layers", layers);
         memory.add("film", "ids of mattes", self.mattes.byte_count());
         if self.costs.is_some() {

@@ -16,6 +16,7 @@ mod lamps;
 mod layers;
 mod ledger;
 mod lens;
+mod light_layers;
 mod look;
 mod losses;
 mod mattes;
@@ -64,6 +65,7 @@ pub use film::pixel_sum;
 pub use filter::PixelFilter;
 pub use layers::{Layer, LayerKind, LayerSet};
 pub use ledger::{Account, Ledger, Loss, Tally};
+pub use light_layers::LightLayers;
 pub use memory::{Holding, Memory};
 pub use monitor::{FinishedTile, Monitor};
 pub use mosaic::{Mosaic, render_mosaic};
@@ -95,6 +97,7 @@ use estimate::Estimate;
 use film::Tile;
 use lamps::SoftLight;
 use lens::MovingCamera;
+use light_layers::LightSheet;
 use mattes::MatteIds;
 use memory::ThreadMemory;
 use meter::Meter;
@@ -141,6 +144,10 @@ pub struct RenderSettings {
     /// Which of [`Rendering::layers`] are wanted. They change no bit of the picture; not together with `adaptive`, which
     /// takes them for none.
     pub layers: LayerSet,
+    /// Which layers of light are wanted too, behind the others in [`Rendering::layers`]. They change no bit of the
+    /// picture; only where samples count for their own pixel all alike: not together with `adaptive` or a `filter` other
+    /// than a box, which take them for none.
+    pub light_layers: LightLayers,
     /// Reflections and refractions that are followed at most; 0 for none.
     pub depth: u32,
     /// Wavelengths that a path splits into where a body disperses it; at least 1.
@@ -175,6 +182,7 @@ impl Default for RenderSettings {
             adaptive: None,
             sample_aovs: false,
             layers: LayerSet::NONE,
+            light_layers: LightLayers::NONE,
             depth: DEFAULT_DEPTH,
             wavelengths: DEFAULT_WAVELENGTHS,
             weight_cutoff: 1.0 / 512.0,
@@ -248,6 +256,8 @@ struct Frame<'s> {
     costs: Option<CostSheet>,
     /// What the instances are called in layers of mattes.
     mattes: MatteIds,
+    /// The layers of light that are wanted.
+    light_sheet: LightSheet,
     /// What the threads hold, with the ledger on.
     thread_memory: Option<ThreadMemory>,
     /// How wide a camera ray is.
@@ -324,7 +334,8 @@ fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option
         })))
     };
     let aovs = settings.sample_aovs.then(aovs);
-    let layers = layers::assemble(settings, &cover, &tiles);
+    let mut layers = layers::assemble(settings, &cover, &tiles);
+    layers.extend(frame.light_sheet.assemble(layers.len(), &cover, &tiles));
     meter.lap_all_threads(Account::Film);
     ledger += meter.ledger;
     let image = LinearImage {
@@ -450,6 +461,7 @@ impl<'s> Frame<'s> {
             costs: (settings.ledger && settings.cost_aovs)
                 .then(|| CostSheet::new(settings.width, settings.height)),
             mattes: MatteIds::of(scene, settings.layers),
+            light_sheet: LightSheet::new(settings.wanted_light(), &scene.lights, effects),
             thread_memory: settings.ledger.then(ThreadMemory::default),
             even_count,
             camera_cone: settings.camera_cone(&view, even_count),

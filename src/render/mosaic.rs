@@ -9,7 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use super::film::Tile;
 use super::sample::{pixels, reach, spread};
-use super::{Frame, LayerSet, Monitor, Region, RenderSettings, Rendering, adaptive, render_tiles};
+use super::{
+    Frame, LayerSet, LightLayers, Monitor, Region, RenderSettings, Rendering, adaptive, render_tiles,
+};
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::scene::{Camera, Scene};
@@ -165,6 +167,7 @@ pub fn render_mosaic(
     let settings = RenderSettings {
         sample_aovs: false,
         layers: LayerSet::NONE,
+        light_layers: LightLayers::NONE,
         cost_aovs: false,
         ..*settings
     };

@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::film::{Tile, TileFilm};
 use super::first_hits::FirstHits;
 use super::ledger::Account;
+use super::light_layers::Source;
 use super::losses::{Limit, TileLosses};
 use super::meter::{Accounts, Meter, Moment};
 use super::queue::{Feelers, Generation, Paths, Sent};
@@ -28,6 +29,8 @@ pub(super) struct Outcome<'f, 's> {
     /// Column and row of the film's first pixel in the picture.
     pub(super) corner: [u32; 2],
     pub(super) feelers: Box<Feelers>,
+    /// Which light is being asked; not kept in scenes with plain effects only.
+    pub(super) asked: Source,
     pub(super) next: Generation,
     pub(super) meter: Meter,
     pub(super) losses: TileLosses,
@@ -63,6 +66,7 @@ impl<'f, 's> Outcome<'f, 's> {
             first_hits: FirstHits::of(frame),
             corner: [0; 2],
             feelers: Feelers::new(frame.effects()),
+            asked: Source::Emission,
             next: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
             meter: Meter::new(&frame.settings),
             losses: TileLosses::default(),
@@ -109,7 +113,9 @@ impl<'f, 's> Outcome<'f, 's> {
         paths: Paths,
         stage: Stage,
     ) {
-        if self.frame.effects().are_within(EffectSet::PLAIN) {
+        // Whoever wants to know whose light it is takes the way that keeps it.
+        let is_plain = !self.frame.light_sheet.is_wanted();
+        if is_plain && self.frame.effects().are_within(EffectSet::PLAIN) {
             self.shade_packets::<true>(surfaces, packets, paths, stage);
         } else {
             self.shade_packets::<false>(surfaces, packets, paths, stage);
@@ -208,7 +214,7 @@ impl<'f, 's> Outcome<'f, 's> {
         let background = self.frame.background_seen(&traced);
         let radiance = shade::surroundings(traced.packet, traced.weight, &background);
         self.meter.part(Account::Surroundings);
-        self.film.add(traced.pixel, &radiance);
+        self.film.add(traced.pixel, &radiance, Source::Emission);
         self.meter.part(Account::Film);
     }
 
@@ -278,7 +284,7 @@ impl<'f, 's> Outcome<'f, 's> {
         };
         let radiance = shade::glow(traced.packet, surfaces, traced.weight, &light);
         self.meter.part(Account::Surroundings);
-        self.film.add(traced.pixel, &radiance);
+        self.film.add(traced.pixel, &radiance, Source::Emission);
         self.meter.part(Account::Film);
     }
 
@@ -288,6 +294,9 @@ impl<'f, 's> Outcome<'f, 's> {
         let effects = self.effects::<PLAIN>();
         let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
         for (number, (light, &casts)) in lights.enumerate() {
+            if !PLAIN {
+                self.asked = Source::Light(number as u32);
+            }
             if effects.has(Effect::AreaLight) && self.ask_area_light(number, traced, lit, stage) {
                 continue;
             }
@@ -302,6 +311,7 @@ impl<'f, 's> Outcome<'f, 's> {
             }
         }
         if effects.has(Effect::Environment) {
+            self.asked = Source::Environment;
             self.ask_surroundings(traced, lit, stage);
         }
     }
@@ -376,6 +386,7 @@ impl<'f, 's> Outcome<'f, 's> {
         if self.effects::<PLAIN>().has(Effect::TransparentShadow) {
             return self.answer_through_sheets(order);
         }
+        let sources = self.feelers.sources();
         let (packets, feelers) = self.feelers.take();
         if packets.is_empty() {
             return;
@@ -389,7 +400,7 @@ impl<'f, 's> Outcome<'f, 's> {
                 .trace(packets, whose, |packets| accel.occluded(packets, order));
             self.meter.ledger.book(Account::Shadow, traced);
         }
-        for (packet, feeler) in packets.iter().zip(feelers.iter_mut()) {
+        for (index, (packet, feeler)) in packets.iter().zip(feelers.iter_mut()).enumerate() {
             if casts {
                 shade::block(packet, &mut feeler.radiance);
             }
@@ -397,7 +408,8 @@ impl<'f, 's> Outcome<'f, 's> {
                 let samples = marches.dim(packet, &packet.t_far, &mut feeler.radiance);
                 self.meter.ledger.volume_samples += samples;
             }
-            self.film.add(&feeler.pixel, &feeler.radiance);
+            let source = if PLAIN { Source::Emission } else { sources[index] };
+            self.film.add(&feeler.pixel, &feeler.radiance, source);
         }
         let lanes = (0..packets.len()).map(|index| (&feelers[index].pixel, &packets[index].active));
         self.meter.lap_over(Account::Film, lanes);

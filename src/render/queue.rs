@@ -4,6 +4,7 @@
 
 use super::RenderSettings;
 use super::ledger::Account;
+use super::light_layers::{Source, with_step};
 use super::memory::Memory;
 use super::meter::Accounts;
 use super::travel::{MediaColumn, Travel, TravelPacket, Travels};
@@ -112,7 +113,7 @@ pub(super) struct Generation {
     /// Lanes in use of the last of them.
     filled: usize,
     sorts: Sorts,
-    /// What each ray is booked under, where pixels' costs are counted.
+    /// What each ray is booked under, where pixels' costs are counted or effects told apart.
     accounts: Option<Vec<Lanes<Account>>>,
 }
 
@@ -130,10 +131,11 @@ impl Generation {
         }
     }
 
-    /// The same, with the account of each ray if `settings` ask for pixels' costs.
+    /// The same, with the account of each ray if `settings` ask for pixels' costs or for what
+    /// each effect gives.
     pub(super) fn with_accounts(self, settings: &RenderSettings) -> Generation {
         Generation {
-            accounts: settings.cost_aovs.then(Vec::new),
+            accounts: (settings.cost_aovs || settings.light_layers.effects).then(Vec::new),
             ..self
         }
     }
@@ -144,6 +146,27 @@ impl Generation {
         self.filled = LANES;
         self.sorts = Sorts::default();
         self.travels.clear();
+    }
+
+    /// Writes into the labels of rays that are the first steps of their paths which steps those are.
+    ///
+    /// Where rays go on through what is not there, a path may have taken none yet.
+    pub(super) fn label_steps(&mut self, effects: EffectSet) {
+        let Some(accounts) = &self.accounts else { return };
+        for (packet, accounts) in accounts.iter().enumerate().take(self.count) {
+            let lanes = if packet + 1 == self.count {
+                self.filled
+            } else {
+                LANES
+            };
+            for l in 0..lanes {
+                if effects.has_sheets() && self.travels.at(packet).lane(l).depth == 0 {
+                    continue;
+                }
+                let label = &mut self.paths[packet].pixel[l];
+                *label = with_step(*label, accounts[l]);
+            }
+        }
     }
 
     /// What sorts of rays have been pushed one by one.
@@ -282,6 +305,8 @@ pub(super) struct Feelers {
     media: MediaColumn,
     /// Packets in use.
     count: usize,
+    /// Which light each packet asks for; not kept in scenes with plain effects only.
+    sources: [Source; BATCH],
 }
 
 #[derive(Clone)]
@@ -303,6 +328,7 @@ impl Feelers {
             }),
             media,
             count: 0,
+            sources: [Source::Emission; BATCH],
         })
     }
 
@@ -322,6 +348,16 @@ impl Feelers {
     /// Memory for one more packet, which counts once [`Feelers::keep`] is called.
     pub(super) fn next(&mut self) -> (&mut RayPacket, &mut Feeler) {
         (&mut self.packets[self.count], &mut self.lights[self.count])
+    }
+
+    /// Says which light the packet that is kept next asks for.
+    pub(super) fn set_source(&mut self, source: Source) {
+        self.sources[self.count] = source;
+    }
+
+    /// Which light each of the packets asks for.
+    pub(super) fn sources(&self) -> [Source; BATCH] {
+        self.sources
     }
 
     /// Counts the packet last written.

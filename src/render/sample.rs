@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::film::{TILE, Tile, tiles};
 use super::wave::{TilePicture, Wave, Waves};
-use super::{Frame, LayerSet, Ledger, Monitor, Plan, RenderSettings, filter};
+use super::{Frame, LayerSet, Ledger, LightLayers, Monitor, Plan, RenderSettings, filter};
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::scene::{Camera, Scene};
@@ -69,6 +69,7 @@ pub fn render_sample(
         adaptive: None,
         sample_aovs: false,
         layers: LayerSet::NONE,
+        light_layers: LightLayers::NONE,
         ..*settings
     };
     let mut frame = Frame::new(scene, camera, accel, &settings);

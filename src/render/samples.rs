@@ -7,6 +7,7 @@
 use super::estimate::{Estimate, RUN};
 use super::film::TILE;
 use super::filter::{PixelFilter, Splat};
+use super::light_layers::STEP_SHIFT;
 use super::wave::WAVE;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
@@ -63,7 +64,7 @@ impl SampleAovs {
 
 /// Bits of a ray's label that tell the pixel within the tile; those above tell the sample within the wave.
 const PIXEL_BITS: u32 = (TILE * TILE).ilog2();
-const _: () = assert!(TILE * TILE == 1 << PIXEL_BITS && ((WAVE * LANES) << PIXEL_BITS) <= 1 << 32);
+const _: () = assert!(TILE * TILE == 1 << PIXEL_BITS && ((WAVE * LANES) << PIXEL_BITS) <= 1 << STEP_SHIFT);
 
 /// The pixel that a label tells.
 #[inline(always)]

@@ -3,7 +3,7 @@
 use super::adaptive::{self, Adaptive, ROUND};
 use super::estimate::Estimate;
 use super::sampler::{Purpose, sample_2d};
-use super::{PixelCosts, RenderSettings};
+use super::{LightLayers, PixelCosts, RenderSettings};
 use crate::scene::CameraView;
 use crate::shading::ray_cone::Cone;
 
@@ -30,7 +30,9 @@ impl RenderSettings {
         };
         // In tiles, put together, and on their way into a file.
         let layers = 3 * self.layers.layer_count() * size_of::<f32>();
-        (estimates + aovs + layers + costs) as u64 + self.filter.bytes_per_pixel()
+        // Those of lamps are the scene's.
+        let light = 3 * 3 * self.wanted_light().least_planes() * size_of::<f32>();
+        (estimates + aovs + layers + light + costs) as u64 + self.filter.bytes_per_pixel()
     }
 
     /// The pair of numbers that sample `sample` of `pixel` (column and row) has for `purpose`.
@@ -46,6 +48,14 @@ impl RenderSettings {
             width: pixel.width * part,
             spread: pixel.spread * part,
         }
+    }
+
+    /// The layers of light that can be had.
+    pub(super) fn wanted_light(&self) -> LightLayers {
+        if self.target().is_some() || !self.filter.is_box() {
+            return LightLayers::NONE;
+        }
+        self.light_layers
     }
 
     /// The target of adaptive sampling, where there is anything to adapt.

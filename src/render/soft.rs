@@ -196,6 +196,9 @@ impl Outcome<'_, '_> {
     /// Counts the packet of feelers last written; those to a light that nothing can hide are not traced.
     pub(super) fn keep_feelers<const PLAIN: bool>(&mut self, traced: &Traced, casts: bool) {
         let effects = self.effects::<PLAIN>();
+        if !PLAIN {
+            self.feelers.set_source(self.asked);
+        }
         let (packet, feeler) = self.feelers.next();
         feeler.pixel = *traced.pixel;
         if effects.has(Effect::MotionBlur) {

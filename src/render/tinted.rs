@@ -29,15 +29,16 @@ impl Outcome<'_, '_> {
     /// Lets in the light that reaches the waiting feelers' points, in whatever colour is left of it.
     pub(super) fn answer_through_sheets(&mut self, order: RayOrder) {
         let Some(sheets) = &mut self.sheets else { return };
+        let sources = self.feelers.sources();
         let (packets, feelers, media) = self.feelers.take_with_media();
         let waiting = (&mut *packets, &mut *feelers, media);
         let reaches = through_sheets(self.frame, waiting, sheets, &mut self.meter, order);
-        for ((packet, feeler), reach) in packets.iter().zip(feelers).zip(&reaches) {
+        for (((packet, feeler), reach), source) in packets.iter().zip(feelers).zip(&reaches).zip(sources) {
             if let Some(marches) = &mut self.marches {
                 let samples = marches.dim(packet, reach, &mut feeler.radiance);
                 self.meter.ledger.volume_samples += samples;
             }
-            self.film.add(&feeler.pixel, &feeler.radiance);
+            self.film.add(&feeler.pixel, &feeler.radiance, source);
         }
         self.meter.lap(Account::Film);
     }

@@ -14,6 +14,7 @@ use glam::DVec3;
 
 use super::lamps::SoftLight;
 use super::ledger::Account;
+use super::light_layers::{LightSheet, Source};
 use super::memory::Memory;
 use super::meter::{Accounts, Meter};
 use super::outcome::{Outcome, Stage};
@@ -42,6 +43,8 @@ pub(super) struct Marches<'f> {
     shadow: March<'f>,
     /// From the samples of a march to one light at a time.
     feelers: Box<Feelers>,
+    /// Where lights are told apart.
+    shares: Option<LightShares>,
 }
 
 impl<'f> Marches<'f> {
@@ -52,6 +55,7 @@ impl<'f> Marches<'f> {
             seen: march(),
             shadow: march(),
             feelers: Feelers::new(frame.effects()),
+            shares: LightShares::of(&frame.light_sheet),
         }
     }
 
@@ -60,6 +64,8 @@ impl<'f> Marches<'f> {
         let own = size_of::<Marches>() + Feelers::BYTES;
         memory.add(Effect::Volume.name(), "marches and their feelers", own);
         self.feelers.add_columns_to(memory);
+        let shares = self.shares.as_ref().map_or(0, LightShares::byte_count);
+        memory.add(Effect::Volume.name(), "light of each lamp", shares);
     }
 
     /// Takes what lies on the way to the light from the radiance that the feelers of `packet` bring, each of which is as
@@ -113,6 +119,9 @@ impl Outcome<'_, '_> {
             return left;
         };
         let mut radiance = [[0.0; LANES]; 3];
+        if let Some(shares) = &mut marches.shares {
+            shares.begin_packet();
+        }
         for l in 0..LANES {
             let is_dark = (0..3).all(|channel| path.weight[channel][l] == 0.0);
             if packet.active[l] == 0 || is_dark {
@@ -122,6 +131,8 @@ impl Outcome<'_, '_> {
                 frame: self.frame,
                 shadow: &mut marches.shadow,
                 feelers: &mut marches.feelers,
+                shares: marches.shares.as_mut(),
+                source: Source::Emission,
                 sheets: self.sheets.as_deref_mut(),
                 meter: &mut self.meter,
                 media: travels.map_or(MediaStack::EMPTY, |travels| travels.media(l)),
@@ -144,13 +155,22 @@ impl Outcome<'_, '_> {
                 .seen
                 .radiance(&stretch, Some(&mut |points| lamps.light(points)));
             self.meter.ledger.volume_samples += marched.sample_count;
+            if let Some(shares) = &mut marches.shares {
+                let weight = path.weight.map(|channel| channel[l]);
+                shares.divide(&mut marches.seen, &stretch, (weight, l));
+            }
             for channel in 0..3 {
                 radiance[channel][l] = path.weight[channel][l] * marched.radiance[channel] as f32;
                 left[channel][l] *= marched.transmittance as f32;
             }
         }
         if radiance.as_flattened().iter().any(|&value| value != 0.0) {
-            self.film.add(&path.pixel, &radiance);
+            self.film.add(&path.pixel, &radiance, Source::Volume);
+            if let (Some(light), Some(shares)) = (self.film.light(), &marches.shares) {
+                for (plane, radiance) in shares.seen.iter().enumerate() {
+                    light.add_to_plane(plane, &path.pixel, radiance);
+                }
+            }
         }
         let lanes = std::iter::once((&path.pixel, &packet.active));
         self.meter.lap_over(Account::Volume, lanes);
@@ -159,11 +179,86 @@ impl Outcome<'_, '_> {
     }
 }
 
+/// What each light gives to marches.
+///
+/// A march is linear in its light: it is walked again with what each lamp alone gave to its samples, for which no feeler is
+/// sent, and what shines by itself is taken off.
+struct LightShares {
+    /// Of each plane of lights, the light at the samples of a march, call by call.
+    lit: Vec<Vec<Lanes3<f64>>>,
+    /// Of each plane, what the rays of a packet see.
+    seen: Vec<Lanes3<f32>>,
+}
+
+const DARK: Lanes3<f64> = [[0.0; LANES]; 3];
+
+impl LightShares {
+    fn of(sheet: &LightSheet) -> Option<LightShares> {
+        sheet.has_lights().then(|| LightShares {
+            lit: vec![Vec::new(); sheet.light_planes()],
+            seen: vec![[[0.0; LANES]; 3]; sheet.light_planes()],
+        })
+    }
+
+    fn byte_count(&self) -> usize {
+        let calls: usize = self.lit.iter().map(Vec::capacity).sum();
+        calls * size_of::<Lanes3<f64>>() + size_of_val(&self.lit[..]) + size_of_val(&self.seen[..])
+    }
+
+    fn begin_packet(&mut self) {
+        self.seen.fill([[0.0; LANES]; 3]);
+        self.lit.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Begins with what is there without any lamp.
+    fn begin_call(&mut self, ambient: &Lanes3<f64>) {
+        self.lit.iter_mut().for_each(|calls| calls.push(DARK));
+        if let Some(last) = self.lit[0].last_mut() {
+            *last = *ambient;
+        }
+    }
+
+    fn add(&mut self, plane: usize, radiance: &Lanes3<f32>) {
+        let Some(last) = self.lit[plane].last_mut() else {
+            return;
+        };
+        for channel in 0..3 {
+            for l in 0..LANES {
+                last[channel][l] += f64::from(radiance[channel][l]);
+            }
+        }
+    }
+
+    /// Says what each light gives to lane `l` of weight `weight`, whose march has just been walked.
+    fn divide(&mut self, march: &mut March, stretch: &Stretch, (weight, l): ([f32; 3], usize)) {
+        let by_itself = march.radiance(stretch, Some(&mut |_| DARK)).radiance;
+        for (plane, calls) in self.lit.iter_mut().enumerate() {
+            let is_lit = calls
+                .iter()
+                .any(|call| call.as_flattened().iter().any(|&light| light != 0.0));
+            if plane == 0 || is_lit {
+                let mut given = calls.iter();
+                let light = &mut |_: &PointLanes| given.next().copied().unwrap_or(DARK);
+                let marched = march.radiance(stretch, Some(light)).radiance;
+                for channel in 0..3 {
+                    let own = if plane == 0 { 0.0 } else { by_itself[channel] };
+                    self.seen[plane][channel][l] = weight[channel] * (marched[channel] - own) as f32;
+                }
+            }
+            calls.clear();
+        }
+    }
+}
+
 /// The light at the samples of a march.
 struct Lamps<'a, 'f, 's> {
     frame: &'a Frame<'s>,
     shadow: &'a mut March<'f>,
     feelers: &'a mut Feelers,
+    /// What each light gives, where that is wanted.
+    shares: Option<&'a mut LightShares>,
+    /// The light that is being asked.
+    source: Source,
     sheets: Option<&'a mut Surfaces>,
     meter: &'a mut Meter,
     /// The bodies around the ray.
@@ -180,8 +275,12 @@ impl Lamps<'_, '_, '_> {
     fn light(&mut self, points: &PointLanes) -> Lanes3<f64> {
         let frame = self.frame;
         let mut arriving = frame.ambient.map(|ambient| [f64::from(ambient); LANES]);
+        if let Some(shares) = &mut self.shares {
+            shares.begin_call(&arriving);
+        }
         let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
         for (number, (light, &casts)) in lights.enumerate() {
+            self.source = Source::Light(number as u32);
             let LightKind::Area { samples, .. } = light.kind else {
                 let (packet, feeler) = self.feelers.next();
                 if feel(light, points, packet, &mut feeler.radiance) {
@@ -214,6 +313,7 @@ impl Lamps<'_, '_, '_> {
             }
         }
         if frame.effects().has(Effect::Environment) {
+            self.source = Source::Environment;
             self.light_from_afar(points, &mut arriving);
         }
         arriving
@@ -243,6 +343,11 @@ impl Lamps<'_, '_, '_> {
     fn add(&mut self, casts: bool, arriving: &mut Lanes3<f64>) {
         self.feelers.next().1.pixel = [self.origin.label; LANES];
         let radiance = self.answer(casts);
+        if let Some(plane) = self.frame.light_sheet.plane_of(self.source)
+            && let Some(shares) = &mut self.shares
+        {
+            shares.add(plane, &radiance);
+        }
         for channel in 0..3 {
             for l in 0..LANES {
                 arriving[channel][l] += f64::from(radiance[channel][l]);

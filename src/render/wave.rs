@@ -16,6 +16,7 @@ use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
 use super::ledger::{Account, Ledger, Tally};
 use super::lens;
+use super::light_layers::LightFilm;
 use super::memory::{Held, Memory};
 use super::meter::Accounts;
 use super::outcome::{Outcome, Stage};
@@ -87,7 +88,10 @@ impl<'f, 's> Wave<'f, 's> {
             frame,
             current: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
             surfaces: Box::new(Surfaces::new(frame.effects())),
-            outcome: Outcome::new(frame, TileFilm::new(samples)),
+            outcome: Outcome::new(
+                frame,
+                TileFilm::new(samples).with_light(LightFilm::of(&frame.light_sheet)),
+            ),
             has_camera_travels: frame.has_camera_travels(),
         }
     }
@@ -116,6 +120,9 @@ impl<'f, 's> Wave<'f, 's> {
         }
         if let Some(first_hits) = &mut self.outcome.first_hits {
             picture.layers = first_hits.planes(tile);
+        }
+        if let Some(light) = self.outcome.film.light() {
+            picture.layers.extend(light.layers(tile, frame.settings.spp));
         }
         self.note_memory(frame.tile_bytes(tile));
         self.outcome.finish(tile);
@@ -255,6 +262,9 @@ impl<'f, 's> Wave<'f, 's> {
             // `current` is empty here; its memory serves the generation after this one.
             std::mem::swap(&mut self.current, &mut self.outcome.next);
             self.outcome.next.clear();
+            if self.frame.settings.wanted_light().effects {
+                self.current.label_steps(self.frame.effects());
+            }
             let stage = Stage {
                 order: RayOrder::Incoherent,
                 depth,

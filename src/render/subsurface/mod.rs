@@ -16,6 +16,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::ledger::{Account, Ledger};
+use super::light_layers::Source;
 use super::outcome::{Outcome, Traced};
 use super::surface::Surfaces;
 use super::{Frame, Monitor};
@@ -145,7 +146,7 @@ impl Outcome<'_, '_> {
             any = true;
         }
         if any {
-            self.film.add(traced.pixel, &radiance);
+            self.film.add(traced.pixel, &radiance, Source::Subsurface);
         }
         self.meter.part(Account::Subsurface);
     }

@@ -1,0 +1,370 @@
+//! Layers of light: what each lamp, and each way by which light is seen, gives to a picture. Each kind adds up to it.
+//!
+//! Whatever is added to a tile's film says where it comes from ([`Source`]). The first step of its way from the camera
+//! stands in the label that every ray carries beside its pixel, so that no queue holds more for it: rays get it when their
+//! generation is traced, and those that they send inherit it. Layers are sums beside the picture's own.
+
+use super::film::{self, TILE, Tile};
+use super::layers::Layer;
+use super::ledger::Account;
+use super::region::Cover;
+use super::samples::pixel_of;
+use super::wave::TilePicture;
+use crate::image::ExtraKind;
+use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::scene::{Effect, EffectSet, Light};
+
+/// Which layers of light are wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LightLayers {
+    /// `light.NAME.R`, `.G`, `.B` of each light, by what surfaces and volumes get from it; `light.environment` of the
+    /// environment map, as far as feelers found it; `light.subsurface` of all light that leaves bodies which scatter it
+    /// within; and `light.emission` of all that is seen without a feeler: emission, ambient light and background.
+    pub lights: bool,
+    /// `effect.NAME.R`, `.G`, `.B` by the first step of the way from the camera, of the effects that are on:
+    /// `effect.direct` of what it sees with none, `effect.reflection` and so on.
+    pub effects: bool,
+}
+
+impl LightLayers {
+    /// None.
+    pub const NONE: LightLayers = LightLayers {
+        lights: false,
+        effects: false,
+    };
+
+    /// Whether there is none.
+    pub fn is_empty(self) -> bool {
+        self == LightLayers::NONE
+    }
+
+    /// Groups of three channels that any scene has, and all effects.
+    pub(super) fn least_planes(self) -> usize {
+        usize::from(self.lights) + usize::from(self.effects) * (STEPS.len() + 1)
+    }
+}
+
+/// Where light comes from that reaches the film.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Source {
+    /// It is seen without a feeler.
+    Emission,
+    /// The light of that number.
+    Light(u32),
+    /// The environment map, by feelers.
+    Environment,
+    /// A body that scatters light within.
+    Subsurface,
+    /// Smoke, fire and fog: which light they scatter is told apart.
+    Volume,
+}
+
+/// Bits of a label below those of the first step: pixels and samples.
+pub(super) const STEP_SHIFT: u32 = 20;
+
+/// First steps from the camera, in the order of their numbers in labels, from 1.
+const STEPS: [Account; 7] = [
+    Account::Reflection,
+    Account::Refraction,
+    Account::RoughReflection,
+    Account::RoughRefraction,
+    Account::Dispersion,
+    Account::Volume,
+    Account::Subsurface,
+];
+
+fn number_of(step: Account) -> usize {
+    STEPS.iter().position(|&s| s == step).map_or(0, |index| index + 1)
+}
+
+/// The label with `step` as its first, if it has none.
+pub(super) fn with_step(label: u32, step: Account) -> u32 {
+    match label >> STEP_SHIFT {
+        0 => label | (number_of(step) as u32) << STEP_SHIFT,
+        _ => label,
+    }
+}
+
+/// The label without its first step.
+pub(super) fn without_step(label: u32) -> u32 {
+    label & ((1 << STEP_SHIFT) - 1)
+}
+
+/// The planes of the layers that are wanted, three channels each.
+#[derive(Clone, Default)]
+pub(super) struct LightSheet {
+    names: Vec<String>,
+    /// Planes of lights; those of effects follow.
+    light_planes: usize,
+    environment: Option<usize>,
+    subsurface: Option<usize>,
+    /// Planes by the number of the first step; none if effects are not wanted.
+    steps: Option<[usize; STEPS.len() + 1]>,
+}
+
+impl LightSheet {
+    /// The layers of a scene with these lights.
+    pub(super) fn new(wanted: LightLayers, lights: &[Light], effects: EffectSet) -> LightSheet {
+        let mut sheet = LightSheet::default();
+        if wanted.lights {
+            sheet.add_lights(lights, effects);
+        }
+        sheet.light_planes = sheet.names.len();
+        if wanted.effects {
+            sheet.add_effects(effects);
+        }
+        sheet
+    }
+
+    fn add_lights(&mut self, lights: &[Light], effects: EffectSet) {
+        self.names.push("light.emission".into());
+        let names = light_names(lights);
+        self.names
+            .extend(names.iter().map(|name| format!("light.{name}")));
+        for (effect, plane) in [
+            (Effect::Environment, &mut self.environment),
+            (Effect::Subsurface, &mut self.subsurface),
+        ] {
+            if effects.has(effect) {
+                *plane = Some(self.names.len());
+                self.names.push(format!("light.{}", effect.name()));
+            }
+        }
+    }
+
+    fn add_effects(&mut self, effects: EffectSet) {
+        let direct = self.names.len();
+        self.names.push("effect.direct".into());
+        let mut steps = [direct; STEPS.len() + 1];
+        for step in STEPS {
+            let is_on = Effect::ALL
+                .into_iter()
+                .any(|effect| effects.has(effect) && Account::of(effect) == Some(step));
+            if is_on {
+                steps[number_of(step)] = self.names.len();
+                self.names.push(format!("effect.{}", step.name()));
+            }
+        }
+        self.steps = Some(steps);
+    }
+
+    /// Whether any is wanted.
+    pub(super) fn is_wanted(&self) -> bool {
+        !self.names.is_empty()
+    }
+
+    /// Whether lights are told apart.
+    pub(super) fn has_lights(&self) -> bool {
+        self.light_planes > 0
+    }
+
+    /// Planes of lights.
+    pub(super) fn light_planes(&self) -> usize {
+        self.light_planes
+    }
+
+    /// How many layers they are.
+    pub(super) fn layer_count(&self) -> usize {
+        3 * self.names.len()
+    }
+
+    /// The plane of the light that comes from `source`.
+    pub(super) fn plane_of(&self, source: Source) -> Option<usize> {
+        let plane = match source {
+            Source::Emission => Some(0),
+            Source::Light(number) => Some(1 + number as usize),
+            Source::Environment => self.environment,
+            Source::Subsurface => self.subsurface,
+            Source::Volume => None,
+        };
+        plane.filter(|&plane| plane < self.light_planes)
+    }
+
+    /// The plane of the effect by which a ray of that label sees what comes from `source`.
+    fn effect_plane(&self, label: u32, source: Source) -> Option<usize> {
+        let steps = self.steps?;
+        let step = match (label >> STEP_SHIFT, source) {
+            (0, Source::Volume) => number_of(Account::Volume),
+            (0, Source::Subsurface) => number_of(Account::Subsurface),
+            (step, _) => step as usize,
+        };
+        steps.get(step).copied()
+    }
+
+    /// The layers of what `cover` shows, of placed tiles whose first `before` layers are others.
+    pub(super) fn assemble(&self, before: usize, cover: &Cover, tiles: &[(Tile, TilePicture)]) -> Vec<Layer> {
+        let [width, height] = cover.size();
+        let channels = self
+            .names
+            .iter()
+            .flat_map(|name| ["R", "G", "B"].map(|channel| format!("{name}.{channel}")));
+        let layer = |(index, name): (usize, String)| Layer {
+            name,
+            kind: ExtraKind::Color,
+            values: cover.cut(film::assemble(width, height, tiles, |picture| {
+                &picture.layers[before + index]
+            })),
+        };
+        channels.enumerate().map(layer).collect()
+    }
+}
+
+/// What lights are called in channels, each differently.
+///
+/// Whatever is no ASCII letter or digit, `-` or `_` becomes `_`. Of names that clash with an earlier one, or with that of a
+/// layer that is no light's, those after it get `_2`, `_3` and so on, the first that is free.
+fn light_names(lights: &[Light]) -> Vec<String> {
+    let mut taken: Vec<String> = ["emission", "environment", "subsurface"].map(String::from).into();
+    let reserved = taken.len();
+    for (number, light) in lights.iter().enumerate() {
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        let called: String = light
+            .name
+            .chars()
+            .map(|c| if allowed(c) { c } else { '_' })
+            .collect();
+        let called = match called.is_empty() {
+            true => format!("light_{number}"),
+            false => called,
+        };
+        let mut free = called.clone();
+        let mut next = 2;
+        while taken.contains(&free) {
+            free = format!("{called}_{next}");
+            next += 1;
+        }
+        taken.push(free);
+    }
+    taken.split_off(reserved)
+}
+
+/// Sums of the layers over a tile, plane by plane.
+pub(super) struct LightFilm {
+    sheet: LightSheet,
+    /// `TILE` to a row.
+    planes: Vec<Vec<[f64; 3]>>,
+}
+
+impl LightFilm {
+    /// Where any layer is wanted.
+    pub(super) fn of(sheet: &LightSheet) -> Option<LightFilm> {
+        let plane = || vec![[0.0; 3]; (TILE * TILE) as usize];
+        sheet.is_wanted().then(|| LightFilm {
+            planes: sheet.names.iter().map(|_| plane()).collect(),
+            sheet: sheet.clone(),
+        })
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.planes.iter_mut().for_each(|plane| plane.fill([0.0; 3]));
+    }
+
+    /// Bytes of all sums.
+    pub(super) fn byte_count(&self) -> usize {
+        self.planes.iter().map(|plane| size_of_val(&plane[..])).sum()
+    }
+
+    /// Adds one value a lane to the layers that light from `source` belongs to.
+    pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: Source) {
+        if let Some(plane) = self.sheet.plane_of(source) {
+            self.add_to_plane(plane, label, radiance);
+        }
+        for l in 0..LANES {
+            if let Some(plane) = self.sheet.effect_plane(label[l], source) {
+                add_lane(&mut self.planes[plane], label[l], radiance, l);
+            }
+        }
+    }
+
+    /// Adds one value a lane to one plane.
+    pub(super) fn add_to_plane(&mut self, plane: usize, label: &Lanes<u32>, radiance: &Lanes3<f32>) {
+        for l in 0..LANES {
+            add_lane(&mut self.planes[plane], label[l], radiance, l);
+        }
+    }
+
+    /// The layers of a tile, each row by row: means over `spp` samples.
+    pub(super) fn layers(&self, tile: Tile, spp: u32) -> Vec<Vec<f32>> {
+        let scale = 1.0 / f64::from(spp);
+        let channels = self
+            .planes
+            .iter()
+            .flat_map(|plane| (0..3).map(move |c| (plane, c)));
+        let layer = |(plane, channel): (&Vec<[f64; 3]>, usize)| {
+            film::cut(tile, plane)
+                .map(|sum| (sum[channel] * scale) as f32)
+                .collect()
+        };
+        channels.map(layer).collect()
+    }
+}
+
+fn add_lane(plane: &mut [[f64; 3]], label: u32, radiance: &Lanes3<f32>, l: usize) {
+    let sum = &mut plane[pixel_of(label) as usize];
+    for channel in 0..3 {
+        sum[channel] += f64::from(radiance[channel][l]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::scene::LightKind;
+
+    fn lamp(name: &str) -> Light {
+        Light {
+            name: name.into(),
+            intensity: [1.0; 3],
+            kind: LightKind::Directional { to_light: DVec3::Z },
+        }
+    }
+
+    #[test]
+    fn names_of_lights_fit_into_channels_and_never_clash() {
+        let lights = ["sun", "light 3", "sun", "sun_2", "emission", "a.b", "", "ö"].map(lamp);
+        assert_eq!(
+            light_names(&lights),
+            [
+                "sun",
+                "light_3",
+                "sun_2",
+                "sun_2_2",
+                "emission_2",
+                "a_b",
+                "light_6",
+                "_"
+            ]
+        );
+    }
+
+    #[test]
+    fn a_label_keeps_its_pixel_its_sample_and_its_first_step() {
+        let label = (1 << STEP_SHIFT) - 7;
+        let mirrored = with_step(label, Account::Reflection);
+        assert_ne!(mirrored, label);
+        assert_eq!(with_step(mirrored, Account::Refraction), mirrored);
+        assert_eq!(without_step(mirrored), label);
+        assert_eq!(pixel_of(mirrored), pixel_of(label));
+    }
+
+    #[test]
+    fn only_effects_that_are_on_have_layers() {
+        let wanted = LightLayers {
+            lights: true,
+            effects: true,
+        };
+        let sheet = LightSheet::new(wanted, &[lamp("sun")], EffectSet::NONE.with(Effect::Reflection));
+        assert_eq!(
+            sheet.names,
+            [
+                "light.emission",
+                "light.sun",
+                "effect.direct",
+                "effect.reflection"
+            ]
+        );
+        assert!(!LightSheet::new(LightLayers::NONE, &[lamp("sun")], EffectSet::NONE).is_wanted());
+    }
+}

@@ -1,0 +1,192 @@
+//! Layers of the picture's own light, by lamp and by effect: each kind adds up to the picture, whose bits stay.
+
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
+
+    pub mod pictures;
+}
+mod cli_program;
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use cli_program::fails_with;
+use common::pictures::{rendered, settings};
+use whit::accel::{self, AccelOptions, Backend};
+use whit::gltf::LoadOptions;
+use whit::render::{LightLayers, Monitor, Parts, Region, RenderSettings, Rendering};
+use whit::scene::Scene;
+
+/// Of several volumes and lamps, of glass, of mirrors, with textures, lobes and light within bodies.
+const SCENES: [&str; 11] = [
+    "glass_of_water.toml",
+    "prism.toml",
+    "smoke.toml",
+    "fire.toml",
+    "fog_beam.toml",
+    "soft_shadows.toml",
+    "textured.toml",
+    "mirror_room.toml",
+    "rough.toml",
+    "foliage.toml",
+    "wax.toml",
+];
+
+const BOTH: LightLayers = LightLayers {
+    lights: true,
+    effects: true,
+};
+
+fn load(name: &str) -> Scene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
+    whit::scene_file::load(&path, &LoadOptions::default())
+        .unwrap_or_else(|error| panic!("{name}: {error}"))
+        .scene
+}
+
+fn with_light(size: u32) -> RenderSettings {
+    RenderSettings {
+        light_layers: BOTH,
+        ..settings(size, 2)
+    }
+}
+
+fn render(scene: &Scene, settings: &RenderSettings) -> Rendering {
+    rendered(scene, &scene.cameras[0], settings)
+}
+
+fn values<'r>(rendering: &'r Rendering, name: &str) -> &'r [f32] {
+    let mut layers = rendering.layers.iter();
+    let layer = layers.find(|layer| layer.name == name);
+    &layer.unwrap_or_else(|| panic!("no {name}")).values
+}
+
+/// How far the sums of layers of one kind may lie from `whole`, if `magnitude` is the sum of their absolute values.
+///
+/// Every layer is rounded to f32 once, and so is the picture; volumes round each lamp's part of a ray and their sum.
+fn bound(magnitude: f64, layers: usize) -> f64 {
+    (layers + 2) as f64 * f64::from(f32::EPSILON) * magnitude
+}
+
+#[test]
+fn layers_of_each_kind_add_up_to_the_picture_whose_bits_stay() {
+    for name in SCENES {
+        let scene = load(name);
+        let plain = render(&scene, &settings(24, 2));
+        let layered = render(&scene, &with_light(24));
+        assert_eq!(plain.image.pixels, layered.image.pixels, "{name}");
+        for kind in ["light.", "effect."] {
+            for (channel, end) in [".R", ".G", ".B"].into_iter().enumerate() {
+                let layers: Vec<&[f32]> = layered
+                    .layers
+                    .iter()
+                    .filter(|layer| layer.name.starts_with(kind) && layer.name.ends_with(end))
+                    .map(|layer| &layer.values[..])
+                    .collect();
+                for (index, pixel) in layered.image.pixels.iter().enumerate() {
+                    let parts = layers.iter().map(|layer| f64::from(layer[index]));
+                    let sum: f64 = parts.clone().sum();
+                    let whole = f64::from(pixel[channel]);
+                    let magnitude = parts.map(f64::abs).sum::<f64>() + whole.abs();
+                    let off = (sum - whole).abs();
+                    assert!(
+                        off <= bound(magnitude, layers.len()),
+                        "{name} {kind}{end} {index}: {sum} for {whole}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn each_light_alone_gives_its_layer() {
+    for name in ["whitted_1980.toml", "soft_shadows.toml"] {
+        let scene = load(name);
+        let layered = render(&scene, &with_light(24));
+        let count = scene.lights.len();
+        assert!(count > 1, "{name}");
+        let groups: Vec<_> = layered
+            .layers
+            .chunks(3)
+            .filter(|layers| layers[0].name.starts_with("light."))
+            .collect();
+        for number in 0..count {
+            let mut alone = scene.clone();
+            // The others stay in their places, dark, so that samples of lights keep their numbers.
+            for (other, light) in alone.lights.iter_mut().enumerate() {
+                if other != number {
+                    light.intensity = [0.0; 3];
+                }
+            }
+            let alone = render(&alone, &with_light(24));
+            // Behind `light.emission`.
+            for layer in groups[1 + number] {
+                assert_eq!(values(&alone, &layer.name), layer.values, "{name} {}", layer.name);
+                assert!(layer.values.iter().any(|&value| value > 0.0), "{}", layer.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn reflections_are_dark_where_no_mirror_is_seen() {
+    let scene = load("whitted_1980.toml");
+    let layered = render(&scene, &with_light(24));
+    let reflected = values(&layered, "effect.reflection.G");
+    let no_depth = RenderSettings {
+        depth: 0,
+        ..with_light(24)
+    };
+    let direct = render(&scene, &no_depth);
+    // What needs no second step is direct light, and nothing else.
+    assert_eq!(
+        values(&layered, "effect.direct.G"),
+        values(&direct, "effect.direct.G")
+    );
+    assert!(
+        values(&direct, "effect.reflection.G")
+            .iter()
+            .all(|&value| value == 0.0)
+    );
+    let mirrors = reflected.iter().filter(|&&value| value > 0.0).count();
+    assert!(mirrors > 0 && mirrors < reflected.len(), "{mirrors}");
+}
+
+#[test]
+fn layers_of_a_region_are_those_of_the_whole() {
+    let (scene, settings) = (load("glass_of_water.toml"), with_light(48));
+    let whole = render(&scene, &settings);
+    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &AtomicBool::new(false),
+        tiles: None,
+    };
+    let mut parts = Parts::new((&scene, &scene.cameras[0]), &*accel, &settings, &monitor).unwrap();
+    let region = Region {
+        x: 10,
+        y: 20,
+        width: 30,
+        height: 15,
+    };
+    let part = parts.region(&region, &monitor).unwrap();
+    assert_eq!(part.layers.len(), whole.layers.len());
+    for (layer, all) in part.layers.iter().zip(&whole.layers) {
+        assert_eq!(layer.name, all.name);
+        for (y, row) in layer.values.chunks(30).enumerate() {
+            let start = (20 + y) * 48 + 10;
+            assert_eq!(row, &all.values[start..start + 30], "{}", layer.name);
+        }
+    }
+}
+
+#[test]
+fn filters_refuse_layers_of_light() {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/prism.toml");
+    let scene = scene.to_str().unwrap();
+    let rest = ["-o", "unwritten.exr", "--filter", "mitchell", "--aov", "lights"];
+    let arguments: Vec<&str> = ["render", scene].into_iter().chain(rest).collect();
+    fails_with(2, "give `--filter box`", &arguments);
+}

@@ -471,3 +471,19 @@ fn a_full_disk_loses_nothing_but_what_does_not_fit() {
     assert_done(&second);
     assert_eq!(all, expected);
 }
+
+#[test]
+fn frames_that_differ_in_name_alone_keep_their_pieces_apart() {
+    let place = Place::new();
+    let jobs = place.jobs(
+        "scene = \"scene.toml\"\nsettings = { size = \"24x70\" }\n[[job]]\nimage = \"whole.exr\"\n\
+         [[job]]\nsplit = { bands = 3 }\nimage = \"bands.exr\"\n",
+    );
+    let out = place.out("out");
+    // The whole frame is finished while the other has two of its three bands.
+    for shard in ["4/4", "2/4", "1/4", "3/4"] {
+        assert_done(&run(&["batch", &jobs, "--out", &out, "--shard", shard, "-q"]));
+    }
+    let image = |name: &str| fs::read(place.path("out").join(name)).unwrap();
+    assert!(image("bands.exr") == image("whole.exr"));
+}

@@ -45,7 +45,6 @@ pub(in crate::cli) struct Plan {
     pub(super) frame: Frame,
     /// The same for all frames of a job that are files of one kind.
     pub(super) job: Arc<RenderJob>,
-    pub(super) format: ImageFormat,
     /// Where files that settings name lie.
     pub(super) jobs_folder: Arc<Path>,
 }
@@ -124,7 +123,6 @@ pub(in crate::cli) fn plans(jobs: &Path, out: &Path, threads: u32) -> Result<Vec
             number,
             frame: frame.clone(),
             job,
-            format,
             jobs_folder: jobs_folder.clone(),
         });
     }

@@ -390,6 +390,16 @@ fn what_cannot_be_made_is_told_in_one_sentence_before_anything_is() {
             "out",
             "`threads` is no setting of a job",
         ),
+        (
+            job("image = \"a.exr\"\nsplit = { shares = 2 }\nsettings = { spp = 32, aov = \"depth\" }"),
+            "out",
+            "only `samples` can be summed up",
+        ),
+        (
+            job("split = { bands = 2 }\nsettings = { spp = 32, adaptive = 0.01 }"),
+            "out",
+            "need the whole frame at once",
+        ),
         (job(""), "file", "cannot make the folder"),
         (job(""), "file/in", "cannot make the folder"),
     ] {

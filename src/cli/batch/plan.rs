@@ -69,6 +69,28 @@ impl Plan {
     }
 }
 
+/// Refuses to divide frames that depend on all of themselves.
+///
+/// # Errors
+///
+/// The first of them.
+pub(super) fn check_division(plans: &[Plan], time: Option<f64>) -> Result<(), Failure> {
+    for plan in plans {
+        let refuse = |fault: &str| Err(Failure::Input(format!("{}: {fault}", plan.name())));
+        if plan.job.is_one() && (plan.piece_count() > 1 || time.is_some()) {
+            return refuse(
+                "adaptive sampling and channels of rays and time need the whole frame at once: leave out `split` and `--time`",
+            );
+        }
+        if (plan.frame.settings.shares > 1 || time.is_some()) && plan.job.has_layers() {
+            return refuse(
+                "of the further channels only `samples` can be summed up from shares: leave the others out",
+            );
+        }
+    }
+    Ok(())
+}
+
 /// Removes what processes have left in the folders of pictures that were killed while they wrote.
 pub(super) fn sweep_up(plans: &[Plan], out: &Path) {
     let folders: BTreeSet<PathBuf> = plans

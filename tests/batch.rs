@@ -390,6 +390,16 @@ fn what_cannot_be_made_is_told_in_one_sentence_before_anything_is() {
             "out",
             "`threads` is no setting of a job",
         ),
+        (
+            job("image = \"a.exr\"\nsplit = { shares = 2 }\nsettings = { spp = 32, aov = \"depth\" }"),
+            "out",
+            "only `samples` can be summed up",
+        ),
+        (
+            job("split = { bands = 2 }\nsettings = { spp = 32, adaptive = 0.01 }"),
+            "out",
+            "need the whole frame at once",
+        ),
         (job(""), "file", "cannot make the folder"),
         (job(""), "file/in", "cannot make the folder"),
     ] {
@@ -470,4 +480,20 @@ fn a_full_disk_loses_nothing_but_what_does_not_fit() {
     assert!(has_room);
     assert_done(&second);
     assert_eq!(all, expected);
+}
+
+#[test]
+fn frames_that_differ_in_name_alone_keep_their_pieces_apart() {
+    let place = Place::new();
+    let jobs = place.jobs(
+        "scene = \"scene.toml\"\nsettings = { size = \"24x70\" }\n[[job]]\nimage = \"whole.exr\"\n\
+         [[job]]\nsplit = { bands = 3 }\nimage = \"bands.exr\"\n",
+    );
+    let out = place.out("out");
+    // The whole frame is finished while the other has two of its three bands.
+    for shard in ["4/4", "2/4", "1/4", "3/4"] {
+        assert_done(&run(&["batch", &jobs, "--out", &out, "--shard", shard, "-q"]));
+    }
+    let image = |name: &str| fs::read(place.path("out").join(name)).unwrap();
+    assert!(image("bands.exr") == image("whole.exr"));
 }

@@ -32,7 +32,7 @@ fn murmur3(text: &str) -> u32 {
     let bytes = text.as_bytes();
     let mix = |word: u32| {
         let word = word.wrapping_mul(0xcc9e_2d51);
-        (word << 15 | word >> 17).wrapping_mul(0x1b87_3593)
+        word.rotate_left(15).wrapping_mul(0x1b87_3593)
     };
     let mut hash = 0u32;
     let words = bytes.len() / 4;
@@ -40,9 +40,7 @@ fn murmur3(text: &str) -> u32 {
         hash ^= mix(u32::from_le_bytes(
             bytes[4 * word..4 * word + 4].try_into().unwrap(),
         ));
-        hash = (hash << 13 | hash >> 19)
-            .wrapping_mul(5)
-            .wrapping_add(0xe654_6b64);
+        hash = hash.rotate_left(13).wrapping_mul(5).wrapping_add(0xe654_6b64);
     }
     let mut left = 0u32;
     for (place, &byte) in bytes[4 * words..].iter().enumerate() {
@@ -290,12 +288,12 @@ fn coverages_are_those_of_a_picture_of_single_samples() {
         name => name.to_owned(),
     };
     let material_name = |number: f32| scene.materials[number as usize].name.clone();
-    let names: [(&str, &str, &dyn Fn(f32) -> String); 2] = [
-        ("CryptoObject", "id.object", &object_name),
-        ("CryptoMaterial", "id.material", &material_name),
-    ];
     let mut most = 0;
-    for (layer, numbers, name) in names {
+    for (layer, numbers) in [("CryptoObject", "id.object"), ("CryptoMaterial", "id.material")] {
+        let name = |number: f32| match layer {
+            "CryptoObject" => object_name(number),
+            _ => material_name(number),
+        };
         let numbers = plane(&single, numbers);
         for pixel in 0..(size * size) as usize {
             let [column, row] = [pixel % size as usize, pixel / size as usize];
@@ -387,34 +385,27 @@ fn a_matte_by_name_has_the_area_of_the_silhouette() {
 fn batches_in_pieces_have_the_channels_and_attributes_of_one_render() {
     let folder = tempfile::tempdir().unwrap();
     let alone = File::open(&render(folder.path(), "24x70", &[]));
-    let jobs = folder.path().join("test.jobs.toml");
-    let job = |name: &str, split: &str| {
-        format!(
-            "[[job]]\nscene = \"scene.toml\"\n{split}\nimage = \"{name}.exr\"\n\
+    for (split, shards) in [
+        ("", &["1/1"][..]),
+        ("split = { bands = 3 }", &["3/3", "1/3", "2/3"]),
+    ] {
+        let out = folder.path().join(format!("of {}", shards.len()));
+        let jobs = folder.path().join("test.jobs.toml");
+        let text = format!(
+            "[[job]]\nscene = \"scene.toml\"\n{split}\nimage = \"a.exr\"\n\
              settings = {{ size = \"24x70\", spp = 4, backend = \"bsp\", aov = \"{ASKED}\" }}\n"
-        )
-    };
-    let text = job("whole", "") + &job("bands", "split = { bands = 3 }");
-    std::fs::write(&jobs, text).unwrap();
-    let out = folder.path().join("out");
-    for shard in ["4/4", "2/4", "1/4", "3/4"] {
-        let run = whit(&[
-            "batch",
-            word(&jobs),
-            "--out",
-            word(&out),
-            "--shard",
-            shard,
-            "--quiet",
-        ]);
-        assert_eq!(run.code, 0, "{}", run.stderr);
-    }
-    for name in ["whole.exr", "bands.exr"] {
-        let file = File::open(&out.join(name));
+        );
+        std::fs::write(&jobs, text).unwrap();
+        for shard in shards {
+            let batch = ["batch", word(&jobs), "--out", word(&out), "--quiet"];
+            let run = whit(&[&batch[..], &["--shard", shard]].concat());
+            assert_eq!(run.code, 0, "{}", run.stderr);
+        }
+        let file = File::open(&out.join("a.exr"));
         assert_eq!(file.channels.len(), 3 + 1 + 3 + 3 + 2 + 24);
         for (channel, values) in &alone.channels {
             let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
-            assert_eq!(bits(&file.channels[channel]), bits(values), "{channel} of {name}");
+            assert_eq!(bits(&file.channels[channel]), bits(values), "{channel} {split}");
         }
         for (_, key) in LAYERS {
             for attribute in ["name", "hash", "conversion", "manifest"] {

@@ -20,7 +20,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use common::{random_scenes, scene_folder};
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::render::{Account, Adaptive, Memory, Monitor, RenderSettings, Rendering, render};
+use whit::render::{Account, Adaptive, LayerKind, Memory, Monitor, RenderSettings, Rendering, render};
 use whit::scene::{Effect, Scene};
 
 /// The system's allocator, which keeps count.
@@ -237,7 +237,11 @@ fn bytes_are_what_an_allocator_counts_to_within_a_twentieth() {
         cost_aovs: true,
         ..settings
     });
-    for (name, share) in [("adaptive", adaptive), ("AOVs", told)] {
+    let layered = share_of_counted("lecture_lighting", 1, |settings| RenderSettings {
+        layers: LayerKind::ALL.into_iter().collect(),
+        ..settings
+    });
+    for (name, share) in [("adaptive", adaptive), ("AOVs", told), ("layers", layered)] {
         assert!((0.95..=1.05).contains(&share), "{name}: {share}");
     }
 }

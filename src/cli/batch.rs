@@ -28,6 +28,7 @@ use viewer::Viewer;
 /// Makes what the arguments ask for.
 pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
     let plans = plan::plans(&args.jobs, &args.out, args.threads)?;
+    plan::check_division(&plans, args.time)?;
     if let Some(nice) = args.nice {
         yield_to_others(nice);
     }

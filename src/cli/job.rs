@@ -235,6 +235,17 @@ impl RenderJob {
         self.aovs.iter().any(|aov| *aov != Aov::Samples)
     }
 
+    /// Whether pictures can only be made at once: pixels depend on each other, or on when they are made.
+    pub(super) fn is_one(&self) -> bool {
+        self.adaptive.is_some() || self.has_costs()
+    }
+
+    /// Whether what pixels cost is to be noted.
+    fn has_costs(&self) -> bool {
+        let is_cost = |aov: &Aov| matches!(aov, Aov::Rays | Aov::Time);
+        self.heat.is_some() || self.aovs.iter().any(is_cost)
+    }
+
     /// Tells what no scene can mend.
     fn check_wish(&self) -> Result<(), Failure> {
         let scene_may_filter = self
@@ -260,8 +271,7 @@ impl RenderJob {
     pub(super) fn shot(&self, output: &Output) -> Result<Shot, Failure> {
         let picture = self.wish.or(output);
         let exposure_ev = picture.exposure.unwrap_or(0.0);
-        let is_cost = |aov: &Aov| matches!(aov, Aov::Rays | Aov::Time);
-        let cost_aovs = self.heat.is_some() || self.aovs.iter().any(is_cost);
+        let cost_aovs = self.has_costs();
         let settings = RenderSettings {
             adaptive: self.adaptive.map(|error| Adaptive {
                 error,

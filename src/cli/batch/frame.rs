@@ -475,18 +475,11 @@ fn check_memory(stage: &Stage, plan: &Plan, shot: &Shot, limits: Limits) -> Resu
     }
 }
 
-/// Refuses to divide what depends on all of itself.
+/// Refuses to divide what a scene says that cannot be.
 fn check_division(plan: &Plan, settings: &RenderSettings, time: Option<f64>) -> Result<(), Failure> {
     let refuse = |fault: String| Err(Failure::Input(format!("{}: {fault}", plan.name())));
-    let shares = plan.frame.settings.shares;
-    if is_one(settings) && (plan.piece_count() > 1 || time.is_some()) {
-        return refuse(
-            "adaptive sampling and channels of rays and time need the whole frame at once: leave out `split` and `--time`"
-                .into(),
-        );
-    }
     let most = Share::most(settings.spp);
-    if shares > most {
+    if plan.frame.settings.shares > most {
         return refuse(format!(
             "{} samples a pixel make at most {most} shares: give fewer",
             settings.spp
@@ -495,12 +488,6 @@ fn check_division(plan: &Plan, settings: &RenderSettings, time: Option<f64>) -> 
     let in_order = matches!(settings.pattern, Pattern::Sobol | Pattern::R2);
     if time.is_some() && !in_order {
         return refuse("the first samples of that pattern leave parts of pixels out: choose `pattern = \"sobol\"` for `--time`".into());
-    }
-    if (shares > 1 || time.is_some()) && plan.job.has_layers() {
-        return refuse(
-            "of the further channels only `samples` can be summed up from shares: leave the others out"
-                .into(),
-        );
     }
     Ok(())
 }

@@ -45,7 +45,6 @@ pub(in crate::cli) struct Plan {
     pub(super) frame: Frame,
     /// The same for all frames of a job that are files of one kind.
     pub(super) job: Arc<RenderJob>,
-    pub(super) format: ImageFormat,
     /// Where files that settings name lie.
     pub(super) jobs_folder: Arc<Path>,
 }
@@ -68,6 +67,28 @@ impl Plan {
     pub(super) fn piece_count(&self) -> usize {
         self.frame.settings.bands as usize * self.frame.settings.shares as usize
     }
+}
+
+/// Refuses to divide frames that depend on all of themselves.
+///
+/// # Errors
+///
+/// The first of them.
+pub(super) fn check_division(plans: &[Plan], time: Option<f64>) -> Result<(), Failure> {
+    for plan in plans {
+        let refuse = |fault: &str| Err(Failure::Input(format!("{}: {fault}", plan.name())));
+        if plan.job.is_one() && (plan.piece_count() > 1 || time.is_some()) {
+            return refuse(
+                "adaptive sampling and channels of rays and time need the whole frame at once: leave out `split` and `--time`",
+            );
+        }
+        if (plan.frame.settings.shares > 1 || time.is_some()) && plan.job.has_layers() {
+            return refuse(
+                "of the further channels only `samples` can be summed up from shares: leave the others out",
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Removes what processes have left in the folders of pictures that were killed while they wrote.
@@ -124,7 +145,6 @@ pub(in crate::cli) fn plans(jobs: &Path, out: &Path, threads: u32) -> Result<Vec
             number,
             frame: frame.clone(),
             job,
-            format,
             jobs_folder: jobs_folder.clone(),
         });
     }

@@ -127,7 +127,8 @@ pub(super) fn key(plan: &Plan, sources: &mut Sources) -> Result<Key, Failure> {
     ring.add("view", format!("{:?}", frame.view));
     ring.add("moment", format!("{:?}", frame.moment));
     ring.add("shares", frame.settings.shares.to_string());
-    ring.add("format", plan.format.to_string());
+    // Frames that differ in name alone keep their pieces apart.
+    ring.add("image", plan.frame.image.as_os_str().as_encoded_bytes());
     Ok(ring.key())
 }
 

@@ -20,7 +20,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use common::{random_scenes, scene_folder};
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::render::{Account, Adaptive, LayerKind, Memory, Monitor, RenderSettings, Rendering, render};
+use whit::render::{
+    Account, Adaptive, LayerKind, LightLayers, Memory, Monitor, RenderSettings, Rendering, render,
+};
 use whit::scene::{Effect, Scene};
 
 /// The system's allocator, which keeps count.
@@ -241,7 +243,24 @@ fn bytes_are_what_an_allocator_counts_to_within_a_twentieth() {
         layers: LayerKind::ALL.into_iter().collect(),
         ..settings
     });
-    for (name, share) in [("adaptive", adaptive), ("AOVs", told), ("layers", layered)] {
+    let divided = |name: &str| {
+        share_of_counted(name, 1, |settings| RenderSettings {
+            spp: 1,
+            light_layers: LightLayers {
+                lights: true,
+                effects: true,
+            },
+            ..settings
+        })
+    };
+    let (lit, smoky) = (divided("glass_of_water"), divided("smoke"));
+    for (name, share) in [
+        ("adaptive", adaptive),
+        ("AOVs", told),
+        ("layers", layered),
+        ("layers of light", lit),
+        ("layers of light in smoke", smoky),
+    ] {
         assert!((0.95..=1.05).contains(&share), "{name}: {share}");
     }
 }

@@ -15,7 +15,7 @@ use cli_program::fails_with;
 use common::pictures::{rendered, settings};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::LoadOptions;
-use whit::render::{LightLayers, Monitor, Parts, Region, RenderSettings, Rendering};
+use whit::render::{LayerKind, LayerSet, LightLayers, Monitor, Parts, Region, RenderSettings, Rendering};
 use whit::scene::Scene;
 
 /// Of several volumes and lamps, of glass, of mirrors, with textures, lobes and light within bodies.
@@ -139,25 +139,47 @@ fn each_light_alone_gives_its_layer() {
 #[test]
 fn reflections_are_dark_where_no_mirror_is_seen() {
     let scene = load("whitted_1980.toml");
-    let layered = render(&scene, &with_light(24));
-    let reflected = values(&layered, "effect.reflection.G");
-    let no_depth = RenderSettings {
-        depth: 0,
-        ..with_light(24)
+    let seen = RenderSettings {
+        layers: LayerSet::NONE.with(LayerKind::Ids),
+        // One sample, so that a pixel sees one thing.
+        spp: 1,
+        ..with_light(32)
     };
-    let direct = render(&scene, &no_depth);
-    // What needs no second step is direct light, and nothing else.
-    assert_eq!(
-        values(&layered, "effect.direct.G"),
-        values(&direct, "effect.direct.G")
-    );
-    assert!(
-        values(&direct, "effect.reflection.G")
-            .iter()
-            .all(|&value| value == 0.0)
-    );
-    let mirrors = reflected.iter().filter(|&&value| value > 0.0).count();
-    assert!(mirrors > 0 && mirrors < reflected.len(), "{mirrors}");
+    let layered = render(&scene, &seen);
+    let reflected = values(&layered, "effect.reflection.G");
+    let refracted = values(&layered, "effect.refraction.G");
+    let mut counts = [0; 3];
+    for (pixel, &object) in values(&layered, "id.object").iter().enumerate() {
+        let name = match object {
+            -1.0 => "sky",
+            _ => &scene.instances[object as usize].name,
+        };
+        match name {
+            "mirror ball" => counts[0] += usize::from(reflected[pixel] > 0.0 && refracted[pixel] == 0.0),
+            "glass ball" => counts[1] += usize::from(refracted[pixel] > 0.0),
+            _ => {
+                assert_eq!((reflected[pixel], refracted[pixel]), (0.0, 0.0), "{name} {pixel}");
+                counts[2] += 1;
+            }
+        }
+    }
+    assert!(counts.iter().all(|&count| count > 0), "{counts:?}");
+}
+
+#[test]
+fn direct_light_is_what_a_picture_without_further_steps_shows() {
+    let scene = load("whitted_1980.toml");
+    let no_steps = RenderSettings {
+        depth: 0,
+        ..settings(24, 2)
+    };
+    let (layered, direct) = (render(&scene, &with_light(24)), render(&scene, &no_steps));
+    let green: Vec<f32> = direct.image.pixels.iter().map(|pixel| pixel[1]).collect();
+    // Rounded to f32 once each, of sums that may have been made in another order.
+    for (&layer, whole) in values(&layered, "effect.direct.G").iter().zip(green) {
+        let off = (f64::from(layer) - f64::from(whole)).abs();
+        assert!(off <= bound(f64::from(whole), 1), "{layer} for {whole}");
+    }
 }
 
 #[test]

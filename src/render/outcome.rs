@@ -114,8 +114,8 @@ impl<'f, 's> Outcome<'f, 's> {
         stage: Stage,
     ) {
         // Whoever wants to know whose light it is takes the way that keeps it.
-        let is_plain = !self.frame.light_sheet.is_wanted();
-        if is_plain && self.frame.effects().are_within(EffectSet::PLAIN) {
+        let divides_light = self.frame.light_sheet.is_wanted();
+        if !divides_light && self.frame.effects().are_within(EffectSet::PLAIN) {
             self.shade_packets::<true>(surfaces, packets, paths, stage);
         } else {
             self.shade_packets::<false>(surfaces, packets, paths, stage);

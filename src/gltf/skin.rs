@@ -170,8 +170,7 @@ impl Joints {
                     return Err(format!("the weight {weight}"));
                 }
                 let Some(map) = self.map_of(joint) else {
-                    let count = self.mesh_from_bind.len();
-                    return Err(format!("the joint {joint}, but its skin has {count}"));
+                    return Err(self.no_joint(joint));
                 };
                 let weight = f64::from(weight);
                 matrix += map.matrix3 * weight;
@@ -180,12 +179,24 @@ impl Joints {
             }
         }
         if sum == 0.0 {
-            return Err("no weight for any joint".into());
+            return self.loose_map(sets, vertex);
         }
         Ok(DAffine3::from_mat3_translation(
             matrix * sum.recip(),
             translation / sum,
         ))
+    }
+
+    /// The map of a vertex that no joint has any weight for: that of the first of its joints. Sound files have such vertices.
+    fn loose_map(&self, sets: &[Influences], vertex: usize) -> Result<DAffine3, String> {
+        let first = sets.first().map_or(0.0, |set| set.joints[vertex][0]);
+        let map = self.map_of(first).copied();
+        map.ok_or_else(|| self.no_joint(first))
+    }
+
+    fn no_joint(&self, joint: f32) -> String {
+        let count = self.mesh_from_bind.len();
+        format!("the joint {joint}, but its skin has {count}")
     }
 
     /// The map of a joint, whose number comes as a float.
@@ -236,12 +247,20 @@ mod tests {
     }
 
     #[test]
+    fn a_vertex_without_weights_goes_with_its_first_joint() {
+        let map = joints()
+            .mean_map(&[set([1.0, 2.0, 0.0, 0.0], [0.0; 4])], 0)
+            .unwrap();
+        assert_eq!(map.transform_point3(DVec3::ZERO), DVec3::new(8.0, 0.0, 0.0));
+    }
+
+    #[test]
     fn joints_and_weights_that_say_nothing_are_told() {
         let fault = |joint, weight| {
             let set = set([joint, 0.0, 0.0, 0.0], [weight, 0.0, 0.0, 0.0]);
             joints().mean_map(&[set], 0).unwrap_err()
         };
-        assert_eq!(fault(0.0, 0.0), "no weight for any joint");
+        assert_eq!(fault(7.0, 0.0), "the joint 7, but its skin has 3");
         assert_eq!(fault(0.0, -0.5), "the weight -0.5");
         assert_eq!(fault(0.0, f32::NAN), "the weight NaN");
         assert_eq!(fault(3.0, 1.0), "the joint 3, but its skin has 3");

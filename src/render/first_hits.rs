@@ -32,7 +32,7 @@ pub(super) struct FirstHits<'f, 's> {
     /// Those that are wanted, in their order.
     mattes: Vec<Matte>,
     /// What a packet adds to each of the sums.
-    rows: [Lanes<f64>; MOST_SUMS],
+    rows: [Lanes<f32>; MOST_SUMS],
 }
 
 /// The lanes of a packet that met anything, and their pixels.
@@ -96,7 +96,7 @@ impl<'f, 's> FirstHits<'f, 's> {
                     );
                     1
                 }
-                LayerKind::Normal => widened(&surfaces.points.ns, rows),
+                LayerKind::Normal => copied(&surfaces.points.ns, rows),
                 LayerKind::Albedo => albedo(&surfaces.materials, rows),
                 LayerKind::Position => self.positions(&surfaces.points, place),
                 LayerKind::Uv => self.tex_coords(packet, &met, place),
@@ -148,7 +148,7 @@ impl<'f, 's> FirstHits<'f, 's> {
         let file = &self.frame.scene.normalisation;
         let center = file.center.to_array();
         for axis in 0..3 {
-            self.rows[place + axis] = points.p[axis].map(|p| p / file.scale + center[axis]);
+            self.rows[place + axis] = points.p[axis].map(|p| (p / file.scale + center[axis]) as f32);
         }
         3
     }
@@ -158,8 +158,7 @@ impl<'f, 's> FirstHits<'f, 's> {
         for l in (0..LANES).filter(|&l| met.hit[l]) {
             let pose = surfaces.pose(packet, l);
             let chart = surfaces.view(packet.instance[l]).chart(&pose, 0, packet, l);
-            let [u, v] = chart.uv.map(f64::from);
-            (self.rows[place][l], self.rows[place + 1][l]) = (u, v);
+            [self.rows[place][l], self.rows[place + 1][l]] = chart.uv;
         }
         2
     }
@@ -169,7 +168,7 @@ impl<'f, 's> FirstHits<'f, 's> {
             for l in (0..LANES).filter(|&l| met.hit[l]) {
                 let instance = &self.frame.scene.instances[packet.instance[l] as usize];
                 let moved = motion.of(points.point(l), instance, packet.time[l]);
-                (self.rows[place][l], self.rows[place + 1][l]) = (moved.x, moved.y);
+                [self.rows[place][l], self.rows[place + 1][l]] = moved.as_vec2().to_array();
             }
         }
         2
@@ -241,13 +240,14 @@ impl Met {
 
     /// Adds one value a lane to the sums of pixels.
     #[inline(always)]
-    fn add(&self, row: &Lanes<f64>, sums: &mut [f64]) {
+    fn add(&self, row: &Lanes<f32>, sums: &mut [f64]) {
+        let row: Lanes<f32> = std::array::from_fn(|l| if self.hit[l] { row[l] } else { 0.0 });
         if let Some(pixel) = self.only {
-            sums[pixel] += sum_of_lanes(row, &self.hit);
+            sums[pixel] += f64::from(sum_of_lanes(row));
             return;
         }
         for l in 0..LANES {
-            sums[self.pixel[l]] += if self.hit[l] { row[l] } else { 0.0 };
+            sums[self.pixel[l]] += f64::from(row[l]);
         }
     }
 }
@@ -276,10 +276,9 @@ fn sum_count(wanted: LayerSet) -> usize {
     summed.map(|kind| kind.names().len()).sum()
 }
 
-/// The sum of the values of lanes that have hit something, by halves.
+/// The sum of sixteen values by halves: rounded four times, and so no worse than the f32 that it becomes a part of.
 #[inline(always)]
-fn sum_of_lanes(row: &Lanes<f64>, hit: &Lanes<bool>) -> f64 {
-    let mut halves: Lanes<f64> = std::array::from_fn(|l| if hit[l] { row[l] } else { 0.0 });
+fn sum_of_lanes(mut halves: Lanes<f32>) -> f32 {
     let mut width = LANES / 2;
     while width > 0 {
         for l in 0..width {
@@ -292,31 +291,32 @@ fn sum_of_lanes(row: &Lanes<f64>, hit: &Lanes<bool>) -> f64 {
 
 /// From where rays start to the points, in a unit of which there are `scale`.
 #[inline(always)]
-fn distances(packet: &RayPacket, points: &SurfacePacket, scale: f64, row: &mut Lanes<f64>) {
+fn distances(packet: &RayPacket, points: &SurfacePacket, scale: f64, row: &mut Lanes<f32>) {
     let unit = scale.recip();
     for l in 0..LANES {
-        let [x, y, z] = [0, 1, 2].map(|axis| points.p[axis][l] - f64::from(packet.origin[axis][l]));
-        row[l] = (x * x + y * y + z * z).sqrt() * unit;
+        let way = |axis: usize| (points.p[axis][l] - f64::from(packet.origin[axis][l])) as f32;
+        let [x, y, z] = [way(0), way(1), way(2)];
+        row[l] = (f64::from((x * x + y * y + z * z).sqrt()) * unit) as f32;
     }
 }
 
 #[inline(always)]
-fn widened(lanes: &Lanes3<f32>, rows: &mut [Lanes<f64>]) -> usize {
+fn copied(lanes: &Lanes3<f32>, rows: &mut [Lanes<f32>]) -> usize {
     for (row, lanes) in rows.iter_mut().zip(lanes) {
-        *row = lanes.map(f64::from);
+        *row = *lanes;
     }
     3
 }
 
 /// What part of the light that arrives surfaces may send back without a highlight.
 #[inline(always)]
-fn albedo(materials: &MaterialPacket, rows: &mut [Lanes<f64>]) -> usize {
-    widened(&materials.base_color, rows);
+fn albedo(materials: &MaterialPacket, rows: &mut [Lanes<f32>]) -> usize {
+    copied(&materials.base_color, rows);
     let rich = &materials.rich;
     if rich.is_lecture.contains(&true) {
         for channel in 0..3 {
             for l in (0..LANES).filter(|&l| rich.is_lecture[l]) {
-                rows[channel][l] *= f64::from(rich.diffuse[channel][l]);
+                rows[channel][l] *= rich.diffuse[channel][l];
             }
         }
     }
@@ -329,7 +329,7 @@ mod tests {
 
     #[test]
     fn lanes_without_a_hit_add_nothing_to_one_pixel_or_to_several() {
-        let mut row = [f64::NAN; LANES];
+        let mut row = [f32::NAN; LANES];
         (row[2], row[9]) = (0.5, 4.0);
         let mut met = Met {
             hit: row.map(|value| !value.is_nan()),

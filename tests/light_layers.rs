@@ -11,10 +11,11 @@ mod cli_program;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use cli_program::fails_with;
+use cli_program::{fails_with, whit};
 use common::pictures::{rendered, settings};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::LoadOptions;
+use whit::image::rows::ExrRowsReader;
 use whit::render::{LayerKind, LayerSet, LightLayers, Monitor, Parts, Region, RenderSettings, Rendering};
 use whit::scene::Scene;
 
@@ -207,6 +208,57 @@ fn layers_of_a_region_are_those_of_the_whole() {
             let start = (20 + y) * 48 + 10;
             assert_eq!(row, &all.values[start..start + 30], "{}", layer.name);
         }
+    }
+}
+
+/// The channels of a file, by name.
+fn channels(path: &Path, height: u32) -> Vec<(String, Vec<f32>)> {
+    let mut reader = ExrRowsReader::open(path).unwrap();
+    let names: Vec<String> = reader
+        .channels()
+        .iter()
+        .map(|channel| channel.name.clone())
+        .collect();
+    names
+        .into_iter()
+        .zip(reader.read_rows(0..height).unwrap())
+        .collect()
+}
+
+#[test]
+fn files_of_renders_and_of_batches_in_pieces_have_the_same_layers_which_add_up() {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/glass_of_water.toml");
+    let folder = tempfile::tempdir().unwrap();
+    let [alone, jobs, out] = ["alone.exr", "test.jobs.toml", "out"].map(|name| folder.path().join(name));
+    let word = |path: &Path| path.display().to_string();
+    let text = format!(
+        "[[job]]\nscene = '{}'\nsplit = {{ bands = 2 }}\nimage = \"a.exr\"\n\
+         settings = {{ size = \"24x70\", spp = 2, backend = \"bsp\", aov = \"lights,effects\" }}\n",
+        scene.display()
+    );
+    std::fs::write(&jobs, text).unwrap();
+    let fixed = "--size 24x70 --spp 2 --backend bsp --aov lights,effects --quiet";
+    let (scene, image, jobs) = (word(&scene), word(&alone), word(&jobs));
+    let rendered = ["render", &scene, "-o", &image]
+        .into_iter()
+        .chain(fixed.split(' '));
+    let batched = ["batch", &jobs, "--out", &word(&out), "--quiet"];
+    for run in [whit(&rendered.collect::<Vec<_>>()), whit(&batched)] {
+        assert_eq!(run.code, 0, "{}", run.stderr);
+    }
+    let found = channels(&alone, 70);
+    assert!(found == channels(&out.join("a.exr"), 70));
+    let of = |name: &str| &found.iter().find(|(called, _)| called == name).unwrap().1;
+    let layers: Vec<&Vec<f32>> = found
+        .iter()
+        .filter(|(name, _)| name.starts_with("light.") && name.ends_with(".G"))
+        .map(|(_, values)| values)
+        .collect();
+    assert!(layers.len() > 2);
+    for (index, &whole) in of("G").iter().enumerate() {
+        let sum: f64 = layers.iter().map(|layer| f64::from(layer[index])).sum();
+        let off = (sum - f64::from(whole)).abs();
+        assert!(off <= bound(sum, layers.len()), "{index}: {sum} for {whole}");
     }
 }
 

@@ -1,5 +1,7 @@
 //! Channels of a picture file beside its colours: what was asked for with `--aov`, by name.
 
+use std::borrow::Cow;
+
 use crate::image::ExtraKind;
 use crate::render::{Account, Layer, LayerKind, Rendering};
 
@@ -25,14 +27,14 @@ impl Aov {
 }
 
 /// The channels that were asked for beside the colours.
-pub(super) fn channels(job: &RenderJob, rendering: &Rendering) -> Vec<Layer> {
+pub(super) fn channels<'r>(job: &RenderJob, rendering: &'r Rendering) -> Vec<Cow<'r, Layer>> {
     let mut channels = cost_channels(job, rendering);
     if let Some(aovs) = &rendering.aovs {
         channels.push(exact("samples", aovs.samples.clone()));
         channels.push(exact("variance", aovs.variance.clone()));
     }
-    channels.extend(rendering.layers.iter().cloned());
-    channels
+    let made = channels.into_iter().map(Cow::Owned);
+    made.chain(rendering.layers.iter().map(Cow::Borrowed)).collect()
 }
 
 /// The channels of rays and of nanoseconds that were asked for: all together, and each account that has any.

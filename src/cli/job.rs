@@ -299,7 +299,8 @@ impl RenderJob {
             check_adaptive(&settings)?;
         }
         check_light_layers(&settings)?;
-        check_memory(&settings)?;
+        // Lights are known with the scene.
+        check_memory(&settings, 0)?;
         Ok(Shot {
             settings,
             tone: ToneMap { exposure_ev },
@@ -437,7 +438,7 @@ pub(super) fn settings(picture: &Output) -> Result<RenderSettings, Failure> {
         wavelengths: picture.wavelengths.unwrap_or(DEFAULT_WAVELENGTHS),
         ..RenderSettings::default()
     };
-    check_memory(&settings)?;
+    check_memory(&settings, 0)?;
     Ok(settings)
 }
 
@@ -453,10 +454,10 @@ fn filter(picture: &Output) -> Result<PixelFilter, Failure> {
 }
 
 /// Refuses pictures that the machine cannot hold.
-fn check_memory(settings: &RenderSettings) -> Result<(), Failure> {
+pub(super) fn check_memory(settings: &RenderSettings, light_count: usize) -> Result<(), Failure> {
     let (width, height) = (settings.width, settings.height);
     let pixels = u64::from(width) * u64::from(height);
-    let needed = memory::film_bytes(width, height) + settings.sampling_bytes_per_pixel() * pixels;
+    let needed = memory::film_bytes(width, height) + settings.sampling_bytes_per_pixel(light_count) * pixels;
     if let Some(available) = memory::available_bytes().filter(|&available| needed > available) {
         return Err(Failure::Input(format!(
             "an image of {width}x{height} pixels takes {} of memory and {} are free: give a smaller `--size`",

@@ -25,7 +25,7 @@ use super::args::RenderArgs;
 use super::channels;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{RenderJob, Shot, StatsTo, Target, choose_camera, effective_precision};
+use super::job::{RenderJob, Shot, StatsTo, Target, check_memory, choose_camera, effective_precision};
 use super::live::{self, Live};
 use super::notes::Notes;
 use super::output;
@@ -117,6 +117,7 @@ fn render_one(
     let aimed = aim(job, target, (&mut scene, &output), progress)?;
     let job = aimed.as_ref().map_or(job, |(job, _)| job);
     let shot = job.shot(&output)?;
+    check_memory(&shot.settings, scene.lights.len())?;
     let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
 
     progress.phase(&name, "build");

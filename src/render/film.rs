@@ -177,7 +177,6 @@ impl TileFilm {
             sums: Vec::new(),
             splat: samples.and_then(SampleFilm::splat).cloned(),
             estimates: estimates.map_or(Vec::new(), |all| cut(tile, all).copied().collect()),
-            layers: Vec::new(),
         }
     }
 

@@ -324,7 +324,6 @@ mod tests {
                     means: Vec::new(),
                     splat: Some(splat),
                     estimates: Vec::new(),
-                    layers: Vec::new(),
                 };
                 (tile, picture)
             })

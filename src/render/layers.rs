@@ -5,11 +5,8 @@
 //! whatever the picture's filter is; those of Cryptomatte are parts of all samples. Lengths and places are in the file's
 //! coordinates.
 
-use super::RenderSettings;
-use super::film::{self, Tile};
 use super::mattes::RANKS;
-use super::region::Cover;
-use super::wave::TilePicture;
+use super::region::Region;
 use crate::image::ExtraKind;
 
 /// A group of layers.
@@ -175,24 +172,24 @@ pub struct Layer {
     pub values: Vec<f32>,
 }
 
-/// The layers of what `cover` shows, of placed tiles.
-pub(super) fn assemble(
-    settings: &RenderSettings,
-    cover: &Cover,
-    tiles: &[(Tile, TilePicture)],
-) -> Vec<Layer> {
-    let [width, height] = cover.size();
-    let kinds = settings.layers.kinds();
-    let layers = kinds.flat_map(|kind| kind.names().iter().map(move |name| (kind, name)));
+impl Layer {
+    /// One of all pixels of `region`, to be filled.
+    pub(super) fn blank(name: String, kind: ExtraKind, region: &Region) -> Layer {
+        Layer {
+            name,
+            kind,
+            values: vec![0.0; region.width as usize * region.height as usize],
+        }
+    }
+}
+
+/// The layers of `region` that are wanted, to be filled.
+pub(super) fn blank(wanted: LayerSet, region: &Region) -> Vec<Layer> {
+    let layers = wanted
+        .kinds()
+        .flat_map(|kind| kind.names().iter().map(move |&name| (kind, name)));
     layers
-        .enumerate()
-        .map(|(index, (kind, &name))| Layer {
-            name: name.into(),
-            kind: kind.rounding(),
-            values: cover.cut(film::assemble(width, height, tiles, |picture| {
-                &picture.layers[index]
-            })),
-        })
+        .map(|(kind, name)| Layer::blank(name.into(), kind.rounding(), region))
         .collect()
 }
 

@@ -7,9 +7,8 @@
 use super::film::{self, TILE, Tile};
 use super::layers::Layer;
 use super::ledger::Account;
-use super::region::Cover;
+use super::region::Region;
 use super::samples::pixel_of;
-use super::wave::TilePicture;
 use crate::image::ExtraKind;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light};
@@ -38,9 +37,11 @@ impl LightLayers {
         self == LightLayers::NONE
     }
 
-    /// Groups of three channels that any scene has, and all effects.
-    pub(super) fn least_planes(self) -> usize {
-        usize::from(self.lights) + usize::from(self.effects) * (STEPS.len() + 1)
+    /// Groups of three channels that a scene with so many lights has at most.
+    pub(super) fn most_planes(self, light_count: usize) -> usize {
+        // Emission, the environment and bodies that scatter light within.
+        let lights = usize::from(self.lights) * (light_count + 3);
+        lights + usize::from(self.effects) * (STEPS.len() + 1)
     }
 }
 
@@ -191,21 +192,15 @@ impl LightSheet {
         steps.get(step).copied()
     }
 
-    /// The layers of what `cover` shows, of placed tiles whose first `before` layers are others.
-    pub(super) fn assemble(&self, before: usize, cover: &Cover, tiles: &[(Tile, TilePicture)]) -> Vec<Layer> {
-        let [width, height] = cover.size();
+    /// The layers of `region`, to be filled.
+    pub(super) fn blank(&self, region: &Region) -> Vec<Layer> {
         let channels = self
             .names
             .iter()
             .flat_map(|name| ["R", "G", "B"].map(|channel| format!("{name}.{channel}")));
-        let layer = |(index, name): (usize, String)| Layer {
-            name,
-            kind: ExtraKind::Color,
-            values: cover.cut(film::assemble(width, height, tiles, |picture| {
-                &picture.layers[before + index]
-            })),
-        };
-        channels.enumerate().map(layer).collect()
+        channels
+            .map(|name| Layer::blank(name, ExtraKind::Color, region))
+            .collect()
     }
 }
 

@@ -213,9 +213,7 @@ impl Frame<'_> {
         } else {
             0
         };
-        let layers = settings.layers.layer_count() + self.light_sheet.layer_count();
-        let layers = layers * size_of::<f32>();
-        let pixel = size_of::<[f32; 3]>() + estimate + layers + settings.filter.bytes_per_pixel() as usize;
+        let pixel = size_of::<[f32; 3]>() + estimate + settings.filter.bytes_per_pixel() as usize;
         (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TilePicture), Ledger)>()
     }
 
@@ -231,6 +229,11 @@ impl Frame<'_> {
 
     fn picture_bytes(&self) -> usize {
         self.pixel_count() * size_of::<[f32; 3]>()
+    }
+
+    /// Layers of all kinds that are wanted.
+    pub(super) fn layer_count(&self) -> usize {
+        self.settings.layers.layer_count() + self.light_sheet.layer_count()
     }
 
     /// What is as large as the picture.
@@ -250,9 +253,7 @@ impl Frame<'_> {
         if settings.sample_aovs {
             memory.add("sampling", "counts and variances", pixels * 2 * size_of::<f32>());
         }
-        let layers = settings.layers.layer_count() + self.light_sheet.layer_count();
-        let layers = pixels * layers * size_of::<f32>();
-        memory.add("film", "layers", layers);
+        memory.add("film", "layers", pixels * self.layer_count() * size_of::<f32>());
         memory.add("film", "ids of mattes", self.mattes.byte_count());
         if self.costs.is_some() {
             memory.add("other", "costs of pixels", pixels * PixelCosts::BYTES);

@@ -27,6 +27,7 @@ mod mosaic;
 mod outcome;
 mod pilot;
 pub mod plan;
+mod planes;
 mod probe;
 mod queue;
 mod record;
@@ -102,6 +103,7 @@ use mattes::MatteIds;
 use memory::ThreadMemory;
 use meter::Meter;
 use mosaic::Canvas;
+use planes::Planes;
 use region::Cover;
 use sampler::{Layout, PacketShape, SampleGroup};
 use screen_motion::ScreenMotion;
@@ -320,7 +322,11 @@ pub fn render(
 fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option<Rendering> {
     let settings = &frame.settings;
     let cover = Cover::of(region, settings);
-    let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, monitor)?;
+    let mut layers = layers::blank(settings.layers, region);
+    layers.extend(frame.light_sheet.blank(region));
+    let planes = Planes::over(&mut layers, region);
+    let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, Some(&planes), monitor)?;
+    drop(planes);
     let tiles = cover.placed(tiles);
     let [width, height] = cover.size();
     let mut meter = Meter::new(settings);
@@ -334,8 +340,6 @@ fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option
         })))
     };
     let aovs = settings.sample_aovs.then(aovs);
-    let mut layers = layers::assemble(settings, &cover, &tiles);
-    layers.extend(frame.light_sheet.assemble(layers.len(), &cover, &tiles));
     meter.lap_all_threads(Account::Film);
     ledger += meter.ledger;
     let image = LinearImage {
@@ -351,10 +355,11 @@ fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option
     })
 }
 
-/// Tiles with their pictures, in their order.
+/// Tiles with their pictures, in their order; their layers come into `planes`.
 fn render_tiles(
     frame: &Frame,
     tiles: &[Tile],
+    planes: Option<&Planes>,
     monitor: &Monitor,
 ) -> Option<(Vec<(Tile, TilePicture)>, Ledger)> {
     let finished = AtomicUsize::new(0);
@@ -362,7 +367,7 @@ fn render_tiles(
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
         }
-        let (picture, ledger) = wave.render_tile(tile);
+        let (picture, ledger) = wave.render_tile(tile, planes);
         monitor.show(tile, &picture.means);
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / tiles.len() as f64);

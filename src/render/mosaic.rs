@@ -199,7 +199,7 @@ pub fn render_mosaic(
             (super::SampleCounts::of(&shown), ledger)
         }
         None => {
-            let (tiles, ledger) = render_tiles(&frame, &pieces, monitor)?;
+            let (tiles, ledger) = render_tiles(&frame, &pieces, None, monitor)?;
             let (reach, side) = (reach(&settings), side(&settings));
             for (number, (tile, picture)) in tiles.into_iter().enumerate() {
                 let inner = Tile {

@@ -74,7 +74,7 @@ pub fn probe(
         .map(|(number, tile)| strip(tile, number, &settings))
         .collect();
     // The first one finds all caches cold and all queues empty, as it never is for long: it does not count.
-    strips.first().map(|&strip| wave.render_tile(strip));
+    strips.first().map(|&strip| wave.render_tile(strip, None));
     let mut probe = Probe {
         ledger: Ledger::default(),
         once,
@@ -105,7 +105,7 @@ fn undisturbed(wave: &mut Wave, strip: Tile) -> Ledger {
     let mut least = (f64::INFINITY, Ledger::default());
     for _ in 0..MOST_TRIES {
         let (start, worked) = (Instant::now(), thread_seconds());
-        let ledger = wave.render_tile(strip).1;
+        let ledger = wave.render_tile(strip, None).1;
         let (passed, worked) = (start.elapsed().as_secs_f64(), thread_seconds() - worked);
         let lost = (passed - worked) / passed;
         if lost < least.0 {

@@ -166,7 +166,7 @@ impl<'s> Parts<'s> {
         self.frame.keeps_sums = true;
         let frame = &self.frame;
         let cover = Cover::of(region, &frame.settings);
-        let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, monitor)?;
+        let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, None, monitor)?;
         let sums = cover.sums(frame, &cover.placed(tiles));
         ledger += std::mem::take(&mut self.ready);
         let ready_seconds = std::mem::take(&mut self.ready_seconds);

@@ -82,7 +82,7 @@ pub fn render_sample(
             return None;
         }
         let start = thread_seconds();
-        let (picture, ledger) = wave.render_tile(tile);
+        let (picture, ledger) = wave.render_tile(tile, None);
         let seconds = thread_seconds() - start;
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / chosen.len() as f64);

@@ -8,8 +8,9 @@ use crate::scene::CameraView;
 use crate::shading::ray_cone::Cone;
 
 impl RenderSettings {
-    /// Bytes that filters, adaptive sampling and AOVs take for each pixel, beyond the picture itself.
-    pub fn sampling_bytes_per_pixel(&self) -> u64 {
+    /// Bytes that filters, adaptive sampling and AOVs take for each pixel of a scene with so many lights, beyond the picture
+    /// itself.
+    pub fn sampling_bytes_per_pixel(&self, light_count: usize) -> u64 {
         let estimates = if self.target().is_some() || self.sample_aovs {
             // The tiles' and the picture's.
             2 * size_of::<Estimate>() + adaptive::LOOK_BYTES
@@ -28,10 +29,9 @@ impl RenderSettings {
         } else {
             0
         };
-        // In tiles, put together, and on their way into a file.
-        let layers = 3 * self.layers.layer_count() * size_of::<f32>();
-        // Those of lamps are the scene's.
-        let light = 3 * 3 * self.wanted_light().least_planes() * size_of::<f32>();
+        // Put together, and on their way into a file.
+        let layers = 2 * self.layers.layer_count() * size_of::<f32>();
+        let light = 2 * 3 * self.wanted_light().most_planes(light_count) * size_of::<f32>();
         (estimates + aovs + layers + light + costs) as u64 + self.filter.bytes_per_pixel()
     }
 

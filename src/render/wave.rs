@@ -20,6 +20,7 @@ use super::light_layers::LightFilm;
 use super::memory::{Held, Memory};
 use super::meter::Accounts;
 use super::outcome::{Outcome, Stage};
+use super::planes::Planes;
 use super::queue::{BATCH, Feelers, Generation, Sorts};
 use super::sampler::SampleGroup;
 use super::samples::SampleFilm;
@@ -62,8 +63,6 @@ pub(super) struct TilePicture {
     pub(super) splat: Option<Splat>,
     /// What the samples of each pixel tell, if that was asked for.
     pub(super) estimates: Vec<Estimate>,
-    /// The layers that are wanted, in their order.
-    pub(super) layers: Vec<Vec<f32>>,
 }
 
 /// Packets of samples for one pixel.
@@ -96,8 +95,8 @@ impl<'f, 's> Wave<'f, 's> {
         }
     }
 
-    /// The picture of a tile and what it took.
-    pub(super) fn render_tile(&mut self, tile: Tile) -> (TilePicture, Ledger) {
+    /// The picture of a tile, whose layers come into `planes`, and what it took.
+    pub(super) fn render_tile(&mut self, tile: Tile, planes: Option<&Planes>) -> (TilePicture, Ledger) {
         let frame = self.frame;
         let block = frame.shape.block as usize;
         let groups = &frame.groups[frame.part.clone()];
@@ -118,15 +117,22 @@ impl<'f, 's> Wave<'f, 's> {
         if frame.keeps_sums {
             picture.sums = outcome.film.sums_of(tile);
         }
-        if let Some(first_hits) = &mut self.outcome.first_hits {
-            picture.layers = first_hits.planes(tile);
-        }
-        if let Some(light) = self.outcome.film.light() {
-            picture.layers.extend(light.layers(tile, frame.settings.spp));
+        if let Some(planes) = planes {
+            planes.put(tile, &self.layers(tile));
         }
         self.note_memory(frame.tile_bytes(tile));
         self.outcome.finish(tile);
         (picture, self.outcome.meter.ledger)
+    }
+
+    /// The layers of a tile, each row by row.
+    fn layers(&mut self, tile: Tile) -> Vec<Vec<f32>> {
+        let first_hits = self.outcome.first_hits.as_mut();
+        let mut layers = first_hits.map_or(Vec::new(), |first_hits| first_hits.planes(tile));
+        if let Some(light) = self.outcome.film.light() {
+            layers.extend(light.layers(tile, self.frame.settings.spp));
+        }
+        layers
     }
 
     /// What the samples of each of `visits` tell, and what they took.
@@ -384,6 +390,8 @@ impl Wave<'_, '_> {
         outcome.film.add_to(&mut memory);
         let first_hits = outcome.first_hits.as_ref().map_or(0, |hits| hits.byte_count());
         memory.add(Account::Film.name(), "first hits of a tile", first_hits);
+        let layers = self.frame.layer_count() * (TILE * TILE) as usize * size_of::<f32>();
+        memory.add(Account::Film.name(), "layers of a tile", layers);
         let losses = outcome.losses.byte_count();
         memory.add(Account::Film.name(), "weights of lost rays", losses);
         let costs = outcome.meter.costs.as_ref().map_or(0, |costs| costs.byte_count());

@@ -145,7 +145,7 @@ fn probed(plan: &Plan, args: &BatchArgs, progress: &Progress) -> Result<Cost, Fa
     Ok(Cost {
         seconds: forecast.seconds,
         ready: loaded.seconds + stage.build_seconds,
-        bytes: loaded.bytes(&plan.job) + film_bytes(&shot.settings, args.time),
+        bytes: loaded.bytes(&plan.job) + film_bytes(&stage.film(&shot.settings), args.time),
         size: [shot.settings.width, shot.settings.height],
         spp: shot.settings.spp,
     })

@@ -1,5 +1,6 @@
 //! One frame of a batch, or the pieces of it that are this process's: rows after rows, kept on the way.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::path::Path;
 use std::time::Instant;
@@ -230,7 +231,7 @@ impl<'a> Making<'a> {
             .map_or(&*stage.accel, |projected| projected as &dyn Accel);
         let mut parts = self.parts(accel)?;
         for rows in missing {
-            let mut steps = Steps::new(rows, &shot.settings, self.limits.checkpoint);
+            let mut steps = Steps::new(rows, &self.stage.film(&shot.settings), self.limits.checkpoint);
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 match self.rows(&mut parts, &rows) {
@@ -316,7 +317,7 @@ impl<'a> Making<'a> {
         let mut parts = self.parts(&*stage.accel)?;
         let share = self.folder.cut().share(index);
         for rows in missing {
-            let mut steps = Steps::new(rows, &settings, self.limits.checkpoint);
+            let mut steps = Steps::new(rows, &self.stage.film(&settings), self.limits.checkpoint);
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 let region = Region::of_rows(&settings, rows.clone());
@@ -454,16 +455,21 @@ fn joined(kept: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> 
 /// The channels of a rendering.
 fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
     let mut planes = color_planes(&rendering.image.pixels);
-    planes.extend(channels(job, rendering).into_iter().map(|layer| Plane {
-        name: layer.name,
-        kind: layer.kind,
-        values: layer.values,
-    }));
+    planes.extend(
+        channels(job, rendering)
+            .into_iter()
+            .map(Cow::into_owned)
+            .map(|layer| Plane {
+                name: layer.name,
+                kind: layer.kind,
+                values: layer.values,
+            }),
+    );
     planes
 }
 
 fn check_memory(stage: &Stage, plan: &Plan, shot: &Shot, limits: Limits) -> Result<(), Failure> {
-    let needed = stage.loaded.bytes(&plan.job) + film_bytes(&shot.settings, limits.time);
+    let needed = stage.loaded.bytes(&plan.job) + film_bytes(&stage.film(&shot.settings), limits.time);
     match limits.max_memory.filter(|&most| needed > most) {
         None => Ok(()),
         Some(most) => Err(Failure::Work(format!(

@@ -16,25 +16,35 @@ pub(super) fn is_one(settings: &RenderSettings) -> bool {
 }
 
 /// Bytes that the picture takes until it is written; `time` is what there is for all of it, if that is limited.
-pub(super) fn film_bytes(settings: &RenderSettings, time: Option<f64>) -> u64 {
-    let whole = bytes_of(settings, settings.height);
-    if is_one(settings) || time.is_some() {
+pub(super) fn film_bytes(film: &Film, time: Option<f64>) -> u64 {
+    let whole = film.bytes_of(film.settings.height);
+    if is_one(&film.settings) || time.is_some() {
         return whole;
     }
     // Rows in the making, and those that are kept, which may be too many by the last that came to them.
-    whole.min(2 * bytes_of(settings, most_rows(settings)) + MOST_KEPT as u64)
+    whole.min(2 * film.bytes_of(film.most_rows()) + MOST_KEPT as u64)
 }
 
-fn bytes_of(settings: &RenderSettings, rows: u32) -> u64 {
-    let pixels = u64::from(settings.width) * u64::from(rows);
-    memory::film_bytes(settings.width, rows) + settings.sampling_bytes_per_pixel() * pixels
+/// What is kept of a picture.
+pub(super) struct Film {
+    pub(super) settings: RenderSettings,
+    /// Lights of the scene, which may have layers of their own.
+    pub(super) light_count: usize,
 }
 
-/// How many rows may be rendered at a time: whole tiles.
-fn most_rows(settings: &RenderSettings) -> u32 {
-    let fitting = MOST_KEPT as u64 / bytes_of(settings, TILE_SIDE);
-    let rows = fitting.max(1).saturating_mul(u64::from(TILE_SIDE));
-    u32::try_from(rows).unwrap_or(u32::MAX / TILE_SIDE * TILE_SIDE)
+impl Film {
+    fn bytes_of(&self, rows: u32) -> u64 {
+        let pixels = u64::from(self.settings.width) * u64::from(rows);
+        let of_pixel = self.settings.sampling_bytes_per_pixel(self.light_count);
+        memory::film_bytes(self.settings.width, rows) + of_pixel * pixels
+    }
+
+    /// How many rows may be rendered at a time: whole tiles.
+    fn most_rows(&self) -> u32 {
+        let fitting = MOST_KEPT as u64 / self.bytes_of(TILE_SIDE);
+        let rows = fitting.max(1).saturating_mul(u64::from(TILE_SIDE));
+        u32::try_from(rows).unwrap_or(u32::MAX / TILE_SIDE * TILE_SIDE)
+    }
 }
 
 /// Rows that are rendered step by step: few at first, then as many as can be lost.
@@ -47,10 +57,10 @@ pub(super) struct Steps {
 
 impl Steps {
     /// Steps through `rows`, of which so many seconds may be lost.
-    pub(super) fn new(rows: Range<u32>, settings: &RenderSettings, checkpoint: f64) -> Steps {
-        let columns = settings.width.div_ceil(TILE_SIDE) as usize;
+    pub(super) fn new(rows: Range<u32>, film: &Film, checkpoint: f64) -> Steps {
+        let columns = film.settings.width.div_ceil(TILE_SIDE) as usize;
         let tiles = FIRST_TILES * rayon::current_num_threads();
-        let most = most_rows(settings);
+        let most = film.most_rows();
         Steps {
             rows,
             step: most.min(TILE_SIDE * tiles.div_ceil(columns) as u32),
@@ -82,17 +92,20 @@ impl Steps {
 mod tests {
     use super::*;
 
-    fn settings(width: u32, height: u32) -> RenderSettings {
-        RenderSettings {
-            width,
-            height,
-            ..RenderSettings::default()
+    fn film(width: u32, height: u32) -> Film {
+        Film {
+            settings: RenderSettings {
+                width,
+                height,
+                ..RenderSettings::default()
+            },
+            light_count: 0,
         }
     }
 
     #[test]
     fn rows_are_all_made_once_by_whole_tiles() {
-        let mut steps = Steps::new(5..1000, &settings(100, 1000), 60.0);
+        let mut steps = Steps::new(5..1000, &film(100, 1000), 60.0);
         let mut end = 5;
         while let Some(rows) = steps.next() {
             assert_eq!(rows.start, end);
@@ -105,7 +118,7 @@ mod tests {
 
     #[test]
     fn slow_rows_go_tile_by_tile_and_fast_ones_fill_their_memory_at_most() {
-        let wide = settings(1 << 14, 1 << 20);
+        let wide = film(1 << 14, 1 << 20);
         let mut steps = Steps::new(0..1 << 20, &wide, 60.0);
         let rows = steps.next().unwrap();
         steps.took(&rows, 1e9);
@@ -113,8 +126,8 @@ mod tests {
         assert_eq!(slow.end - slow.start, TILE_SIDE);
         steps.took(&slow, 0.0);
         let fast = steps.next().unwrap();
-        assert_eq!(fast.end - fast.start, most_rows(&wide));
-        let bytes = bytes_of(&wide, fast.end - fast.start);
+        assert_eq!(fast.end - fast.start, wide.most_rows());
+        let bytes = wide.bytes_of(fast.end - fast.start);
         assert!(
             (MOST_KEPT as u64 / 2..=MOST_KEPT as u64).contains(&bytes),
             "{bytes}"
@@ -123,15 +136,24 @@ mod tests {
 
     #[test]
     fn a_huge_picture_takes_little_but_where_all_of_it_is_made_at_once() {
-        let huge = settings(1 << 17, 1 << 17);
+        let huge = film(1 << 17, 1 << 17);
         assert!(film_bytes(&huge, None) <= 3 * MOST_KEPT as u64);
-        assert_eq!(film_bytes(&huge, Some(1.0)), bytes_of(&huge, 1 << 17));
-        let costly = RenderSettings {
-            cost_aovs: true,
-            ..huge
-        };
-        assert_eq!(film_bytes(&costly, None), bytes_of(&costly, 1 << 17));
-        let small = settings(64, 64);
-        assert_eq!(film_bytes(&small, None), bytes_of(&small, 64));
+        assert_eq!(film_bytes(&huge, Some(1.0)), huge.bytes_of(1 << 17));
+        let mut costly = film(1 << 17, 1 << 17);
+        costly.settings.cost_aovs = true;
+        assert_eq!(film_bytes(&costly, None), costly.bytes_of(1 << 17));
+        let small = film(64, 64);
+        assert_eq!(film_bytes(&small, None), small.bytes_of(64));
+    }
+
+    #[test]
+    fn layers_of_lights_take_what_they_take() {
+        let mut lit = film(64, 64);
+        let plain = lit.bytes_of(64);
+        lit.light_count = 1000;
+        assert_eq!(lit.bytes_of(64), plain);
+        lit.settings.light_layers.lights = true;
+        // Three channels each at least.
+        assert!(lit.bytes_of(64) > plain + 1000 * 3 * 4 * 64 * 64);
     }
 }

@@ -8,6 +8,7 @@ use glam::DVec3;
 use crate::accel::Accel;
 use crate::batch::{Key, Keyring, Sources};
 use crate::gltf::Pose;
+use crate::render::RenderSettings;
 use crate::report::memory::MemoryForecast;
 use crate::scene::{Camera, Scene};
 use crate::scene_file::SceneFile;
@@ -17,6 +18,7 @@ use super::super::job::{RenderJob, choose_camera};
 use super::super::progress::Progress;
 use super::super::render;
 use super::plan::Plan;
+use super::rows::Film;
 
 /// A loaded scene.
 pub(super) struct Loaded {
@@ -91,6 +93,14 @@ impl<'s> Stage<'s> {
 
     pub(super) fn scene(&self) -> &'s Scene {
         &self.loaded.file.scene
+    }
+
+    /// What is kept of a picture of it.
+    pub(super) fn film(&self, settings: &RenderSettings) -> Film {
+        Film {
+            settings: *settings,
+            light_count: self.scene().lights.len(),
+        }
     }
 }
 

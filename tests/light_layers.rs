@@ -15,7 +15,7 @@ use cli_program::{fails_with, whit};
 use common::pictures::{rendered, settings};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::LoadOptions;
-use whit::image::rows::ExrRowsReader;
+use whit::image::rows::{ExrRowsReader, Samples};
 use whit::render::{LayerKind, LayerSet, LightLayers, Monitor, Parts, Region, RenderSettings, Rendering};
 use whit::scene::Scene;
 
@@ -219,10 +219,12 @@ fn channels(path: &Path, height: u32) -> Vec<(String, Vec<f32>)> {
         .iter()
         .map(|channel| channel.name.clone())
         .collect();
-    names
-        .into_iter()
-        .zip(reader.read_rows(0..height).unwrap())
-        .collect()
+    let floats = |samples| match samples {
+        Samples::Floats(values) => values.into_owned(),
+        Samples::Integers(_) => panic!("integers"),
+    };
+    let planes = reader.read_rows(0..height).unwrap().into_iter().map(floats);
+    names.into_iter().zip(planes).collect()
 }
 
 #[test]

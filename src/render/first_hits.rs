@@ -3,14 +3,13 @@
 //! Hits are those that are shaded, with the points and materials that shading takes: a layer costs its sums. Whoever wants
 //! none pays for one question a packet.
 
-use std::ops::Range;
-
 use multiversion::multiversion;
 
 use super::Frame;
-use super::film::{TILE, Tile};
+use super::film::{self, TILE, Tile};
 use super::layers::{LayerKind, LayerSet};
 use super::mattes::Matte;
+use super::planes::TileLayer;
 use super::samples::pixel_of;
 use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
@@ -25,6 +24,8 @@ pub(super) struct FirstHits<'f, 's> {
     frame: &'f Frame<'s>,
     /// Of each pixel, `TILE` to a row: samples that met anything.
     counts: Vec<u32>,
+    /// What makes means of sums over them; 0 where there are none.
+    scales: Vec<f64>,
     /// Instance, material and primitive of the first of them.
     ids: Vec<[u32; 3]>,
     /// Sums over them: of each wanted layer, in their order, but for the ids.
@@ -52,6 +53,7 @@ impl<'f, 's> FirstHits<'f, 's> {
             Box::new(FirstHits {
                 frame,
                 counts: vec![0; pixel_count],
+                scales: vec![0.0; pixel_count],
                 ids: vec![[0; 3]; pixel_count],
                 sums: vec![vec![0.0; pixel_count]; sum_count(wanted)],
                 mattes: frame.mattes.iter().map(|_| Matte::new()).collect(),
@@ -71,7 +73,8 @@ impl<'f, 's> FirstHits<'f, 's> {
     pub(super) fn byte_count(&self) -> usize {
         let sums: usize = self.sums.iter().map(|sums| size_of_val(&sums[..])).sum();
         let mattes: usize = self.mattes.iter().map(Matte::byte_count).sum();
-        size_of_val(self) + size_of_val(&self.counts[..]) + size_of_val(&self.ids[..]) + sums + mattes
+        let counted = size_of_val(&self.counts[..]) + size_of_val(&self.scales[..]);
+        size_of_val(self) + counted + size_of_val(&self.ids[..]) + sums + mattes
     }
 
     /// Adds what a camera packet has met, `surfaces` worked out.
@@ -82,6 +85,9 @@ impl<'f, 's> FirstHits<'f, 's> {
     #[inline(always)]
     fn add_inlined(&mut self, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
         let met = Met::of(packet, label);
+        if !met.hit.contains(&true) {
+            return;
+        }
         self.count(packet, &met);
         let mut place = 0;
         for kind in self.frame.settings.layers.kinds() {
@@ -174,56 +180,53 @@ impl<'f, 's> FirstHits<'f, 's> {
         2
     }
 
-    /// The wanted layers of a tile, each row by row.
-    pub(super) fn planes(&mut self, tile: Tile) -> Vec<Vec<f32>> {
+    /// The wanted layers of a tile.
+    pub(super) fn layers(&mut self, tile: Tile) -> Vec<TileLayer<'_>> {
+        for (scale, &count) in self.scales.iter_mut().zip(&self.counts) {
+            *scale = if count == 0 { 0.0 } else { f64::from(count).recip() };
+        }
         let samples = self.frame.samples_taken();
         let mattes = self.mattes.iter_mut();
         let mut mattes: Vec<Vec<Vec<f32>>> = mattes.map(|matte| matte.planes(tile, samples)).rev().collect();
         let mut sums = self.sums.iter();
-        let mut planes = Vec::with_capacity(self.frame.settings.layers.layer_count());
-        for kind in self.frame.settings.layers.kinds() {
+        let wanted = self.frame.settings.layers;
+        let mut layers = Vec::with_capacity(wanted.layer_count());
+        for kind in wanted.kinds() {
             match kind {
-                LayerKind::Ids => planes.extend((0..3).map(|part| self.ids_of(tile, part))),
+                LayerKind::Ids => {
+                    layers.extend((0..3).map(|part| TileLayer::Values(self.ids_of(tile, part))))
+                }
                 LayerKind::CryptoObject | LayerKind::CryptoMaterial => {
-                    planes.extend(mattes.pop().unwrap_or_default());
+                    layers.extend(
+                        mattes
+                            .pop()
+                            .unwrap_or_default()
+                            .into_iter()
+                            .map(TileLayer::Values),
+                    );
                 }
-                _ => {
-                    let sums = sums.by_ref().take(kind.names().len());
-                    planes.extend(sums.map(|sums| self.means_of(tile, kind, sums)));
-                }
+                _ => layers.extend(
+                    sums.by_ref()
+                        .take(kind.names().len())
+                        .map(|sums| TileLayer::Means {
+                            sums,
+                            scales: &self.scales,
+                            nothing: nothing(kind),
+                        }),
+                ),
             }
         }
-        planes
-    }
-
-    fn means_of(&self, tile: Tile, kind: LayerKind, sums: &[f64]) -> Vec<f32> {
-        let nothing = nothing(kind);
-        let mean = |(&count, &sum): (&u32, &f64)| {
-            let mean = (sum / f64::from(count.max(1))) as f32;
-            if count == 0 { nothing } else { mean }
-        };
-        let mut plane = Vec::with_capacity((tile.width * tile.height) as usize);
-        for row in rows(tile) {
-            plane.extend(self.counts[row.clone()].iter().zip(&sums[row]).map(mean));
-        }
-        plane
+        layers
     }
 
     fn ids_of(&self, tile: Tile, part: usize) -> Vec<f32> {
         let nothing = nothing(LayerKind::Ids);
         let id = |(&count, ids): (&u32, &[u32; 3])| if count == 0 { nothing } else { ids[part] as f32 };
-        let mut plane = Vec::with_capacity((tile.width * tile.height) as usize);
-        for row in rows(tile) {
-            plane.extend(self.counts[row.clone()].iter().zip(&self.ids[row]).map(id));
-        }
-        plane
+        film::cut(tile, &self.counts)
+            .zip(film::cut(tile, &self.ids))
+            .map(id)
+            .collect()
     }
-}
-
-/// The places of a tile's rows among the pixels of a whole one.
-fn rows(tile: Tile) -> impl Iterator<Item = Range<usize>> {
-    let [width, height] = [tile.width, tile.height].map(|size| size as usize);
-    (0..height).map(move |row| row * TILE as usize..row * TILE as usize + width)
 }
 
 impl Met {

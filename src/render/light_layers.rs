@@ -4,9 +4,10 @@
 //! stands in the label that every ray carries beside its pixel, so that no queue holds more for it: rays get it when their
 //! generation is traced, and those that they send inherit it. Layers are sums beside the picture's own.
 
-use super::film::{self, TILE, Tile};
+use super::film::TILE;
 use super::layers::Layer;
 use super::ledger::Account;
+use super::planes::TileLayer;
 use super::region::Region;
 use super::samples::pixel_of;
 use crate::image::ExtraKind;
@@ -278,19 +279,12 @@ impl LightFilm {
         }
     }
 
-    /// The layers of a tile, each row by row: means over `spp` samples.
-    pub(super) fn layers(&self, tile: Tile, spp: u32) -> Vec<Vec<f32>> {
-        let scale = 1.0 / f64::from(spp);
-        let channels = self
-            .planes
+    /// The layers of a tile: means over `spp` samples.
+    pub(super) fn layers(&self, spp: u32) -> impl Iterator<Item = TileLayer<'_>> {
+        let scale = f64::from(spp).recip();
+        self.planes
             .iter()
-            .flat_map(|plane| (0..3).map(move |c| (plane, c)));
-        let layer = |(plane, channel): (&Vec<[f64; 3]>, usize)| {
-            film::cut(tile, plane)
-                .map(|sum| (sum[channel] * scale) as f32)
-                .collect()
-        };
-        channels.map(layer).collect()
+            .flat_map(move |sums| (0..3).map(move |channel| TileLayer::Channel { sums, channel, scale }))
     }
 }
 

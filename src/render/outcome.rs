@@ -10,6 +10,7 @@ use super::ledger::Account;
 use super::light_layers::Source;
 use super::losses::{Limit, TileLosses};
 use super::meter::{Accounts, Meter, Moment};
+use super::planes::TileLayer;
 use super::queue::{Feelers, Generation, Paths, Sent};
 use super::surface::Surfaces;
 use super::texturing::Widths;
@@ -93,6 +94,16 @@ impl<'f, 's> Outcome<'f, 's> {
         if let (Some(sheet), Some(costs)) = (&self.frame.costs, &self.meter.costs) {
             sheet.add(tile, costs);
         }
+    }
+
+    /// The layers of a tile that are wanted.
+    pub(super) fn layers(&mut self, tile: Tile) -> Vec<TileLayer<'_>> {
+        let first_hits = self.first_hits.as_mut();
+        let mut layers = first_hits.map_or(Vec::new(), |first_hits| first_hits.layers(tile));
+        if let Some(light) = self.film.light() {
+            layers.extend(light.layers(self.frame.settings.spp));
+        }
+        layers
     }
 
     /// The effects that are on.

@@ -3,6 +3,8 @@
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
+use multiversion::multiversion;
+
 use super::film::{TILE, Tile};
 use super::layers::Layer;
 use super::region::Region;
@@ -45,21 +47,88 @@ impl<'p> Planes<'p> {
     }
 
     /// Puts the layers of a tile into their places, as far as these are in the rectangle.
-    pub(super) fn put(&self, tile: Tile, layers: &[Vec<f32>]) {
+    pub(super) fn put(&self, tile: Tile, layers: &[TileLayer]) {
         let region = &self.region;
         let columns = common(tile.x, tile.width, region.x, region.width);
         let rows = common(tile.y, tile.height, region.y, region.height);
         if columns.is_empty() || rows.is_empty() || layers.is_empty() {
             return;
         }
+        let window = Window {
+            rows: within(&rows, tile.y),
+            columns: within(&columns, tile.x),
+            tile_width: tile.width as usize,
+            first: (columns.start - region.x) as usize,
+            width: region.width as usize,
+        };
         let band = &self.bands[(tile.y / TILE - self.first) as usize];
         let mut band = band.lock().unwrap_or_else(PoisonError::into_inner);
         for (plane, layer) in band.iter_mut().zip(layers) {
-            let lines = plane.chunks_mut(region.width as usize);
-            let parts = layer.chunks(tile.width as usize);
-            for (line, part) in lines.zip(parts.skip((rows.start - tile.y) as usize)) {
-                let part = &part[within(&columns, tile.x)];
-                line[within(&columns, region.x)].copy_from_slice(part);
+            fill(plane, layer, &window);
+        }
+    }
+}
+
+/// One layer of a tile.
+pub(super) enum TileLayer<'t> {
+    /// Sums by their scales, `TILE` to a row; `nothing` where the scale is 0.
+    Means {
+        sums: &'t [f64],
+        scales: &'t [f64],
+        nothing: f32,
+    },
+    /// One channel of sums by their scale, `TILE` to a row.
+    Channel {
+        sums: &'t [[f64; 3]],
+        channel: usize,
+        scale: f64,
+    },
+    /// As it is to be, as wide as the tile.
+    Values(Vec<f32>),
+}
+
+/// What is shown of a tile, and where.
+struct Window {
+    /// Rows and columns of the tile.
+    rows: Range<usize>,
+    columns: Range<usize>,
+    tile_width: usize,
+    /// Where its columns begin in the rectangle, and how wide that is.
+    first: usize,
+    width: usize,
+}
+
+/// Writes what a window shows of a layer into the rows of a band, which begin with those.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn fill(plane: &mut [f32], layer: &TileLayer, window: &Window) {
+    let lines = plane.chunks_mut(window.width);
+    for (line, row) in lines.zip(window.rows.clone()) {
+        let line = &mut line[window.first..][..window.columns.len()];
+        let from = |width: usize| row * width + window.columns.start;
+        match layer {
+            TileLayer::Means {
+                sums,
+                scales,
+                nothing,
+            } => {
+                let start = from(TILE as usize);
+                let means = sums[start..].iter().zip(&scales[start..]);
+                for (value, (&sum, &scale)) in line.iter_mut().zip(means) {
+                    let mean = (sum * scale) as f32;
+                    *value = if scale == 0.0 { *nothing } else { mean };
+                }
+            }
+            TileLayer::Channel { sums, channel, scale } => {
+                for (value, sum) in line.iter_mut().zip(&sums[from(TILE as usize)..]) {
+                    *value = (sum[*channel] * scale) as f32;
+                }
+            }
+            TileLayer::Values(values) => {
+                let start = from(window.tile_width);
+                line.copy_from_slice(&values[start..start + line.len()]);
             }
         }
     }
@@ -102,26 +171,58 @@ mod tests {
                 kind: ExtraKind::Exact,
                 values: vec![f32::NAN; (columns * rows) as usize],
             };
-            let mut layers: Vec<Layer> = (0..2).map(blank).collect();
+            let mut layers: Vec<Layer> = (0..3).map(blank).collect();
             let planes = Planes::over(&mut layers, &region);
             // More tiles than are needed, in an order of their own.
             for tile in tiles(width, height).into_iter().rev() {
-                let of_layer = |layer| {
-                    let places =
-                        (0..tile.height).flat_map(|row| (0..tile.width).map(move |column| (column, row)));
-                    places
-                        .map(|(column, row)| value(tile.x + column, tile.y + row, layer))
-                        .collect()
+                let place = |index: u32| [index % TILE, index / TILE].map(|at| at.min(TILE - 1));
+                let sum =
+                    |index: u32| f64::from(value(tile.x + place(index)[0], tile.y + place(index)[1], 0));
+                let sums: Vec<f64> = (0..TILE * TILE).map(sum).collect();
+                let places =
+                    (0..tile.height).flat_map(|row| (0..tile.width).map(move |column| (column, row)));
+                let values = places.map(|(column, row)| value(tile.x + column, tile.y + row, 2));
+                let means = TileLayer::Means {
+                    sums: &sums,
+                    scales: &[1.0; (TILE * TILE) as usize],
+                    nothing: f32::NAN,
                 };
-                planes.put(tile, &[of_layer(0), of_layer(1)]);
+                let green: Vec<[f64; 3]> = sums.iter().map(|&sum| [f64::NAN, 2.0 * sum, f64::NAN]).collect();
+                let channel = TileLayer::Channel {
+                    sums: &green,
+                    channel: 1,
+                    scale: 0.5,
+                };
+                planes.put(tile, &[means, channel, TileLayer::Values(values.collect())]);
             }
             drop(planes);
             for (number, layer) in (0..).zip(&layers) {
                 for (index, &found) in (0..).zip(&layer.values) {
                     let [column, row] = [index % columns, index / columns];
-                    assert_eq!(found, value(x + column, y + row, number), "{region:?}");
+                    let wanted = value(x + column, y + row, if number == 2 { 2 } else { 0 });
+                    assert_eq!(found, wanted, "{region:?} {number}");
                 }
             }
         }
+    }
+
+    #[test]
+    fn where_there_is_nothing_stands_what_is_said_of_that() {
+        let region = Region {
+            x: 0,
+            y: 0,
+            width: 2,
+            height: 1,
+        };
+        let mut layers = vec![Layer::blank("Z".into(), ExtraKind::Exact, &region)];
+        let planes = Planes::over(&mut layers, &region);
+        let layer = TileLayer::Means {
+            sums: &[0.0, 6.0],
+            scales: &[0.0, 0.25],
+            nothing: f32::INFINITY,
+        };
+        planes.put(tiles(2, 1)[0], &[layer]);
+        drop(planes);
+        assert_eq!(layers[0].values, [f32::INFINITY, 1.5]);
     }
 }

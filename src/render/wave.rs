@@ -118,21 +118,11 @@ impl<'f, 's> Wave<'f, 's> {
             picture.sums = outcome.film.sums_of(tile);
         }
         if let Some(planes) = planes {
-            planes.put(tile, &self.layers(tile));
+            planes.put(tile, &self.outcome.layers(tile));
         }
         self.note_memory(frame.tile_bytes(tile));
         self.outcome.finish(tile);
         (picture, self.outcome.meter.ledger)
-    }
-
-    /// The layers of a tile, each row by row.
-    fn layers(&mut self, tile: Tile) -> Vec<Vec<f32>> {
-        let first_hits = self.outcome.first_hits.as_mut();
-        let mut layers = first_hits.map_or(Vec::new(), |first_hits| first_hits.planes(tile));
-        if let Some(light) = self.outcome.film.light() {
-            layers.extend(light.layers(tile, self.frame.settings.spp));
-        }
-        layers
     }
 
     /// What the samples of each of `visits` tell, and what they took.
@@ -390,8 +380,6 @@ impl Wave<'_, '_> {
         outcome.film.add_to(&mut memory);
         let first_hits = outcome.first_hits.as_ref().map_or(0, |hits| hits.byte_count());
         memory.add(Account::Film.name(), "first hits of a tile", first_hits);
-        let layers = self.frame.layer_count() * (TILE * TILE) as usize * size_of::<f32>();
-        memory.add(Account::Film.name(), "layers of a tile", layers);
         let losses = outcome.losses.byte_count();
         memory.add(Account::Film.name(), "weights of lost rays", losses);
         let costs = outcome.meter.costs.as_ref().map_or(0, |costs| costs.byte_count());

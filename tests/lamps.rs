@@ -405,7 +405,7 @@ fn a_picture_on_the_emission_shines_where_it_is_bright() {
         name: "half".into(),
         width: 4,
         height: 4,
-        texels: Texels::Floats((0..16).map(texel).collect()),
+        texels: Texels::Floats((0..16).map(texel).collect::<Vec<_>>().into()),
     });
     scene.textures.push(Texture::Image {
         image: 0,

@@ -276,7 +276,7 @@ fn neither_the_ambient_light_nor_an_environment_map_nor_a_lamp_counts_twice() {
         name: "white".into(),
         width: 4,
         height: 2,
-        texels: Texels::Floats(vec![[1.0; 4]; 8]),
+        texels: Texels::Floats(vec![[1.0; 4]; 8].into()),
     });
     mapped.background = Background::Environment {
         image: 0,

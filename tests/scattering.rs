@@ -242,11 +242,12 @@ fn studio() -> (Scene, Camera) {
             }),
         ],
     );
+    let texels: Vec<[f32; 4]> = (0..8).map(|i| [0.1 * i as f32, 0.3, 0.5, 1.0]).collect();
     scene.images.push(Image {
         name: "sky".into(),
         width: 4,
         height: 2,
-        texels: Texels::Floats((0..8).map(|i| [0.1 * i as f32, 0.3, 0.5, 1.0]).collect()),
+        texels: Texels::Floats(texels.into()),
     });
     scene.background = Background::Environment {
         image: 0,

@@ -185,7 +185,7 @@ fn white() -> (Image, Background) {
         name: "white".into(),
         width: 8,
         height: 4,
-        texels: Texels::Floats(vec![[1.0; 4]; 32]),
+        texels: Texels::Floats(vec![[1.0; 4]; 32].into()),
     };
     let background = Background::Environment {
         image: 0,

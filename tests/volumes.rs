@@ -203,7 +203,7 @@ fn in_white(sigma: f64, color: f64) -> Scene {
         name: "white".into(),
         width: 8,
         height: 4,
-        texels: Texels::Floats(vec![[1.0; 4]; 32]),
+        texels: Texels::Floats(vec![[1.0; 4]; 32].into()),
     };
     Scene {
         images: vec![white],

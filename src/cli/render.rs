@@ -16,7 +16,7 @@ use crate::report::stats::{
     effect_stats,
 };
 use crate::report::{heat, memory, table};
-use crate::scene::{Background, Camera, Scene};
+use crate::scene::{Background, Camera, Larder, Scene};
 use crate::scene_file::{Edit, Output, SceneFile};
 use crate::watch::TevViewer;
 
@@ -109,7 +109,7 @@ fn render_one(
             mut scene, output, ..
         },
         load_seconds,
-    ) = timed(|| load(job, (&target.scene, &[], job.pose.as_ref())))?;
+    ) = timed(|| load(job, (&target.scene, &[], job.pose.as_ref()), &Larder::default()))?;
     seconds.load = load_seconds;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
@@ -230,8 +230,9 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
 pub(super) fn load(
     job: &RenderJob,
     (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
+    larder: &Larder,
 ) -> Result<SceneFile, Failure> {
-    let mut loaded = scene::load((path, edits, pose), job.effects.removed)?;
+    let mut loaded = scene::load_from((path, edits, pose), job.effects.removed, larder)?;
     let scene = &mut loaded.scene;
     if let Some(ambient) = job.ambient {
         scene.ambient = ambient;

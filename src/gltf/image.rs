@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::buffer::Bytes;
 use super::document::Document;
 use super::{GltfError, LoadOptions};
-use crate::scene::{Image, Texels};
+use crate::scene::{Image, KeptImage, Larder, Texels};
 
 impl Document {
     /// Reads the images with these numbers, decoding those that are `wanted`.
@@ -43,7 +43,7 @@ impl Document {
         let read = |(index, (&number, source)): (usize, (&usize, &ImageBytes))| {
             let (width, height) = sizes[index];
             match is_wanted(index) {
-                true => self.decode_image(number, source),
+                true => self.decode_image(number, source, &options.larder),
                 false => Ok(Image {
                     name: self.image_name(number),
                     width,
@@ -62,21 +62,28 @@ impl Document {
             .collect()
     }
 
-    fn decode_image(&self, number: usize, source: &ImageBytes) -> Result<Image, GltfError> {
+    fn decode_image(&self, number: usize, source: &ImageBytes, larder: &Larder) -> Result<Image, GltfError> {
+        let decoded = larder.image(source.as_slice(), || self.decode_texels(number, source))?;
+        let [width, height] = decoded.size;
+        Ok(Image {
+            name: self.image_name(number),
+            width,
+            height,
+            texels: decoded.texels,
+        })
+    }
+
+    fn decode_texels(&self, number: usize, source: &ImageBytes) -> Result<KeptImage, GltfError> {
         let decoded = self.image_decoder(number, source).and_then(|decoder| {
             DynamicImage::from_decoder(decoder).map_err(|e| self.bad_image(number, &e))
         })?;
         let texels = decoded.into_rgba8();
         let (width, height) = texels.dimensions();
-        Ok(Image {
-            name: self.image_name(number),
-            width,
-            height,
-            texels: Texels::Bytes(
-                bytemuck::allocation::try_cast_vec(texels.into_raw()).unwrap_or_else(|(_, bytes)| {
-                    bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect()
-                }),
-            ),
+        let texels = bytemuck::allocation::try_cast_vec(texels.into_raw())
+            .unwrap_or_else(|(_, bytes)| bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect());
+        Ok(KeptImage {
+            size: [width, height],
+            texels: Texels::Bytes(texels.into()),
         })
     }
 

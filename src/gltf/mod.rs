@@ -44,7 +44,7 @@ pub(crate) use primitive::dropped_sentence;
 pub(crate) use view::framing_camera;
 
 use crate::numeric::Bounds;
-use crate::scene::{Background, EffectSet, Geometry, Instance, Normalisation, Scene};
+use crate::scene::{Background, EffectSet, Geometry, Instance, Larder, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
 use deformation::Deformation;
 use document::Document;
@@ -53,7 +53,7 @@ use node::PlacedNode;
 use primitive::{PrimitiveId, ReadPrimitive};
 
 /// Limits on what a file may ask for.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct LoadOptions {
     /// Texels of all images together; each takes 4 bytes.
     pub max_texels: u64,
@@ -63,6 +63,8 @@ pub struct LoadOptions {
     pub without: EffectSet,
     /// At which moment of which animation; `None` as the file places things without any.
     pub pose: Option<Pose>,
+    /// Images that need not be decoded again.
+    pub larder: Larder,
 }
 
 impl LoadOptions {
@@ -76,6 +78,7 @@ impl Default for LoadOptions {
             max_texels: LoadOptions::DEFAULT_MAX_TEXELS,
             without: EffectSet::NONE,
             pose: None,
+            larder: Larder::default(),
         }
     }
 }

@@ -5,6 +5,7 @@ mod camera;
 mod effect;
 mod instance;
 mod lamp;
+mod larder;
 mod lens;
 mod light;
 mod material;
@@ -24,6 +25,8 @@ use std::collections::HashSet;
 pub use camera::{Camera, CameraRay, CameraView, Projection, Shutter};
 pub use effect::{Effect, EffectOverrides, EffectSet};
 pub use instance::Instance;
+pub(crate) use larder::KeptImage;
+pub use larder::{Larder, LarderCounts};
 pub use lens::{Aperture, Lens, LensError, LensView};
 pub use light::{AreaShape, Falloff, Light, LightKind};
 pub use material::{

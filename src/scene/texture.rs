@@ -1,6 +1,7 @@
 //! Textures: images and procedures, how they are looked up, and which parameter of a material they change.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use super::Effect;
 use crate::image::{self, ImageError, ReadPixels, TransferCurve};
@@ -77,7 +78,7 @@ impl Parameter {
 }
 
 /// How the bytes of an image are meant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Encoding {
     /// RGB by the sRGB curve, alpha linear.
     Srgb,
@@ -256,8 +257,8 @@ impl Image {
             width: read.width,
             height: read.height,
             texels: match read.pixels {
-                ReadPixels::Bytes(texels) => Texels::Bytes(texels),
-                ReadPixels::Floats(texels) => Texels::Floats(texels),
+                ReadPixels::Bytes(texels) => Texels::Bytes(texels.into()),
+                ReadPixels::Floats(texels) => Texels::Floats(texels.into()),
             },
         })
     }
@@ -276,13 +277,13 @@ impl Image {
     }
 }
 
-/// The pixels of an image.
+/// The pixels of an image; copies share them.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Texels {
     /// RGBA, 8 bits each, as stored.
-    Bytes(Vec<[u8; 4]>),
+    Bytes(Arc<Vec<[u8; 4]>>),
     /// Linear RGBA (EXR, Radiance HDR, 16 bits a channel).
-    Floats(Vec<[f32; 4]>),
+    Floats(Arc<Vec<[f32; 4]>>),
     /// Left in the file, as nothing that is simulated looks at them; who does all the same sees white.
     Unread,
 }
@@ -303,6 +304,20 @@ impl Texels {
             Texels::Bytes(texels) => size_of_val(&texels[..]) as u64,
             Texels::Floats(texels) => size_of_val(&texels[..]) as u64,
             Texels::Unread => 0,
+        }
+    }
+
+    /// What they take of a budget of texels of 8 bits a channel.
+    pub fn budget(&self) -> u64 {
+        self.byte_count() / size_of::<[u8; 4]>() as u64
+    }
+
+    /// Whether anybody else holds them too.
+    pub(super) fn is_shared(&self) -> bool {
+        match self {
+            Texels::Bytes(texels) => Arc::strong_count(texels) > 1,
+            Texels::Floats(texels) => Arc::strong_count(texels) > 1,
+            Texels::Unread => false,
         }
     }
 

@@ -373,7 +373,7 @@ mod tests {
                 name: "dot".into(),
                 width: 1,
                 height: 1,
-                texels: Texels::Bytes(vec![[255; 4]]),
+                texels: Texels::Bytes(vec![[255; 4]].into()),
             }],
             lights: vec![Light {
                 name: "sun".into(),

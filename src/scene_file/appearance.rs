@@ -13,7 +13,7 @@ use super::fault::{Fault, Source};
 use super::texture::{TextureForm, TextureKind};
 use super::value::At;
 use crate::image::ImageError;
-use crate::scene::{Effect, Encoding, Image, Layer, Texels, Texture, TextureUse};
+use crate::scene::{Effect, Encoding, Image, Larder, Layer, Texels, Texture, TextureUse};
 
 impl Assembler {
     /// Reads textures and materials; returns the indices of the materials.
@@ -96,10 +96,10 @@ impl Assembler {
             TextureKind::Image { file, sampler } => (file, sampler),
         };
         let full = path.with_file_name(&**file);
-        let (first, data) = read_images(&full, uses, self.texels_left)
+        let (first, data) = read_images(&full, uses, (&self.larder, self.texels_left))
             .map_err(|error| file.fault(format!("the image {error}")))?;
         let mut add = |image: Image| {
-            self.texels_left -= budget_of(&image).min(self.texels_left);
+            self.texels_left -= image.texels.budget().min(self.texels_left);
             self.scene.images.push(image);
             let image = self.scene.images.len() as u32 - 1;
             self.add_texture(Texture::Image { image, sampler })
@@ -128,11 +128,11 @@ impl Assembler {
                 .into_iter()
                 .any(|effect| !self.without.has(effect));
             let read = match is_seen {
-                true => Image::read(&full, Encoding::Linear, self.texels_left),
+                true => self.larder.read(&full, Encoding::Linear, self.texels_left),
                 false => Image::unread(&full),
             };
             let image = read.map_err(|error| source.error(file.fault(format!("the image {error}"))))?;
-            self.texels_left -= budget_of(&image).min(self.texels_left);
+            self.texels_left -= image.texels.budget().min(self.texels_left);
             self.scene.images.push(image);
         }
         Ok(index)
@@ -188,27 +188,26 @@ impl Uses {
 /// neither looks at it, only its size.
 ///
 /// Only codes of 16 bits mean different texels, as those of 8 bits are decoded when they are looked up.
-fn read_images(path: &Path, uses: Uses, max_texels: u64) -> Result<(Image, Option<Image>), ImageError> {
+fn read_images(
+    path: &Path,
+    uses: Uses,
+    (larder, max_texels): (&Larder, u64),
+) -> Result<(Image, Option<Image>), ImageError> {
     if !(uses.data || uses.color) {
         return Ok((Image::unread(path)?, None));
     }
     if uses.data && !uses.color {
-        return Ok((Image::read(path, Encoding::Linear, max_texels)?, None));
+        return Ok((larder.read(path, Encoding::Linear, max_texels)?, None));
     }
-    let color = Image::read(path, Encoding::Srgb, max_texels)?;
+    let color = larder.read(path, Encoding::Srgb, max_texels)?;
     if !(uses.data && matches!(color.texels, Texels::Floats(_))) {
         return Ok((color, None));
     }
-    let left = max_texels - budget_of(&color).min(max_texels);
-    let data = Image::read(path, Encoding::Linear, left)?;
+    let left = max_texels - color.texels.budget().min(max_texels);
+    let data = larder.read(path, Encoding::Linear, left)?;
     let differs = data.texels != color.texels;
     Ok((color, differs.then_some(data)))
 }
 
 /// Bytes of a texel of the budget.
 pub(super) const TEXEL_BYTES: u64 = size_of::<[u8; 4]>() as u64;
-
-/// What an image takes of a budget of texels of 4 bytes.
-pub(super) fn budget_of(image: &Image) -> u64 {
-    image.texels.byte_count() / TEXEL_BYTES
-}

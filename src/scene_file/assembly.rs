@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::DAffine3;
 
 use super::SceneFileError;
-use super::appearance::{TEXEL_BYTES, budget_of};
+use super::appearance::TEXEL_BYTES;
 use super::document::{Document, ObjectForm};
 use super::edit::Edit;
 use super::fault::{Fault, Source, file_error, suggestion};
@@ -21,7 +21,7 @@ use super::value::At;
 use super::volume::{MadeVolume, VolumeForm};
 use crate::gltf::{self, LoadOptions, Pose};
 use crate::numeric::Motion;
-use crate::scene::{Camera, EffectSet, Geometry, Layer, Light, Scene, Texture};
+use crate::scene::{Camera, EffectSet, Geometry, Larder, Layer, Light, Scene, Texture};
 
 /// Objects that are placed together: a group's, a file's.
 #[derive(Debug, Default)]
@@ -111,6 +111,8 @@ pub(super) struct Assembler {
     default_material: Option<u32>,
     /// At which moment glTF files are shown.
     pose: Option<Pose>,
+    /// Images that need not be decoded again.
+    pub(super) larder: Larder,
     /// Changes of the first file.
     edits: Vec<Edit>,
     pub(super) group_count: usize,
@@ -132,6 +134,7 @@ impl Assembler {
         Assembler {
             edits: edits.to_vec(),
             pose: options.pose.clone(),
+            larder: options.larder.clone(),
             scene: Scene::default(),
             texels_left: options.max_texels,
             without: options.without,
@@ -436,6 +439,7 @@ impl Assembler {
             max_texels: self.texels_left,
             without: self.without,
             pose: self.pose.clone(),
+            larder: self.larder.clone(),
         };
         let part = gltf::load_part(path, &options).map_err(|error| error.to_string())?;
         let source = Source {
@@ -457,7 +461,7 @@ impl Assembler {
         self.texels_left -= part
             .images
             .iter()
-            .map(budget_of)
+            .map(|image| image.texels.budget())
             .sum::<u64>()
             .min(self.texels_left);
         scene.animations.extend(part.animations);

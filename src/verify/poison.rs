@@ -1,5 +1,7 @@
 //! NaN in every number that a scene is made of: none may reach a picture.
 
+use std::sync::Arc;
+
 use bytemuck::Pod;
 use glam::{DAffine3, DVec3};
 
@@ -43,7 +45,7 @@ fn sound_scene() -> Scene {
         name: name.into(),
         width: 4,
         height: 4,
-        texels: Texels::Floats(vec![[0.5, 0.5, 1.0, 1.0]; 16]),
+        texels: Texels::Floats(vec![[0.5, 0.5, 1.0, 1.0]; 16].into()),
     };
     Scene {
         materials: vec![Material::default()],
@@ -396,7 +398,7 @@ fn layer(scene: &mut Scene, parameter: Parameter, change: impl FnOnce(&mut Layer
 
 fn texels(scene: &mut Scene) -> &mut [[f32; 4]] {
     match &mut scene.images[0].texels {
-        Texels::Floats(texels) => texels,
+        Texels::Floats(texels) => Arc::make_mut(texels).as_mut_slice(),
         _ => &mut [],
     }
 }

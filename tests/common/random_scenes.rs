@@ -81,7 +81,7 @@ pub fn scene(seed: u64) -> Scene {
             name: "sky".into(),
             width: 8,
             height: 4,
-            texels: Texels::Floats(texels.collect()),
+            texels: Texels::Floats(texels.collect::<Vec<_>>().into()),
         });
         scene.background = Background::Environment {
             image: 1,
@@ -191,12 +191,12 @@ fn camera(r: &mut Random) -> Camera {
 
 fn image(r: &mut Random) -> Image {
     let mut byte = || (255.0 * r.next()) as u8;
-    let texels = (0..64).map(|_| [byte(), byte(), byte(), byte()]).collect();
+    let texels: Vec<_> = (0..64).map(|_| [byte(), byte(), byte(), byte()]).collect();
     Image {
         name: "spots".into(),
         width: 8,
         height: 8,
-        texels: Texels::Bytes(texels),
+        texels: Texels::Bytes(texels.into()),
     }
 }
 

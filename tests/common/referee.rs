@@ -275,7 +275,7 @@ fn each_wrap_mode_and_filter_reads_the_texel_that_gltf_names() {
             name: String::new(),
             width: 2,
             height: 1,
-            texels: Texels::Bytes(texels),
+            texels: Texels::Bytes(texels.into()),
         }];
         let sampler = Sampler {
             wrap_u: wrap,

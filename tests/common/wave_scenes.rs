@@ -483,7 +483,8 @@ pub fn noise(width: u32, height: u32, seed: u32) -> Image {
         texels: Texels::Bytes(
             (0..width * height)
                 .map(|texel| std::array::from_fn(|channel| (byte(4 * texel + channel as u32) >> 24) as u8))
-                .collect(),
+                .collect::<Vec<_>>()
+                .into(),
         ),
     }
 }

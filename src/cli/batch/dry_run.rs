@@ -7,6 +7,7 @@ use crate::image::write_atomically;
 use crate::render::{self, Monitor};
 use crate::report::forecast::Forecast;
 use crate::report::memory;
+use crate::scene::Larder;
 
 use super::super::args::BatchArgs;
 use super::super::failure::Failure;
@@ -112,6 +113,7 @@ fn progress(args: &BatchArgs) -> Progress {
 /// What the frames will take: of frames that share a scene the first is probed.
 fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
     let progress = progress(args);
+    let larder = Larder::new();
     let mut costs: Vec<Cost> = Vec::with_capacity(plans.len());
     for (index, plan) in plans.iter().enumerate() {
         let before = index.checked_sub(1).and_then(|before| plans.get(before));
@@ -120,7 +122,7 @@ fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
             costs.last(),
         ) {
             (Some(_), Some(&cost)) => costs.push(Cost { ready: 0.0, ..cost }),
-            _ => costs.push(probed(plan, args, &progress)?),
+            _ => costs.push(probed(plan, &larder, (args, &progress))?),
         }
         progress.fraction(index as f64 / plans.len() as f64);
     }
@@ -128,9 +130,9 @@ fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
     Ok(costs)
 }
 
-fn probed(plan: &Plan, args: &BatchArgs, progress: &Progress) -> Result<Cost, Failure> {
+fn probed(plan: &Plan, larder: &Larder, (args, progress): (&BatchArgs, &Progress)) -> Result<Cost, Failure> {
     progress.phase(&plan.name(), "probe");
-    let loaded = Loaded::new(plan, progress)?;
+    let loaded = Loaded::new(plan, larder, progress)?;
     let stage = Stage::new(plan, &loaded, progress)?;
     let shot = plan.job.shot(&loaded.file.output)?;
     let camera = loaded.camera(plan)?;

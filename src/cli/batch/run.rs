@@ -9,6 +9,7 @@ use std::time::Instant;
 use crate::batch::{Done, Key, Manifest, Sources};
 use crate::render::{FinishedTile, Monitor};
 use crate::report::gallery::FrameStatus;
+use crate::scene::Larder;
 
 use super::super::args::BatchArgs;
 use super::super::failure::Failure;
@@ -38,6 +39,8 @@ pub(super) struct Batch<'a> {
     /// Set when nothing more can be written.
     is_full: AtomicBool,
     saved: Mutex<Saved>,
+    /// Images of the scene that was loaded last.
+    larder: Larder,
 }
 
 /// What keeping scenes and structures has spared.
@@ -77,6 +80,7 @@ impl<'a> Batch<'a> {
             failed: AtomicUsize::new(0),
             is_full: AtomicBool::new(false),
             saved: Mutex::default(),
+            larder: Larder::new(),
         }
     }
 
@@ -171,7 +175,7 @@ impl<'a> Batch<'a> {
         if self.is_full.load(Ordering::Relaxed) {
             return Ok(());
         }
-        let loaded = pool.install(|| Loaded::new(first.plan, &self.progress));
+        let loaded = pool.install(|| Loaded::new(first.plan, &self.larder, &self.progress));
         let loaded = match loaded {
             Ok(loaded) => loaded,
             Err(failure) => return self.fail_all(&tasks, shown, failure),
@@ -399,6 +403,13 @@ impl<'a> Batch<'a> {
             line += &format!(
                 "{} frames found their scene loaded and its structure built, which spared {:.1} s\n",
                 saved.frames, saved.seconds
+            );
+        }
+        let images = self.larder.counts();
+        if images.found > 0 {
+            line += &format!(
+                "{} of {} images were decoded already for a scene before\n",
+                images.found, images.asked
             );
         }
         output::print(&line)

@@ -10,7 +10,7 @@ use crate::batch::{Key, Keyring, Sources};
 use crate::gltf::Pose;
 use crate::render::RenderSettings;
 use crate::report::memory::MemoryForecast;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, Larder, Scene};
 use crate::scene_file::SceneFile;
 
 use super::super::failure::Failure;
@@ -29,14 +29,16 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
-    pub(super) fn new(plan: &Plan, progress: &Progress) -> Result<Loaded, Failure> {
+    /// With images from `larder`, which has no others afterwards.
+    pub(super) fn new(plan: &Plan, larder: &Larder, progress: &Progress) -> Result<Loaded, Failure> {
         let start = Instant::now();
         let frame = &plan.frame;
         let pose = frame.moment.as_ref().map(|moment| Pose {
             animation: moment.animation.clone(),
             seconds: moment.seconds,
         });
-        let file = render::load(&plan.job, (&frame.scene, &frame.edits, pose.as_ref()))?;
+        let file = render::load(&plan.job, (&frame.scene, &frame.edits, pose.as_ref()), larder)?;
+        larder.clear_out();
         for warning in &file.scene.warnings {
             progress.warn(&format!("{}: {warning}", frame.scene.display()));
         }

@@ -52,8 +52,8 @@ pub fn fold_constant_textures(scene: &mut Scene) {
 /// Leaves an image of one colour a single pixel of it.
 fn shrink(image: &mut Image) {
     match &mut image.texels {
-        Texels::Bytes(texels) => *texels = texels[..1].to_vec(),
-        Texels::Floats(texels) => *texels = texels[..1].to_vec(),
+        Texels::Bytes(texels) => *texels = texels[..1].to_vec().into(),
+        Texels::Floats(texels) => *texels = texels[..1].to_vec().into(),
         Texels::Unread => return,
     }
     (image.width, image.height) = (1, 1);
@@ -105,7 +105,7 @@ mod tests {
             name: "plain".into(),
             width: 2,
             height: 1,
-            texels: Texels::Bytes(texels),
+            texels: Texels::Bytes(texels.into()),
         };
         let texture = |image| Texture::Image {
             image,

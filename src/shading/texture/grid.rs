@@ -126,7 +126,7 @@ mod tests {
             name: String::new(),
             width: 2,
             height: 1,
-            texels: Texels::Bytes(vec![[0, 0, 0, 255], [white; 4]]),
+            texels: Texels::Bytes(vec![[0, 0, 0, 255], [white; 4]].into()),
         }
     }
 

@@ -167,7 +167,7 @@ mod tests {
             name: String::new(),
             width,
             height,
-            texels: Texels::Bytes(texels.map(|(x, y)| texel(x, y)).collect()),
+            texels: Texels::Bytes(texels.map(|(x, y)| texel(x, y)).collect::<Vec<_>>().into()),
         }
     }
 

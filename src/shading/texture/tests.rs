@@ -62,13 +62,17 @@ fn stripes() -> Image {
             [255; 4]
         }
     };
-    image(64, 64, Texels::Bytes((0..64 * 64).map(texel).collect()))
+    image(
+        64,
+        64,
+        Texels::Bytes((0..64 * 64).map(texel).collect::<Vec<_>>().into()),
+    )
 }
 
 #[test]
 fn an_image_of_one_colour_is_that_colour_however_it_is_asked() {
     let scene = image_scene(
-        image(3, 2, Texels::Bytes(vec![[188, 0, 255, 51]; 6])),
+        image(3, 2, Texels::Bytes(vec![[188, 0, 255, 51]; 6].into())),
         MIPMAPPED,
         Parameter::BaseColor,
     );
@@ -108,9 +112,9 @@ fn a_wide_ray_sees_the_mean_in_linear_light_and_a_narrow_one_the_texels() {
 
 #[test]
 fn half_floats_of_any_size_pass_through_unclipped() {
-    let texels = (0..6).map(|i| [1000.0 * i as f32, -1.0, 0.0, 1.0]).collect();
+    let texels: Vec<_> = (0..6).map(|i| [1000.0 * i as f32, -1.0, 0.0, 1.0]).collect();
     let scene = image_scene(
-        image(3, 2, Texels::Floats(texels)),
+        image(3, 2, Texels::Floats(texels.into())),
         MIPMAPPED,
         Parameter::Emission,
     );
@@ -211,8 +215,12 @@ fn one_ray_a_pixel_over_a_checkered_floor_to_the_horizon_comes_near_to_1024() {
 fn the_slope_of_a_ramp_is_its_rise_and_follows_the_layers_transform() {
     // R rises by 1/32 a texel along u and by twice that along v.
     let rise = |i: u32| (i % 32 + 2 * (i / 32)) as f32 / 32.0;
-    let texels = (0..32 * 32).map(|i| [rise(i), 0.0, 0.0, 1.0]).collect();
-    let scene = image_scene(image(32, 32, Texels::Floats(texels)), MIPMAPPED, Parameter::Bump);
+    let texels: Vec<_> = (0..32 * 32).map(|i| [rise(i), 0.0, 0.0, 1.0]).collect();
+    let scene = image_scene(
+        image(32, 32, Texels::Floats(texels.into())),
+        MIPMAPPED,
+        Parameter::Bump,
+    );
     let set = TextureSet::new(&scene);
     let slope = |transform| {
         let layer = TextureUse {

@@ -1,0 +1,198 @@
+//! Decoded images of scenes that were loaded before, for those that are loaded next: frames of a film look at the same.
+//!
+//! They are known by what their files hold, so that nobody gets what a file held earlier.
+
+use std::collections::HashMap;
+use std::fs::File;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::texture::{Encoding, Image, Texels};
+use crate::image::ImageError;
+
+/// Where decoded images are kept from one load to the next; copies share them.
+///
+/// The default keeps none.
+#[derive(Clone, Debug, Default)]
+pub struct Larder(Option<Arc<Shelves>>);
+
+#[derive(Debug, Default)]
+struct Shelves {
+    images: Mutex<HashMap<Label, KeptImage>>,
+    found: AtomicUsize,
+    asked: AtomicUsize,
+}
+
+/// What an encoded image holds, and what it is read for: `None` where that makes no difference.
+type Label = (blake3::Hash, Option<Encoding>);
+
+/// The pixels of an image.
+#[derive(Clone, Debug)]
+pub(crate) struct KeptImage {
+    pub(crate) size: [u32; 2],
+    pub(crate) texels: Texels,
+}
+
+/// How often images were asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LarderCounts {
+    /// In all.
+    pub asked: usize,
+    /// And were there.
+    pub found: usize,
+}
+
+impl Larder {
+    /// One that keeps.
+    pub fn new() -> Larder {
+        Larder(Some(Arc::default()))
+    }
+
+    /// The pixels of an image of 8 bits a channel that `encoded` holds: kept ones, or what `decode` makes of it.
+    pub(crate) fn image<E>(
+        &self,
+        encoded: &[u8],
+        decode: impl FnOnce() -> Result<KeptImage, E>,
+    ) -> Result<KeptImage, E> {
+        let Some(shelves) = &self.0 else { return decode() };
+        let label = (blake3::hash(encoded), None);
+        if let Some(kept) = shelves.find(&label) {
+            return Ok(kept);
+        }
+        let made = decode()?;
+        shelves.images().insert(label, made.clone());
+        Ok(made)
+    }
+
+    /// The image of the file at `path`, as [`Image::read`] reads it.
+    ///
+    /// # Errors
+    /// The same.
+    pub(crate) fn read(&self, path: &Path, encoding: Encoding, max_texels: u64) -> Result<Image, ImageError> {
+        let read = || Image::read(path, encoding, max_texels);
+        let Some((shelves, hash)) = self.0.as_ref().zip(hash_of(path)) else {
+            return read();
+        };
+        let label = (hash, Some(encoding));
+        match shelves.find(&label) {
+            // What is too large is read, which tells that.
+            Some(kept) if kept.texels.budget() <= max_texels => Ok(Image {
+                name: path.display().to_string(),
+                width: kept.size[0],
+                height: kept.size[1],
+                texels: kept.texels,
+            }),
+            _ => {
+                let image = read()?;
+                let kept = KeptImage {
+                    size: [image.width, image.height],
+                    texels: image.texels.clone(),
+                };
+                shelves.images().insert(label, kept);
+                Ok(image)
+            }
+        }
+    }
+
+    /// Forgets what no loaded scene looks at.
+    pub fn clear_out(&self) {
+        if let Some(shelves) = &self.0 {
+            shelves.images().retain(|_, kept| kept.texels.is_shared());
+        }
+    }
+
+    /// How often images were asked for so far.
+    pub fn counts(&self) -> LarderCounts {
+        let Some(shelves) = &self.0 else {
+            return LarderCounts::default();
+        };
+        LarderCounts {
+            asked: shelves.asked.load(Ordering::Relaxed),
+            found: shelves.found.load(Ordering::Relaxed),
+        }
+    }
+}
+
+impl Shelves {
+    fn images(&self) -> MutexGuard<'_, HashMap<Label, KeptImage>> {
+        self.images.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn find(&self, label: &Label) -> Option<KeptImage> {
+        let found = self.images().get(label).cloned();
+        self.asked.fetch_add(1, Ordering::Relaxed);
+        self.found
+            .fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
+        found
+    }
+}
+
+/// Of a file's bytes; `None` where it cannot be read, which whoever reads it tells.
+fn hash_of(path: &Path) -> Option<blake3::Hash> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(File::open(path).ok()?).ok()?;
+    Some(hasher.finalize())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gray(code: u8) -> Result<KeptImage, ()> {
+        Ok(KeptImage {
+            size: [1, 1],
+            texels: Texels::Bytes(vec![[code; 4]].into()),
+        })
+    }
+
+    fn counts(larder: &Larder) -> [usize; 2] {
+        [larder.counts().asked, larder.counts().found]
+    }
+
+    #[test]
+    fn an_image_that_a_scene_holds_is_found_by_what_it_holds_and_others_are_forgotten() {
+        let larder = Larder::new();
+        let held = larder.image(b"a", || gray(1)).unwrap();
+        drop(larder.image(b"b", || gray(2)).unwrap());
+        larder.clear_out();
+        let again = larder.image(b"a", || gray(9)).unwrap();
+        assert_eq!(again.texels, held.texels);
+        let anew = larder.image(b"b", || gray(3)).unwrap();
+        assert_eq!(anew.texels, gray(3).unwrap().texels);
+        assert_eq!(counts(&larder), [4, 1]);
+    }
+
+    #[test]
+    fn what_cannot_be_decoded_is_not_kept() {
+        let larder = Larder::new();
+        assert!(larder.image(b"a", || Err::<KeptImage, ()>(())).is_err());
+        assert!(larder.image(b"a", || gray(1)).is_ok());
+        assert_eq!(counts(&larder), [2, 0]);
+    }
+
+    #[test]
+    fn files_are_known_by_their_bytes_and_by_what_they_are_read_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let write = |code: u8| {
+            image::RgbaImage::from_pixel(2, 1, image::Rgba([code; 4]))
+                .save(&path)
+                .unwrap()
+        };
+        write(7);
+        let larder = Larder::new();
+        let read = |encoding| larder.read(&path, encoding, 8).unwrap();
+        let first = read(Encoding::Srgb);
+        assert_eq!(read(Encoding::Srgb).texels, first.texels);
+        read(Encoding::Linear);
+        assert_eq!(counts(&larder), [3, 1]);
+        write(8);
+        assert_ne!(read(Encoding::Srgb).texels, first.texels);
+        assert_eq!(counts(&larder), [4, 1]);
+        // Kept images count against the budget like others.
+        let _kept = read(Encoding::Srgb);
+        assert!(larder.read(&path, Encoding::Srgb, 1).is_err());
+        assert!(larder.read(Path::new("missing.png"), Encoding::Srgb, 8).is_err());
+    }
+}

@@ -10,7 +10,12 @@ use base64::prelude::BASE64_STANDARD;
 use cli_program::whit;
 use serde_json::{Value, json};
 
-const SETTINGS: &str = "settings = { size = \"32x24\", spp = 2, backend = \"bsp\" }";
+fn backends() -> &'static [&'static str] {
+    match cfg!(feature = "embree") {
+        true => &["bsp", "embree"],
+        false => &["bsp"],
+    }
+}
 
 /// Adds an animation of a second to a glTF scene of the repository: its mirror rises.
 fn animated(folder: &Path) -> PathBuf {
@@ -58,9 +63,12 @@ fn animated(folder: &Path) -> PathBuf {
 }
 
 /// Makes the frames of a job at once, and each by a process of its own; returns what the former said.
-fn made_at_once_and_alone(folder: &Path, job: &str, names: &[&str]) -> String {
+fn made_at_once_and_alone(folder: &Path, job: &str, backend: &str, names: &[&str]) -> String {
+    let folder = &folder.join(backend);
+    fs::create_dir(folder).unwrap();
+    let settings = format!("settings = {{ size = \"32x24\", spp = 2, backend = \"{backend}\" }}");
     let [jobs, at_once, alone] = ["test.jobs.toml", "at once", "alone"].map(|name| folder.join(name));
-    fs::write(&jobs, format!("[[job]]\n{SETTINGS}\n{job}\n")).unwrap();
+    fs::write(&jobs, format!("[[job]]\n{settings}\n{job}\n")).unwrap();
     let run = |out: &Path, shard: &str| {
         let [jobs, out] = [&jobs, out].map(|path| path.to_str().unwrap());
         let run = whit(&["batch", jobs, "--out", out, "--shard", shard]);
@@ -84,17 +92,32 @@ fn made_at_once_and_alone(folder: &Path, job: &str, names: &[&str]) -> String {
     said
 }
 
+/// The two numbers of the line with these words; zeros where there is none.
+fn numbers(said: &str, words: &str) -> [usize; 2] {
+    let line = said.lines().find(|line| line.contains(words)).unwrap_or_default();
+    let mut numbers = line.split(' ').filter_map(|word| word.parse().ok());
+    [(); 2].map(|()| numbers.next().unwrap_or_default())
+}
+
 #[test]
-fn moments_of_an_animation_decode_their_images_once() {
+fn moments_of_an_animation_decode_their_images_and_take_apart_their_still_meshes_once() {
     let folder = tempfile::tempdir().unwrap();
-    animated(folder.path());
-    let said = made_at_once_and_alone(
-        folder.path(),
-        "scene = \"animated.gltf\"\nanimation = { fps = 2, from = 0, to = 1 }\nimage = \"{frame}.png\"",
-        &["1.png", "2.png", "3.png"],
-    );
-    // Two images, and three moments.
-    assert!(said.contains("4 of 6 images were decoded already"), "{said}");
+    let scene = animated(folder.path());
+    for backend in backends() {
+        let job = format!(
+            "scene = '{}'\nanimation = {{ fps = 2, from = 0, to = 1 }}\nimage = \"{{frame}}.png\"",
+            scene.display()
+        );
+        let said = made_at_once_and_alone(folder.path(), &job, backend, &["1.png", "2.png", "3.png"]);
+        // Two images, and three moments.
+        assert_eq!(numbers(&said, "images were decoded already"), [4, 6], "{said}");
+        let [found, asked] = numbers(&said, "meshes were made ready");
+        match *backend {
+            // One mesh of them all is elsewhere each time.
+            "embree" => assert_eq!(3 * (found + 2), 2 * asked, "{said}"),
+            _ => assert_eq!(asked, 0, "{said}"),
+        }
+    }
 }
 
 #[test]
@@ -105,11 +128,7 @@ fn scenes_of_a_sweep_decode_their_images_once() {
         "scene = '{}'\nsweep = {{ \"light.0.intensity\" = [1, 2] }}\nimage = \"{{intensity}}.png\"",
         scenes.join("textured.toml").display()
     );
-    let said = made_at_once_and_alone(folder.path(), &job, &["1.png", "2.png"]);
-    let line = said
-        .lines()
-        .find(|line| line.contains("decoded already"))
-        .unwrap_or_default();
-    let numbers: Vec<usize> = line.split(' ').filter_map(|word| word.parse().ok()).collect();
-    assert!(numbers[0] > 0 && 2 * numbers[0] == numbers[1], "{said}");
+    let said = made_at_once_and_alone(folder.path(), &job, "bsp", &["1.png", "2.png"]);
+    let [found, asked] = numbers(&said, "images were decoded already");
+    assert!(found > 0 && 2 * found == asked, "{said}");
 }

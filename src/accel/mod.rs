@@ -20,6 +20,7 @@ mod contents;
 #[cfg(feature = "embree")]
 pub mod embree;
 pub mod extents;
+mod larder;
 mod packet;
 mod planes;
 mod quality;
@@ -30,6 +31,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 pub use contents::Contents;
+pub use larder::{MeshCounts, MeshLarder};
 pub use packet::{ACTIVE, Hit, LANES, NO_HIT, RayPacket};
 pub use quality::BuildQuality;
 
@@ -191,6 +193,8 @@ pub struct AccelOptions<'a> {
     pub threads: usize,
     /// Instruction set that Embree is held to (`sse2`, `sse4.2`, `avx`, `avx2`, `avx512`); its own choice if absent.
     pub isa: Option<String>,
+    /// What need not be built again, where a scene is one of several.
+    pub larder: Option<&'a MeshLarder>,
     /// Told the finished fraction while building, from any thread.
     pub progress: Option<&'a (dyn Fn(f64) + Sync)>,
 }

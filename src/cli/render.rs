@@ -249,9 +249,19 @@ pub(super) fn build<'s>(
     scene: &'s Scene,
     progress: &Progress,
 ) -> Result<Box<dyn Accel + 's>, Failure> {
+    build_with(job, scene, progress, job.tracing.options())
+}
+
+/// The same by other options than the job's.
+pub(super) fn build_with<'s>(
+    job: &RenderJob,
+    scene: &'s Scene,
+    progress: &Progress,
+    options: AccelOptions,
+) -> Result<Box<dyn Accel + 's>, Failure> {
     let options = AccelOptions {
         progress: Some(&|fraction| progress.fraction(fraction)),
-        ..job.tracing.options()
+        ..options
     };
     let accel = accel::build(scene, job.backend, &options)?;
     interrupt::check()?;

@@ -34,6 +34,7 @@ mod progress;
 mod raw;
 mod reach;
 mod scene;
+mod shelf;
 mod sieve;
 mod sphere;
 mod tame;
@@ -44,7 +45,9 @@ mod user;
 use std::sync::Arc;
 
 use self::device::Device;
+pub(super) use self::patch::Patches;
 use self::scene::{Built, EmbreeScene};
+pub(super) use self::shelf::MeshShelf;
 use self::tame::Tamed;
 use self::trace::Width;
 use self::user::UserGeometry;

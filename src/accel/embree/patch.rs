@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use super::reach::Reach;
+use crate::accel::MeshLarder;
 use crate::accel::clusters::{Clusters, Cost};
 use crate::mesh::Mesh;
 use crate::mesh::triangle::PACK;
@@ -216,7 +217,7 @@ impl Gathering {
 
 /// The patches of a space, and how far from its origin rays start.
 #[derive(Debug, Default)]
-pub(super) struct Patches {
+pub(in crate::accel) struct Patches {
     records: Vec<Record>,
     /// Corners beyond the sixteenth.
     blocks: Vec<Block>,
@@ -225,14 +226,28 @@ pub(super) struct Patches {
 
 impl Patches {
     /// Those of meshes, each as an instance, for rays from that far. Runs on the current pool; the answer does not depend
-    /// on it.
-    pub(super) fn of<'m>(meshes: impl Iterator<Item = (u32, &'m Mesh)>, reach: Reach) -> Patches {
+    /// on it, nor on what `larder` has.
+    pub(super) fn of<'m>(
+        meshes: impl Iterator<Item = (u32, &'m Mesh)>,
+        reach: Reach,
+        larder: Option<&MeshLarder>,
+    ) -> Patches {
         let mut patches = Patches {
             reach,
             ..Patches::default()
         };
         for (instance, mesh) in meshes {
-            patches.add(mesh, instance);
+            match larder {
+                None => patches.add(mesh, instance),
+                Some(larder) => {
+                    let alone = || {
+                        let mut alone = Patches::default();
+                        alone.add(mesh, instance);
+                        alone
+                    };
+                    patches.append(&larder.patches.of(mesh, alone), instance);
+                }
+            }
         }
         patches.records.shrink_to_fit();
         patches.blocks.shrink_to_fit();
@@ -252,7 +267,7 @@ impl Patches {
                 .par_chunks(CHUNK / PARTS)
                 .map(|clusters| Patches::of_clusters(mesh, instance, clusters))
                 .collect();
-            parts.iter().for_each(|part| self.append(part));
+            parts.iter().for_each(|part| self.append(part, instance));
         }
     }
 
@@ -269,11 +284,12 @@ impl Patches {
         patches
     }
 
-    /// Adds those of `part` behind the others.
-    fn append(&mut self, part: &Patches) {
+    /// Adds those of `part` behind the others, as an instance.
+    fn append(&mut self, part: &Patches, instance: u32) {
         let block_count = self.blocks.len() as u32;
         let moved = |record: &Record| Record {
             last: block_count + record.last,
+            instance,
             ..record.clone()
         };
         self.records.extend(part.records.iter().map(moved));
@@ -319,7 +335,7 @@ impl Patches {
     }
 
     /// Bytes on the heap.
-    pub(super) fn byte_count(&self) -> u64 {
+    pub(in crate::accel) fn byte_count(&self) -> u64 {
         (self.records.capacity() * size_of::<Record>() + self.blocks.capacity() * size_of::<Block>()) as u64
     }
 }
@@ -363,7 +379,7 @@ mod tests {
     }
 
     fn patches_of(mesh: &Mesh) -> Patches {
-        Patches::of(std::iter::once((5, mesh)), Reach::default())
+        Patches::of(std::iter::once((5, mesh)), Reach::default(), None)
     }
 
     fn assert_whole(patches: &Patches, mesh: &Mesh) {
@@ -390,6 +406,21 @@ mod tests {
             assert_whole(&patches_of(&mesh), &mesh);
         }
         assert_eq!(patches_of(&Mesh::default()).len(), 0);
+    }
+
+    #[test]
+    fn kept_patches_are_those_that_would_be_made_whoever_had_them_before() {
+        let meshes = [field(12), field(30)];
+        let of = |numbers: [u32; 2], larder| {
+            let patches = Patches::of(numbers.into_iter().zip(&meshes), Reach::default(), larder);
+            format!("{patches:?}")
+        };
+        let larder = MeshLarder::default();
+        for numbers in [[5, 6], [8, 0]] {
+            assert_eq!(of(numbers, Some(&larder)), of(numbers, None));
+        }
+        assert_eq!(larder.counts().found, 2);
+        assert!(larder.byte_count() > 0);
     }
 
     #[test]

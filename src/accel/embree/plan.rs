@@ -5,7 +5,7 @@ use super::coincident::later_duplicates;
 use super::patch::Patches;
 use super::reach::Reach;
 use super::user;
-use crate::accel::{Instancing, Precision};
+use crate::accel::{Instancing, MeshLarder, Precision};
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::scene::{Geometry, Instance, Scene};
@@ -88,11 +88,11 @@ impl<'s> Plan<'s> {
     }
 
     /// The triangles of the world that are not; on the current pool.
-    pub(super) fn patches(&self) -> Patches {
+    pub(super) fn patches(&self, larder: Option<&MeshLarder>) -> Patches {
         if !self.is_patched {
             return Patches::default();
         }
-        Patches::of(self.world.iter().copied(), self.reach)
+        Patches::of(self.world.iter().copied(), self.reach, larder)
     }
 
     /// How far rays come from.
@@ -131,11 +131,11 @@ impl<'s> Placed<'s> {
     }
 
     /// What its scene holds, and a box around all rays that may meet it; on the current pool.
-    pub(super) fn triangles(&self) -> (Triangles<'s>, Bounds) {
+    pub(super) fn triangles(&self, larder: Option<&MeshLarder>) -> (Triangles<'s>, Bounds) {
         let bounds = self.mesh.bounds();
         match self.reach {
             Some(reach) => {
-                let patches = Patches::of(std::iter::once((0, self.mesh)), reach);
+                let patches = Patches::of(std::iter::once((0, self.mesh)), reach, larder);
                 (Triangles::Patches(patches), reach.padded(&bounds))
             }
             None => {

@@ -7,7 +7,6 @@ use crate::image::write_atomically;
 use crate::render::{self, Monitor};
 use crate::report::forecast::Forecast;
 use crate::report::memory;
-use crate::scene::Larder;
 
 use super::super::args::BatchArgs;
 use super::super::failure::Failure;
@@ -16,7 +15,7 @@ use super::super::output;
 use super::super::progress::{Progress, Verbosity};
 use super::plan::Plan;
 use super::rows::film_bytes;
-use super::stage::{Loaded, Stage};
+use super::stage::{Kept, Loaded, Stage};
 
 /// What a frame will probably take.
 #[derive(Clone, Copy)]
@@ -113,7 +112,7 @@ fn progress(args: &BatchArgs) -> Progress {
 /// What the frames will take: of frames that share a scene the first is probed.
 fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
     let progress = progress(args);
-    let larder = Larder::new();
+    let kept = Kept::for_frames(plans);
     let mut costs: Vec<Cost> = Vec::with_capacity(plans.len());
     for (index, plan) in plans.iter().enumerate() {
         let before = index.checked_sub(1).and_then(|before| plans.get(before));
@@ -122,7 +121,7 @@ fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
             costs.last(),
         ) {
             (Some(_), Some(&cost)) => costs.push(Cost { ready: 0.0, ..cost }),
-            _ => costs.push(probed(plan, &larder, (args, &progress))?),
+            _ => costs.push(probed(plan, &kept, (args, &progress))?),
         }
         progress.fraction(index as f64 / plans.len() as f64);
     }
@@ -130,10 +129,10 @@ fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
     Ok(costs)
 }
 
-fn probed(plan: &Plan, larder: &Larder, (args, progress): (&BatchArgs, &Progress)) -> Result<Cost, Failure> {
+fn probed(plan: &Plan, kept: &Kept, (args, progress): (&BatchArgs, &Progress)) -> Result<Cost, Failure> {
     progress.phase(&plan.name(), "probe");
-    let loaded = Loaded::new(plan, larder, progress)?;
-    let stage = Stage::new(plan, &loaded, progress)?;
+    let loaded = Loaded::new(plan, kept, progress)?;
+    let stage = Stage::new(plan, &loaded, kept, progress)?;
     let shot = plan.job.shot(&loaded.file.output)?;
     let camera = loaded.camera(plan)?;
     let monitor = Monitor {
@@ -147,7 +146,7 @@ fn probed(plan: &Plan, larder: &Larder, (args, progress): (&BatchArgs, &Progress
     Ok(Cost {
         seconds: forecast.seconds,
         ready: loaded.seconds + stage.build_seconds,
-        bytes: loaded.bytes(&plan.job) + film_bytes(&stage.film(&shot.settings), args.time),
+        bytes: stage.bytes(&plan.job) + film_bytes(&stage.film(&shot.settings), args.time),
         size: [shot.settings.width, shot.settings.height],
         spp: shot.settings.spp,
     })

@@ -469,7 +469,7 @@ fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
 }
 
 fn check_memory(stage: &Stage, plan: &Plan, shot: &Shot, limits: Limits) -> Result<(), Failure> {
-    let needed = stage.loaded.bytes(&plan.job) + film_bytes(&stage.film(&shot.settings), limits.time);
+    let needed = stage.bytes(&plan.job) + film_bytes(&stage.film(&shot.settings), limits.time);
     match limits.max_memory.filter(|&most| needed > most) {
         None => Ok(()),
         Some(most) => Err(Failure::Work(format!(

@@ -9,7 +9,6 @@ use std::time::Instant;
 use crate::batch::{Done, Key, Manifest, Sources};
 use crate::render::{FinishedTile, Monitor};
 use crate::report::gallery::FrameStatus;
-use crate::scene::Larder;
 
 use super::super::args::BatchArgs;
 use super::super::failure::Failure;
@@ -19,7 +18,7 @@ use super::super::progress::{Batch as Shown, Progress, Verbosity};
 use super::frame::{Limits, Made, make};
 use super::page::{Page, Record};
 use super::plan::Plan;
-use super::stage::{Loaded, Stage, key};
+use super::stage::{Kept, Loaded, Stage, key};
 use super::viewer::Viewer;
 
 /// Frames of one scene that are made at the same time: one has the processors while the other is written.
@@ -39,8 +38,7 @@ pub(super) struct Batch<'a> {
     /// Set when nothing more can be written.
     is_full: AtomicBool,
     saved: Mutex<Saved>,
-    /// Images of the scene that was loaded last.
-    larder: Larder,
+    kept: Kept,
 }
 
 /// What keeping scenes and structures has spared.
@@ -80,7 +78,7 @@ impl<'a> Batch<'a> {
             failed: AtomicUsize::new(0),
             is_full: AtomicBool::new(false),
             saved: Mutex::default(),
-            larder: Larder::new(),
+            kept: Kept::for_frames(plans),
         }
     }
 
@@ -175,12 +173,12 @@ impl<'a> Batch<'a> {
         if self.is_full.load(Ordering::Relaxed) {
             return Ok(());
         }
-        let loaded = pool.install(|| Loaded::new(first.plan, &self.larder, &self.progress));
+        let loaded = pool.install(|| Loaded::new(first.plan, &self.kept, &self.progress));
         let loaded = match loaded {
             Ok(loaded) => loaded,
             Err(failure) => return self.fail_all(&tasks, shown, failure),
         };
-        let stage = match pool.install(|| Stage::new(first.plan, &loaded, &self.progress)) {
+        let stage = match pool.install(|| Stage::new(first.plan, &loaded, &self.kept, &self.progress)) {
             Ok(stage) => stage,
             Err(failure) => return self.fail_all(&tasks, shown, failure),
         };
@@ -405,13 +403,7 @@ impl<'a> Batch<'a> {
                 saved.frames, saved.seconds
             );
         }
-        let images = self.larder.counts();
-        if images.found > 0 {
-            line += &format!(
-                "{} of {} images were decoded already for a scene before\n",
-                images.found, images.asked
-            );
-        }
+        line += &self.kept.tell();
         output::print(&line)
     }
 }

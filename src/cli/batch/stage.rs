@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use crate::accel::Accel;
+use crate::accel::{Accel, AccelOptions, MeshCounts, MeshLarder};
 use crate::batch::{Key, Keyring, Sources};
 use crate::gltf::Pose;
 use crate::render::RenderSettings;
@@ -20,6 +20,44 @@ use super::super::render;
 use super::plan::Plan;
 use super::rows::Film;
 
+/// What scenes leave for those that come next: of the last one only what was in it.
+pub(super) struct Kept {
+    images: Larder,
+    /// Where there is more than one scene.
+    meshes: Option<MeshLarder>,
+}
+
+impl Kept {
+    /// Nothing yet, for the scenes of these frames.
+    pub(super) fn for_frames(plans: &[Plan]) -> Kept {
+        let differ = plans.windows(2).any(|pair| !pair[0].shares_scene_with(&pair[1]));
+        Kept {
+            images: Larder::new(),
+            meshes: differ.then(MeshLarder::default),
+        }
+    }
+
+    /// What it has spared, in words.
+    pub(super) fn tell(&self) -> String {
+        let images = self.images.counts();
+        let meshes = self
+            .meshes
+            .as_ref()
+            .map_or_else(MeshCounts::default, MeshLarder::counts);
+        let mut lines = String::new();
+        if images.found > 0 {
+            let (found, asked) = (images.found, images.asked);
+            lines += &format!("{found} of {asked} images were decoded already for a scene before\n");
+        }
+        if meshes.found > 0 {
+            let (found, asked) = (meshes.found, meshes.asked);
+            lines +=
+                &format!("{found} of {asked} meshes were made ready for rays already for a scene before\n");
+        }
+        lines
+    }
+}
+
 /// A loaded scene.
 pub(super) struct Loaded {
     pub(super) file: SceneFile,
@@ -29,16 +67,19 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
-    /// With images from `larder`, which has no others afterwards.
-    pub(super) fn new(plan: &Plan, larder: &Larder, progress: &Progress) -> Result<Loaded, Failure> {
+    pub(super) fn new(plan: &Plan, kept: &Kept, progress: &Progress) -> Result<Loaded, Failure> {
         let start = Instant::now();
         let frame = &plan.frame;
         let pose = frame.moment.as_ref().map(|moment| Pose {
             animation: moment.animation.clone(),
             seconds: moment.seconds,
         });
-        let file = render::load(&plan.job, (&frame.scene, &frame.edits, pose.as_ref()), larder)?;
-        larder.clear_out();
+        let file = render::load(
+            &plan.job,
+            (&frame.scene, &frame.edits, pose.as_ref()),
+            &kept.images,
+        )?;
+        kept.images.clear_out();
         for warning in &file.scene.warnings {
             progress.warn(&format!("{}: {warning}", frame.scene.display()));
         }
@@ -64,7 +105,7 @@ impl Loaded {
     }
 
     /// Bytes that the scene and what finds the hits in it take, about.
-    pub(super) fn bytes(&self, job: &RenderJob) -> u64 {
+    fn bytes(&self, job: &RenderJob) -> u64 {
         let forecast = MemoryForecast::of(&self.file.scene);
         let tree = match job.backend {
             crate::accel::Backend::Embree => forecast.embree_bytes,
@@ -80,14 +121,30 @@ pub(super) struct Stage<'s> {
     pub(super) loaded: &'s Loaded,
     pub(super) accel: Box<dyn Accel + 's>,
     pub(super) build_seconds: f64,
+    /// What is kept for the scenes that come next.
+    kept_bytes: u64,
 }
 
 impl<'s> Stage<'s> {
-    pub(super) fn new(plan: &Plan, loaded: &'s Loaded, progress: &Progress) -> Result<Stage<'s>, Failure> {
+    pub(super) fn new(
+        plan: &Plan,
+        loaded: &'s Loaded,
+        kept: &Kept,
+        progress: &Progress,
+    ) -> Result<Stage<'s>, Failure> {
         let start = Instant::now();
-        let accel = render::build(&plan.job, &loaded.file.scene, progress)?;
+        let options = AccelOptions {
+            larder: kept.meshes.as_ref(),
+            ..plan.job.tracing.options()
+        };
+        let accel = render::build_with(&plan.job, &loaded.file.scene, progress, options)?;
+        let kept_bytes = kept.meshes.as_ref().map_or(0, |meshes| {
+            meshes.clear_out();
+            meshes.byte_count()
+        });
         Ok(Stage {
             loaded,
+            kept_bytes,
             accel,
             build_seconds: start.elapsed().as_secs_f64(),
         })
@@ -95,6 +152,11 @@ impl<'s> Stage<'s> {
 
     pub(super) fn scene(&self) -> &'s Scene {
         &self.loaded.file.scene
+    }
+
+    /// Bytes that all of it takes, about.
+    pub(super) fn bytes(&self, job: &RenderJob) -> u64 {
+        self.loaded.bytes(job) + self.kept_bytes
     }
 
     /// What is kept of a picture of it.

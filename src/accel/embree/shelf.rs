@@ -1,0 +1,186 @@
+//! What was made of meshes of scenes before, for those that are built next.
+//!
+//! Meshes are known by the bits of their vertices and indices. What is kept is a function of these alone, so nobody can
+//! tell from a picture that it was.
+
+use std::collections::HashMap;
+use std::collections::hash_map::DefaultHasher;
+use std::hash::{Hash, Hasher};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use bytemuck::Pod;
+use rayon::prelude::*;
+
+use crate::accel::MeshCounts;
+use crate::mesh::{Mesh, Slab};
+
+/// Positions that are looked at before all are.
+const SAMPLES: usize = 16;
+/// Rows that a thread compares at a time.
+const CHUNK: usize = 1 << 16;
+
+/// What is kept of meshes, by their bits.
+pub(in crate::accel) struct MeshShelf<T> {
+    meshes: Mutex<Meshes<T>>,
+}
+
+struct Meshes<T> {
+    by_label: HashMap<u64, Vec<Kept<T>>>,
+    counts: MeshCounts,
+}
+
+struct Kept<T> {
+    positions: Slab<[f32; 3]>,
+    triangles: Slab<[u32; 3]>,
+    made: Arc<T>,
+    is_used: bool,
+}
+
+impl<T> Default for MeshShelf<T> {
+    fn default() -> MeshShelf<T> {
+        MeshShelf {
+            meshes: Mutex::new(Meshes {
+                by_label: HashMap::new(),
+                counts: MeshCounts::default(),
+            }),
+        }
+    }
+}
+
+impl<T> MeshShelf<T> {
+    /// What is kept of a mesh, or what `make` makes of it.
+    pub(in crate::accel) fn of(&self, mesh: &Mesh, make: impl FnOnce() -> T) -> Arc<T> {
+        let label = label(mesh);
+        if let Some(found) = self.all().find(label, mesh) {
+            return found;
+        }
+        let made = Arc::new(make());
+        let kept = Kept {
+            positions: mesh.positions.clone(),
+            triangles: mesh.triangles.clone(),
+            made: made.clone(),
+            is_used: true,
+        };
+        self.all().by_label.entry(label).or_default().push(kept);
+        made
+    }
+
+    /// Forgets what nobody has asked for since it was last told to.
+    pub(in crate::accel) fn clear_out(&self) {
+        let meshes = &mut self.all().by_label;
+        for kept in meshes.values_mut() {
+            kept.retain_mut(|kept| std::mem::take(&mut kept.is_used));
+        }
+        meshes.retain(|_, kept| !kept.is_empty());
+    }
+
+    /// How often meshes were asked for so far.
+    pub(in crate::accel) fn counts(&self) -> MeshCounts {
+        self.all().counts
+    }
+
+    /// The sum of what `bytes` tells of everything that is kept.
+    pub(in crate::accel) fn byte_count(&self, bytes: impl Fn(&T) -> u64) -> u64 {
+        let all = self.all();
+        let kept = all.by_label.values().flatten();
+        kept.map(|kept| bytes(&kept.made)).sum()
+    }
+
+    fn all(&self) -> MutexGuard<'_, Meshes<T>> {
+        self.meshes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<T> Meshes<T> {
+    fn find(&mut self, label: u64, mesh: &Mesh) -> Option<Arc<T>> {
+        self.counts.asked += 1;
+        let mut kept = self.by_label.get_mut(&label)?.iter_mut();
+        let found = kept.find(|kept| {
+            is_same(&kept.positions, &mesh.positions) && is_same(&kept.triangles, &mesh.triangles)
+        })?;
+        self.counts.found += 1;
+        found.is_used = true;
+        // So that the arrays of the scene before can go.
+        (found.positions, found.triangles) = (mesh.positions.clone(), mesh.triangles.clone());
+        Some(found.made.clone())
+    }
+}
+
+/// Equal meshes have equal ones.
+fn label(mesh: &Mesh) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    [mesh.positions.len(), mesh.triangles.len()].hash(&mut hasher);
+    let step = mesh.positions.len().div_ceil(SAMPLES).max(1);
+    for position in mesh.positions.iter().step_by(step) {
+        position.map(f32::to_bits).hash(&mut hasher);
+    }
+    hasher.finish()
+}
+
+/// Whether two arrays have the same bits.
+fn is_same<T: Pod + Sync>(one: &Slab<T>, other: &Slab<T>) -> bool {
+    let bytes = |rows: &[T]| bytemuck::cast_slice::<T, u8>(rows).as_ptr_range();
+    if one.len() != other.len() || bytes(one) == bytes(other) {
+        return one.len() == other.len();
+    }
+    let chunks = one.par_chunks(CHUNK).zip(other.par_chunks(CHUNK));
+    chunks
+        .map(|(one, other)| bytemuck::cast_slice::<T, u8>(one) == bytemuck::cast_slice::<T, u8>(other))
+        .all(|is_same| is_same)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mesh(x: f32) -> Mesh {
+        Mesh {
+            positions: Slab::from(vec![[x, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            triangles: Slab::from(vec![[0, 1, 2]]),
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn meshes_of_the_same_bits_are_made_once() {
+        let shelf = MeshShelf::default();
+        let make = |x: f32, made: u32| *shelf.of(&mesh(x), || made);
+        assert_eq!(make(0.0, 1), 1);
+        assert_eq!(make(0.0, 2), 1);
+        // An equal number of other bits.
+        assert_eq!(make(-0.0, 3), 3);
+        let mut turned = mesh(0.0);
+        turned.triangles = Slab::from(vec![[2, 0, 1]]);
+        assert_eq!(*shelf.of(&turned, || 4), 4);
+        assert_eq!(shelf.counts(), MeshCounts { asked: 4, found: 1 });
+        assert_eq!(shelf.byte_count(|&made| u64::from(made)), 1 + 3 + 4);
+    }
+
+    #[test]
+    fn what_the_last_scene_did_not_have_is_forgotten() {
+        let shelf = MeshShelf::default();
+        let make = |x: f32, made: u32| *shelf.of(&mesh(x), || made);
+        make(0.0, 1);
+        make(5.0, 2);
+        shelf.clear_out();
+        assert_eq!(make(0.0, 3), 1);
+        shelf.clear_out();
+        assert_eq!(make(5.0, 4), 4);
+        assert_eq!(make(0.0, 5), 1);
+    }
+
+    #[test]
+    fn large_arrays_that_differ_in_one_place_are_told_apart() {
+        let rows = |odd: usize| -> Slab<[f32; 3]> {
+            Slab::from(
+                (0..3 * CHUNK)
+                    .map(|i| [f32::from(u8::from(i == odd)); 3])
+                    .collect::<Vec<_>>(),
+            )
+        };
+        let one = rows(2 * CHUNK + 7);
+        assert!(is_same(&one, &rows(2 * CHUNK + 7)) && is_same(&one, &one.clone()));
+        assert!(!is_same(&one, &rows(2 * CHUNK + 8)));
+        assert!(!is_same(&one, &Slab::from(one[1..].to_vec())));
+    }
+}

@@ -180,10 +180,21 @@ fn a_batch_that_is_killed_fifty_times_is_what_an_undisturbed_one_is() {
 const LONG: &str = "[[job]]\nscene = \"scene.toml\"\nsettings = { size = \"64x512\", spp = 16, backend = \"bsp\", \
                     aov = \"samples\" }\nimage = \"long.exr\"\n";
 
+/// The same with samples where they are wanted.
+const LONG_ADAPTIVE: &str = "[[job]]\nscene = \"scene.toml\"\nsettings = { size = \"64x128\", spp = 64, backend = \"bsp\", \
+                             pattern = \"sobol\", adaptive = 0.002, aov = \"samples\" }\nimage = \"long.exr\"\n";
+
 #[test]
 fn a_long_frame_keeps_what_it_has_when_it_is_told_to_end() {
+    // Of rows there are many files; of rounds one, over and over.
+    for (job, files) in [(LONG, 3), (LONG_ADAPTIVE, 1)] {
+        ends_and_goes_on(job, files);
+    }
+}
+
+fn ends_and_goes_on(job: &str, files: usize) {
     let place = Place::new();
-    let jobs = place.jobs(LONG);
+    let jobs = place.jobs(job);
     let reference = place.out("reference");
     assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
     let expected = pictures(&reference);
@@ -202,10 +213,12 @@ fn a_long_frame_keeps_what_it_has_when_it_is_told_to_end() {
         let mut child = whit(&batch).stderr(Stdio::null()).spawn().unwrap();
         let pieces = place.path(&format!("ended{number}")).join(".whit-pieces");
         let start = Instant::now();
+        let is_piece = |path: std::io::Result<fs::DirEntry>| name(&path.unwrap().path()).ends_with(".exr");
         let has_pieces = || {
             fs::read_dir(&pieces).is_ok_and(|mut entries| {
                 entries.next().is_some_and(|frame| {
-                    fs::read_dir(frame.unwrap().path()).is_ok_and(|files| files.count() >= 3)
+                    fs::read_dir(frame.unwrap().path())
+                        .is_ok_and(|found| found.map(is_piece).filter(|&is| is).count() >= files)
                 })
             })
         };

@@ -11,6 +11,7 @@ mod manifest;
 mod merge;
 mod piece;
 mod piece_file;
+mod rounds_file;
 mod shard;
 pub mod slurm;
 mod sources;

@@ -224,21 +224,37 @@ impl PieceFolder {
         values: &[Samples],
         note: Note,
     ) -> Result<(), ImageError> {
+        let mut writer = self.create(&self.name(piece), self.window(&piece.rows), channels, note)?;
+        writer.write_rows(values)?;
+        writer.finish()
+    }
+
+    /// Begins a file of the frame.
+    pub(super) fn create(
+        &self,
+        name: &str,
+        window: Window,
+        channels: Vec<ExrChannel>,
+        note: Note,
+    ) -> Result<ExrRowsWriter, ImageError> {
         let text = serde_json::to_string(&self.head).unwrap_or_default();
         let head = Note {
             name: FRAME,
             text: &text,
         };
         let layout = ExrLayout {
-            data_window: self.window(&piece.rows),
+            data_window: window,
             display_window: Window::of_size(self.head.size),
             channels,
             compression: Compression::None,
             notes: &[head, note],
         };
-        let mut writer = ExrRowsWriter::create(&self.folder.join(self.name(piece)), &layout)?;
-        writer.write_rows(values)?;
-        writer.finish()
+        ExrRowsWriter::create(&self.path(name), &layout)
+    }
+
+    /// Where a file of the frame is.
+    pub(super) fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
     }
 
     fn window(&self, rows: &Range<u32>) -> Window {
@@ -296,24 +312,28 @@ impl PieceFolder {
     ///
     /// Where it cannot be read, or is of another frame.
     pub fn open(&self, piece: &Piece, path: &Path) -> Result<PieceReader, ImageError> {
+        let reader = self.open_file(path, self.window(&piece.rows))?;
+        Ok(PieceReader {
+            piece: piece.clone(),
+            path: path.to_owned(),
+            reader,
+        })
+    }
+
+    /// Opens a file of the frame that has these pixels.
+    pub(super) fn open_file(&self, path: &Path, window: Window) -> Result<ExrRowsReader, ImageError> {
         let reader = ExrRowsReader::open(path)?;
         let head = reader
             .note(FRAME)
             .and_then(|text| serde_json::from_str::<FrameHead>(&text).ok());
-        if head.is_none_or(|head| head.key != self.head.key)
-            || reader.data_window() != self.window(&piece.rows)
-        {
+        if head.is_none_or(|head| head.key != self.head.key) || reader.data_window() != window {
             return Err(ImageError::Unusable {
                 path: path.to_owned(),
                 fault: "this piece is of another frame".into(),
                 remedy: "remove it",
             });
         }
-        Ok(PieceReader {
-            piece: piece.clone(),
-            path: path.to_owned(),
-            reader,
-        })
+        Ok(reader)
     }
 }
 
@@ -366,11 +386,16 @@ impl PieceReader {
     }
 
     fn damaged(&self) -> ImageError {
-        ImageError::Unusable {
-            path: self.path.clone(),
-            fault: "this piece lacks something of its frame".into(),
-            remedy: "remove it",
-        }
+        damaged(&self.path)
+    }
+}
+
+/// That a file of a frame is not what it should be.
+pub(super) fn damaged(path: &Path) -> ImageError {
+    ImageError::Unusable {
+        path: path.to_owned(),
+        fault: "this piece lacks something of its frame".into(),
+        remedy: "remove it",
     }
 }
 
@@ -426,26 +451,28 @@ fn sums_of(samples: u32, planes: &[(String, Samples)]) -> Option<Sums> {
     })
 }
 
+/// That of a small frame, made.
+#[cfg(test)]
+pub(super) fn folder(out: &Path, shares: u32) -> PieceFolder {
+    let head = FrameHead {
+        key: super::key::Keyring::default().add("a", "b").key(),
+        number: 3,
+        image: "a.exr".into(),
+        size: [2, 64],
+        shares,
+        exr: ExrEncoding::default(),
+        png: PngEncoding::default(),
+        notes: vec![("whit.plan".into(), "shadow on\n".into())],
+    };
+    let folder = PieceFolder::new(out, head);
+    folder.make().unwrap();
+    folder
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::key::Keyring;
     use super::*;
-
-    fn folder(out: &Path, shares: u32) -> PieceFolder {
-        let head = FrameHead {
-            key: Keyring::default().add("a", "b").key(),
-            number: 3,
-            image: "a.exr".into(),
-            size: [2, 64],
-            shares,
-            exr: ExrEncoding::default(),
-            png: PngEncoding::default(),
-            notes: vec![("whit.plan".into(), "shadow on\n".into())],
-        };
-        let folder = PieceFolder::new(out, head);
-        folder.make().unwrap();
-        folder
-    }
 
     fn plane(name: &str, values: Vec<f32>) -> Plane {
         Plane {

@@ -55,6 +55,44 @@ impl Estimate {
         }
     }
 
+    /// Itself by its bits.
+    pub(super) fn to_words(self) -> [u32; 16] {
+        let [red, green, blue] = self.sum;
+        let doubles = [
+            red,
+            green,
+            blue,
+            self.squares,
+            self.squares_of_runs,
+            self.halves.variance,
+        ];
+        let mut words = [0; 16];
+        for (pair, double) in words.chunks_exact_mut(2).zip(doubles) {
+            let bits = double.to_bits();
+            pair.copy_from_slice(&[(bits >> 32) as u32, bits as u32]);
+        }
+        let [darkest, brightest] = self.extremes.map(f32::to_bits);
+        words[12..].copy_from_slice(&[self.halves.count, darkest, brightest, self.count]);
+        words
+    }
+
+    /// The one that has these bits.
+    pub(super) fn of_words(words: [u32; 16]) -> Estimate {
+        let double =
+            |place: usize| f64::from_bits(u64::from(words[place]) << 32 | u64::from(words[place + 1]));
+        Estimate {
+            sum: [0, 2, 4].map(double),
+            squares: double(6),
+            squares_of_runs: double(8),
+            halves: Halves {
+                variance: double(10),
+                count: words[12],
+            },
+            extremes: [13, 14].map(|place| f32::from_bits(words[place])),
+            count: words[15],
+        }
+    }
+
     /// What the squared radiance of its samples adds up to, channels weighted by luminance.
     pub(super) fn squares(&self) -> f64 {
         self.squares

@@ -10,14 +10,12 @@ mod estimate;
 mod film;
 mod filter;
 mod first_hits;
-mod forecast;
 mod gather;
 mod lamps;
 mod layers;
 mod ledger;
 mod lens;
 mod light_layers;
-mod look;
 mod losses;
 mod mattes;
 mod memory;
@@ -25,7 +23,6 @@ mod meter;
 mod monitor;
 mod mosaic;
 mod outcome;
-mod pilot;
 pub mod plan;
 mod planes;
 mod probe;
@@ -59,7 +56,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-pub use adaptive::{Adaptive, MIN_ADAPTIVE_ERROR};
+pub use adaptive::{Adaptive, Checkpoints, MIN_ADAPTIVE_ERROR, Rounds};
 pub use costs::PixelCosts;
 pub use departure::{Departure, Departures};
 pub use film::pixel_sum;
@@ -293,13 +290,27 @@ pub fn render(
     settings: &RenderSettings,
     monitor: &Monitor,
 ) -> Option<Rendering> {
+    render_on(scene, camera, accel, settings, monitor, None)
+}
+
+/// Renders as [`render`] does. With adaptive sampling it goes on from where `checkpoints` begin, and what is known on the
+/// way is kept; other pictures are made by [`Parts`] for that, and costs (which no checkpoint knows) are those from there
+/// on.
+pub fn render_on(
+    scene: &Scene,
+    camera: &Camera,
+    accel: &dyn Accel,
+    settings: &RenderSettings,
+    monitor: &Monitor,
+    checkpoints: Option<&mut Checkpoints>,
+) -> Option<Rendering> {
     let start = Instant::now();
     let mut frame = Frame::new(scene, camera, accel, settings);
     let made_ready = settings.ledger.then(|| start.elapsed().as_secs_f64());
     let scattered = frame.scatter(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();
     let mut rendering = match settings.target() {
-        Some(target) => render_adaptively(&mut frame, target, monitor)?,
+        Some(target) => render_adaptively(&mut frame, target, monitor, checkpoints)?,
         None => render_uniformly(&frame, &Region::whole(settings), monitor)?,
     };
     rendering.ready_seconds = ready_seconds;
@@ -392,9 +403,14 @@ fn render_tiles(
 }
 
 /// As many samples as each pixel needs, round by round.
-fn render_adaptively(frame: &mut Frame, target: Adaptive, monitor: &Monitor) -> Option<Rendering> {
+fn render_adaptively(
+    frame: &mut Frame,
+    target: Adaptive,
+    monitor: &Monitor,
+    checkpoints: Option<&mut Checkpoints>,
+) -> Option<Rendering> {
     let canvas = Canvas::whole(&frame.settings);
-    let (estimates, ledger) = adaptive::render(frame, target, &canvas, monitor)?;
+    let (estimates, ledger) = adaptive::render(frame, target, &canvas, monitor, checkpoints)?;
     let settings = &frame.settings;
     let to_pixel = |estimate: &Estimate| estimate.mean().map(|channel| channel as f32);
     let image = LinearImage {

@@ -179,7 +179,7 @@ pub fn render_mosaic(
     let (samples, mut ledger) = match settings.target() {
         Some(target) => {
             let canvas = mosaic.canvas(&pieces);
-            let (estimates, ledger) = adaptive::render(&mut frame, target, &canvas, monitor)?;
+            let (estimates, ledger) = adaptive::render(&mut frame, target, &canvas, monitor, None)?;
             let mut shown = Vec::with_capacity(image.pixels.len());
             for (number, site) in canvas.sites.iter().enumerate() {
                 let row = |y: usize| {

@@ -1,7 +1,7 @@
 //! One frame of a batch, or the pieces of it that are this process's: rows after rows, kept on the way.
 
 use std::borrow::Cow;
-use std::ops::Range;
+use std::ops::{ControlFlow, Range};
 use std::path::Path;
 use std::time::Instant;
 
@@ -9,8 +9,8 @@ use crate::accel::Accel;
 use crate::batch::{FrameHead, Key, Part, Piece, PieceFolder, Plane, color_planes, planes_of};
 use crate::image::PngEncoding;
 use crate::render::{
-    self, FinishedTile, Ledger, Monitor, Parts, Pattern, Plan as EffectPlan, Region, RenderSettings,
-    Rendering, Share, Sums,
+    self, Checkpoints, FinishedTile, Ledger, Monitor, Parts, Pattern, Plan as EffectPlan, Region,
+    RenderSettings, Rendering, Rounds, Share, Sums,
 };
 use crate::scene::Camera;
 
@@ -65,8 +65,10 @@ pub(super) struct Making<'a> {
     /// Finished rows that are not on the disk, in order.
     kept: Vec<(Range<u32>, Vec<Plane>)>,
     kept_since: Instant,
-    /// Whether anything of it is on the disk.
+    /// Whether any of its pieces are on the disk.
     has_pieces: bool,
+    /// Whether what adaptive sampling knows of it is.
+    has_rounds: bool,
     ledger: Ledger,
     write_seconds: f64,
 }
@@ -156,34 +158,57 @@ impl<'a> Making<'a> {
             kept: Vec::new(),
             kept_since: Instant::now(),
             has_pieces: false,
+            has_rounds: false,
             ledger: Ledger::default(),
             write_seconds: 0.0,
         })
     }
 
-    /// The whole picture by one render; samples a pixel.
+    /// The whole picture by one render, which goes on from where an earlier one was; samples a pixel.
     fn make_at_once(&mut self) -> Result<f64, Failure> {
-        let projected = project(
-            self.job,
-            &self.shot,
-            (self.stage.scene(), &self.camera),
-            &*self.stage.accel,
-        );
+        let (stage, job, shot, monitor) = (self.stage, self.job, self.shot, self.monitor);
+        let camera = self.camera.clone();
+        let projected = project(job, &shot, (stage.scene(), &camera), &*stage.accel);
         let accel = projected
             .as_ref()
-            .map_or(&*self.stage.accel, |projected| projected as &dyn Accel);
-        let rendered = render::render(
-            self.stage.scene(),
-            &self.camera,
+            .map_or(&*stage.accel, |projected| projected as &dyn Accel);
+        // What rays and time a pixel took only whoever made it knows.
+        let can_go_on = !shot.settings.cost_aovs;
+        let start = if can_go_on {
+            self.folder.read_rounds()?
+        } else {
+            None
+        };
+        self.has_rounds = start.is_some();
+        let seconds = self.limits.checkpoint;
+        let mut failure = None;
+        let mut keep = |rounds: &Rounds| match self.save(|folder| folder.write_rounds(rounds)) {
+            Ok(()) => {
+                self.has_rounds = true;
+                ControlFlow::Continue(())
+            }
+            Err(error) => {
+                failure = Some(error);
+                ControlFlow::Break(())
+            }
+        };
+        let mut checkpoints = Checkpoints {
+            start,
+            seconds,
+            keep: &mut keep,
+        };
+        let rendered = render::render_on(
+            stage.scene(),
+            &camera,
             accel,
-            &self.shot.settings,
-            &self.monitor,
+            &shot.settings,
+            &monitor,
+            can_go_on.then_some(&mut checkpoints),
         );
-        let rendering = rendered.ok_or(Failure::Interrupted)?;
-        self.keep(
-            0..self.shot.settings.height,
-            planes_of_rendering(self.job, &rendering),
-        );
+        let Some(rendering) = rendered else {
+            return Err(failure.unwrap_or(Failure::Interrupted));
+        };
+        self.keep(0..shot.settings.height, planes_of_rendering(job, &rendering));
         self.ledger += rendering.ledger;
         Ok(rendering.samples.mean)
     }
@@ -326,6 +351,7 @@ impl<'a> Making<'a> {
                 self.ledger += ledger;
                 steps.took(&rows, begun.elapsed().as_secs_f64());
                 self.save(|folder| folder.write_sums(&rows, index, &sums))?;
+                self.has_pieces = true;
             }
         }
         Ok(())
@@ -384,6 +410,7 @@ impl<'a> Making<'a> {
     fn flush(&mut self) -> Result<(), Failure> {
         for (rows, planes) in joined(std::mem::take(&mut self.kept)) {
             self.save(|folder| folder.write_finished(&rows, &planes))?;
+            self.has_pieces = true;
         }
         Ok(())
     }
@@ -396,7 +423,6 @@ impl<'a> Making<'a> {
         let unwritable = |error| Failure::Work(format!("no folder can be made for pieces: {error}"));
         self.folder.make().map_err(unwritable)?;
         interrupt::finish_first(|| write(&self.folder))?;
-        self.has_pieces = true;
         self.write_seconds += start.elapsed().as_secs_f64();
         Ok(())
     }
@@ -410,6 +436,9 @@ impl<'a> Making<'a> {
             let mut kept = std::mem::take(&mut self.kept).into_iter();
             let rows = || Ok::<_, crate::image::ImageError>(kept.next().map(|(_, planes)| planes));
             interrupt::finish_first(|| picture::write(out, head, rows))?;
+            if self.has_rounds {
+                self.folder.remove();
+            }
         } else {
             self.flush()?;
             match picture::merge(out, &self.folder) {

@@ -8,10 +8,10 @@
 //! tell together as well. Rays as wide as for those may see more detail, so these pixels have their first round again until
 //! the number settles.
 
-use super::adaptive::{Adaptive, ROUND};
-use super::estimate::Estimate;
+use super::super::estimate::Estimate;
 use super::forecast::Forecast;
 use super::look::{Kinds, Look};
+use super::{Adaptive, ROUND};
 
 /// Pixels of a block each way.
 const BLOCK: usize = 8;
@@ -66,7 +66,7 @@ fn reached(look: &Look, square: f64, spp: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::estimate::estimate;
+    use super::super::super::estimate::estimate;
     use super::*;
 
     const TARGET: Adaptive = Adaptive {

@@ -2,7 +2,7 @@
 //! The display value is a curve close to sRGB's, but made of a square root, which is rounded alike on every machine:
 //! decisions must not depend on anybody's `pow`. It goes on above white, so highlights of linear pictures count too.
 
-use super::estimate::Estimate;
+use super::super::estimate::Estimate;
 
 /// A pixel as the display shows it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -101,8 +101,8 @@ pub(super) fn display_value(luminance: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::estimate::estimate;
-    use super::super::sampler::{Purpose, sample_2d};
+    use super::super::super::estimate::estimate;
+    use super::super::super::sampler::{Purpose, sample_2d};
     use super::*;
     use crate::scene::picture::Pattern;
 

@@ -1,0 +1,135 @@
+//! An adaptively sampled frame that is half-made, on the disk: what its rounds know of every pixel, beside the frame's
+//! pieces.
+
+use std::ops::Range;
+
+use super::piece_file::{PieceFolder, damaged};
+use crate::image::rows::{ExrChannel, SampleType, Samples, Window};
+use crate::image::{ImageError, Note};
+use crate::render::Rounds;
+
+/// What the file is called.
+const FILE: &str = "rounds.exr";
+
+/// The note that tells what is known of no pixel alone.
+const REST: &str = "whit.rounds";
+
+/// Rows that are written or read at a time.
+const STEP: usize = 32;
+
+impl PieceFolder {
+    /// Writes what is known, over what was known before.
+    ///
+    /// # Errors
+    ///
+    /// Where the disk takes no more.
+    pub fn write_rounds(&self, rounds: &Rounds) -> Result<(), ImageError> {
+        let channel = |name: &str| ExrChannel::new(name, SampleType::Uint);
+        let rest = rounds.rest();
+        let note = Note {
+            name: REST,
+            text: &rest,
+        };
+        let window = Window::of_size(self.head().size);
+        let mut writer = self.create(FILE, window, Rounds::WORDS.map(channel).into(), note)?;
+        for rows in self.steps() {
+            let words = rounds.words(&rows).into_iter().map(Samples::from);
+            writer.write_rows(&words.collect::<Vec<Samples>>())?;
+        }
+        writer.finish()
+    }
+
+    /// What was known when it was written last; nothing if it never was.
+    ///
+    /// # Errors
+    ///
+    /// Where it cannot be read, or is of another frame.
+    pub fn read_rounds(&self) -> Result<Option<Rounds>, ImageError> {
+        let path = self.path(FILE);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let size = self.head().size;
+        let mut reader = self.open_file(&path, Window::of_size(size))?;
+        let names: Vec<String> = reader
+            .channels()
+            .iter()
+            .map(|channel| channel.name.clone())
+            .collect();
+        let mut rounds = Rounds::new(size.map(|side| side as usize));
+        let rest = reader.note(REST).and_then(|rest| rounds.set_rest(&rest));
+        rest.ok_or_else(|| damaged(&path))?;
+        for rows in self.steps() {
+            let values = reader.read_rows(rows.start as u32..rows.end as u32)?;
+            let plane = |name: &&str| {
+                let place = names.iter().position(|channel| channel == name)?;
+                match &values[place] {
+                    Samples::Integers(words) => Some(&words[..]),
+                    Samples::Floats(_) => None,
+                }
+            };
+            let planes: Option<Vec<&[u32]>> = Rounds::WORDS.iter().map(plane).collect();
+            planes
+                .and_then(|planes| rounds.set_words(&rows, &planes))
+                .ok_or_else(|| damaged(&path))?;
+        }
+        Ok(Some(rounds))
+    }
+
+    fn steps(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        let height = self.head().size[1] as usize;
+        (0..height)
+            .step_by(STEP)
+            .map(move |first| first..(first + STEP).min(height))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::super::piece_file::folder;
+    use super::*;
+
+    #[test]
+    fn rounds_come_back_and_are_no_piece() {
+        let out = tempfile::tempdir().unwrap();
+        let folder = folder(out.path(), 1);
+        assert!(folder.read_rounds().unwrap().is_none());
+        let [width, height] = folder.head().size;
+        let mut rounds = Rounds::new([width, height].map(|side| side as usize));
+        rounds.set_rest(&rounds.rest().replace("true", "false")).unwrap();
+        let mut words = rounds.words(&(40..41));
+        words.iter_mut().for_each(|plane| plane.fill(2));
+        let planes: Vec<&[u32]> = words.iter().map(|plane| &plane[..]).collect();
+        rounds.set_words(&(40..41), &planes).unwrap();
+        folder.write_rounds(&rounds).unwrap();
+        assert_eq!(folder.read_rounds().unwrap().unwrap(), rounds);
+        assert_eq!(folder.pieces().unwrap(), []);
+        let path = folder.path(FILE);
+        fs::write(&path, b"not an image").unwrap();
+        assert!(folder.read_rounds().is_err());
+        folder.remove();
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn a_file_that_lacks_something_is_told_to_be_removed() {
+        let out = tempfile::tempdir().unwrap();
+        let folder = folder(out.path(), 1);
+        let window = Window::of_size(folder.head().size);
+        let note = Note {
+            name: REST,
+            text: "{}",
+        };
+        let channels = vec![ExrChannel::new("count", SampleType::Uint)];
+        let mut writer = folder.create(FILE, window, channels, note).unwrap();
+        writer.write_rows(&[Samples::from(vec![0u32; 2 * 64])]).unwrap();
+        writer.finish().unwrap();
+        let message = folder.read_rounds().unwrap_err().to_string();
+        assert!(
+            message.ends_with("lacks something of its frame: remove it"),
+            "{message}"
+        );
+    }
+}

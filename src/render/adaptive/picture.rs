@@ -1,0 +1,411 @@
+//! Which pixels of a picture want more samples, and how many.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::super::estimate::Estimate;
+use super::super::mosaic::{Canvas, Site};
+use super::super::wave::Visit;
+use super::forecast::Forecast;
+use super::look::{Kinds, Look};
+use super::rounds::{LEVELS, Missed, Rounds, Turn};
+use super::{Adaptive, ROUND};
+
+/// The state of all pixels.
+pub(super) struct Picture {
+    pub(super) target: Adaptive,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Those that are on a site; the others have no samples.
+    pub(super) pixel_count: usize,
+    /// Most samples a pixel.
+    pub(super) spp: u32,
+    pub(super) known: Rounds,
+    /// One for each estimate, at the end of the last round.
+    looks: Vec<Look>,
+}
+
+/// How often a pixel's samples have doubled.
+fn level(count: u32) -> usize {
+    count.div_ceil(ROUND).next_power_of_two().ilog2() as usize
+}
+
+impl Picture {
+    /// Bytes of what is known of all pixels.
+    pub(super) fn byte_count(&self) -> usize {
+        let known = size_of_val(&self.known.estimates[..]) + size_of_val(&self.known.turns[..]);
+        known + size_of_val(&self.looks[..])
+    }
+
+    pub(super) fn new(target: Adaptive, canvas: &Canvas, spp: u32) -> Picture {
+        let [width, height] = canvas.size;
+        let pixel_count = |site: &Site| site.tile.width as usize * site.tile.height as usize;
+        Picture {
+            target,
+            width,
+            height,
+            pixel_count: canvas.sites.iter().map(pixel_count).sum(),
+            spp,
+            known: Rounds::new(canvas.size),
+            looks: Vec::new(),
+        }
+    }
+
+    /// Finds out which pixels are in the next round; whether there are any.
+    pub(super) fn decide(&mut self) -> bool {
+        let this = &*self;
+        let turn = |row: usize, column: usize| match this.wants_more(column, row) {
+            true => Turn::Waits,
+            false => Turn::None,
+        };
+        let turns = |row: usize| (0..this.width).map(move |column| turn(row, column));
+        self.known.turns = (0..this.height).into_par_iter().flat_map_iter(turns).collect();
+        let counts = self.looks.iter().map(|look| look.count);
+        let least = counts.filter(|&count| count > 0).min().unwrap_or(self.spp);
+        let missed = self.known.missed[level(least)].square();
+        let least_join = if self.has_next() {
+            !self.forecast(missed, least).is_worth_it()
+        } else {
+            missed > self.target.error * self.target.error * self.pixel_count as f64
+        };
+        if least_join && least < self.spp {
+            for (turn, look) in self.known.turns.iter_mut().zip(&self.looks) {
+                if look.count == least && look.error.is_finite() {
+                    *turn = Turn::Waits;
+                }
+            }
+        }
+        self.has_next()
+    }
+
+    /// Whether any pixel is to be visited.
+    fn has_next(&self) -> bool {
+        self.known.turns.contains(&Turn::Waits)
+    }
+
+    /// Of the pixels in the next round, with what pixels of `least` samples have missed.
+    fn forecast(&self, missed: f64, least: u32) -> Forecast {
+        let of_row = |row: usize| {
+            let mut forecast = Forecast::default();
+            for index in row * self.width..(row + 1) * self.width {
+                let look = &self.looks[index];
+                let next = if self.known.turns[index] == Turn::Waits {
+                    (2 * look.count).min(self.spp)
+                } else {
+                    look.count
+                };
+                if look.error.is_finite() {
+                    forecast.add(look.error * look.error, look.noise, look.count, next);
+                }
+            }
+            forecast
+        };
+        let rows: Vec<Forecast> = (0..self.height).into_par_iter().map(of_row).collect();
+        // Summed up in one order, whoever made the parts.
+        let mut forecast = Forecast::default();
+        rows.iter().for_each(|row| forecast.merge(row));
+        forecast.add_missed(missed, least);
+        forecast
+    }
+
+    /// What lies hidden elsewhere for what single samples of this pixel met, as a squared error.
+    fn missed_like(&self, column: usize, row: usize) -> f64 {
+        let look = &self.looks[row * self.width + column];
+        let middle = 0.5 * (look.extremes[0] + look.extremes[1]);
+        // Itself and those around it that see it too.
+        let mut seen_by = [0; 2];
+        for y in row.saturating_sub(1)..(row + 2).min(self.height) {
+            let start = y * self.width;
+            for other in &self.looks[start + column.saturating_sub(1)..start + (column + 2).min(self.width)] {
+                seen_by[0] += u32::from(other.extremes[0] < middle);
+                seen_by[1] += u32::from(other.extremes[1] > middle);
+            }
+        }
+        let hidden = |end: usize| {
+            if seen_by[end] == 1 {
+                look.single_steps[end]
+            } else {
+                0.0
+            }
+        };
+        hidden(0) * hidden(0) + hidden(1) * hidden(1)
+    }
+
+    /// The pixels of the round that are to be visited yet, by tile; tiles without any are left out.
+    pub(super) fn visits(&self, sites: &[Site]) -> Vec<(Site, Vec<Visit>)> {
+        sites
+            .par_iter()
+            .map(|&site| (site, self.visits_in(site)))
+            .filter(|(_, visits)| !visits.is_empty())
+            .collect()
+    }
+
+    fn visits_in(&self, Site { tile, at }: Site) -> Vec<Visit> {
+        let mut visits = Vec::new();
+        for y in 0..tile.height {
+            for x in 0..tile.width {
+                let (column, row) = (at[0] + x as usize, at[1] + y as usize);
+                if self.known.turns[row * self.width + column] == Turn::Waits {
+                    visits.push(Visit {
+                        x,
+                        y,
+                        groups: self.next_groups(row * self.width + column),
+                    });
+                }
+            }
+        }
+        visits
+    }
+
+    /// As many packets as a pixel has had already, up to the most samples that there are.
+    fn next_groups(&self, index: usize) -> Range<u32> {
+        let first = self.known.estimates[index].count / ROUND;
+        first..(2 * first).max(1).min(self.spp.div_ceil(ROUND))
+    }
+
+    /// The rule at the head of this file.
+    fn wants_more(&self, column: usize, row: usize) -> bool {
+        let target = self.target.error;
+        let look = &self.looks[row * self.width + column];
+        // More samples do not make a number of what is none.
+        if look.count >= self.spp || !look.error.is_finite() {
+            return false;
+        }
+        if look.error > target {
+            return true;
+        }
+        let unseen_limit = target * f64::from(look.count + 1);
+        let (mut squares, mut sound_count) = (0.0, 0.0);
+        for y in row.saturating_sub(1)..(row + 2).min(self.height) {
+            let start = y * self.width;
+            let near = start + column.saturating_sub(1)..start + (column + 2).min(self.width);
+            for other in self.looks[near].iter().filter(|other| other.error.is_finite()) {
+                if look.unseen(other) > unseen_limit || (look.count <= ROUND && other.error > target) {
+                    return true;
+                }
+                squares += other.error * other.error;
+                sound_count += 1.0;
+            }
+        }
+        squares > target * target * sound_count
+    }
+
+    /// Counts the new samples of pixels that have been visited.
+    pub(super) fn merge(&mut self, site: Site, visits: &[Visit], estimates: &[Estimate]) {
+        for (visit, estimate) in visits.iter().zip(estimates) {
+            let (column, row) = (site.at[0] + visit.x as usize, site.at[1] + visit.y as usize);
+            let index = row * self.width + column;
+            self.known.estimates[index].merge(estimate);
+            self.known.turns[index] = Turn::Had;
+        }
+    }
+
+    /// How much of the variance is noise, for each pixel of a row by those around it too: of one pixel alone it is too
+    /// uncertain.
+    fn noises(&self, row: usize) -> Vec<f64> {
+        let rows = row.saturating_sub(1)..(row + 2).min(self.height);
+        let of_column = |column: usize| {
+            let mut kinds = Kinds::default();
+            rows.clone()
+                .for_each(|row| kinds.add(&self.known.estimates[row * self.width + column]));
+            kinds
+        };
+        let columns: Vec<Kinds> = (0..self.width).map(of_column).collect();
+        let around = |column: usize| {
+            let near = &columns[column.saturating_sub(1)..(column + 2).min(self.width)];
+            near.iter().fold(Kinds::default(), Kinds::merged).noise()
+        };
+        (0..self.width).map(around).collect()
+    }
+
+    /// Sees all pixels anew, after the last visit of a round.
+    pub(super) fn end_round(&mut self) {
+        if std::mem::take(&mut self.known.is_first) {
+            // With those that a pilot asked.
+            self.known.turns.fill(Turn::Had);
+        }
+        let mut looks = std::mem::take(&mut self.looks);
+        looks.resize(self.known.estimates.len(), Look::default());
+        looks
+            .par_chunks_mut(self.width)
+            .zip(self.known.estimates.par_chunks(self.width))
+            .enumerate()
+            .for_each(|(row, (looks, estimates))| {
+                let seen = estimates.iter().zip(self.noises(row));
+                for (look, (estimate, noise)) in looks.iter_mut().zip(seen) {
+                    *look = Look::of(estimate, noise, self.target.gain);
+                }
+            });
+        self.looks = looks;
+        let missed_in = |row: usize| {
+            let mut missed = [Missed::default(); LEVELS];
+            for column in 0..self.width {
+                let index = row * self.width + column;
+                if self.known.turns[index] == Turn::Had {
+                    missed[level(self.looks[index].count)].add(self.missed_like(column, row));
+                }
+            }
+            missed
+        };
+        let rows: Vec<[Missed; LEVELS]> = (0..self.height).into_par_iter().map(missed_in).collect();
+        for row in rows {
+            (0..LEVELS).for_each(|level| self.known.missed[level].merge(row[level]));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::estimate::estimate;
+    use super::super::look::display_value;
+    use super::*;
+
+    /// A picture of three by three pixels of `count` gray samples each, but for its middle.
+    fn around(middle: &[f64], gray: f64, count: usize, target: f64) -> Picture {
+        let mut known = Rounds::new([3, 3]);
+        known.estimates.fill(estimate(&vec![gray; count]));
+        known.estimates[4] = estimate(middle);
+        let mut picture = Picture {
+            target: Adaptive {
+                error: target,
+                gain: 1.0,
+            },
+            width: 3,
+            height: 3,
+            pixel_count: 9,
+            spp: 256,
+            known,
+            looks: Vec::new(),
+        };
+        picture.end_round();
+        picture
+    }
+
+    #[test]
+    fn an_even_picture_wants_nothing() {
+        let picture = around(&[0.5; 16], 0.5, 16, 0.01);
+        assert!((0..9).all(|pixel| !picture.wants_more(pixel % 3, pixel / 3)));
+    }
+
+    #[test]
+    fn an_uncertain_pixel_wants_more_and_its_neighbours_look_closer_once() {
+        let mut edge = vec![0.2; 16];
+        edge[5] = 0.9;
+        let once = around(&edge, 0.5, 16, 0.01);
+        assert!((0..9).all(|pixel| once.wants_more(pixel % 3, pixel / 3)));
+        // Having seen both extremes themselves, and with two rounds behind them, they mind the neighbourhood.
+        let mut twice = around(&edge, 0.5, 32, 0.01);
+        for look in &mut twice.looks {
+            look.extremes = [0.0, 1.0];
+        }
+        assert!(twice.wants_more(1, 1) && twice.wants_more(0, 0));
+        // A corner has three neighbours: the root mean square over the four is half of the only error.
+        let error = twice.looks[4].error;
+        twice.target.error = 0.51 * error;
+        assert!(twice.wants_more(1, 1) && !twice.wants_more(0, 0));
+        twice.target.error = 0.49 * error;
+        assert!(twice.wants_more(0, 0));
+    }
+
+    #[test]
+    fn what_kind_a_pixels_variance_is_its_neighbours_tell_too() {
+        // Of its own, this one's samples are all noise; those around have as much variance and none of it is.
+        let noise = [[0.0; 4], [1.0; 4], [0.0; 4], [1.0; 4]].concat();
+        let alone = around(&noise, 0.5, 16, 0.01);
+        assert_eq!(alone.noises(1), [1.0; 3]);
+        let mut beside = around(&noise, 0.5, 16, 0.01);
+        let even = estimate(&[0.0, 1.0].repeat(8));
+        for pixel in (0..9).filter(|pixel| *pixel != 4) {
+            beside.known.estimates[pixel] = even;
+        }
+        let mut kinds = Kinds::default();
+        beside.known.estimates.iter().for_each(|one| kinds.add(one));
+        assert!(kinds.noise() < 1.0);
+        assert!((beside.noises(1)[1] - kinds.noise()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn rounds_double_a_pixels_samples_up_to_the_most() {
+        let mut picture = around(&[0.5; 16], 0.5, 16, 0.01);
+        picture.spp = 100;
+        for (count, groups) in [(0, 0..1), (16, 1..2), (32, 2..4), (64, 4..7)] {
+            picture.known.estimates[4].count = count;
+            assert_eq!(picture.next_groups(4), groups, "{count}");
+        }
+    }
+
+    #[test]
+    fn what_a_neighbour_saw_and_a_pixel_did_not_is_looked_for() {
+        // A step from black to white, each pixel certain of itself: 1 / (n + 1) of it may be hidden.
+        let target = 1.0 / 50.0;
+        for (count, more) in [(16, true), (48, true), (64, false)] {
+            let picture = around(&vec![1.0; count], 0.0, count, target);
+            assert_eq!(picture.wants_more(0, 0), more, "{count}");
+            assert_eq!(picture.wants_more(1, 1), more, "{count}");
+        }
+    }
+
+    #[test]
+    fn pixels_that_are_all_alike_get_the_round_together() {
+        let mut half = vec![0.0; 16];
+        half[..8].fill(1.0);
+        let mut picture = around(&half, 0.5, 16, 1.0);
+        picture.looks = vec![
+            Look {
+                count: 32,
+                ..picture.looks[4]
+            };
+            9
+        ];
+        picture.target.error = 0.999 * picture.looks[4].error;
+        for look in &mut picture.looks[..4] {
+            look.error *= 0.99;
+        }
+        assert!(picture.decide());
+        assert_eq!(picture.known.turns, [Turn::Waits; 9]);
+        // None wants more: none gets more.
+        picture.target.error *= 1.1;
+        assert!(!picture.decide());
+        assert_eq!(picture.known.turns, [Turn::None; 9]);
+    }
+
+    #[test]
+    fn what_one_sample_met_of_one_pixel_lies_hidden_elsewhere_too() {
+        let mut speck = vec![0.0; 16];
+        speck[3] = 1.0;
+        let picture = around(&speck, 0.0, 16, 0.01);
+        // One of seventeen samples that sees white.
+        let square = display_value(1.0 / 17.0).powi(2);
+        assert!((picture.known.missed[0].sum / square - 1.0).abs() < 1e-12);
+        assert_eq!(picture.known.missed[0].square(), 0.0);
+        // Four of them: less a half, the root of four in four.
+        let mut four = Missed::default();
+        (0..4).for_each(|_| four.add(square));
+        assert!((four.square() / (2.0 * square) - 1.0).abs() < 1e-12);
+        // Two samples of a pixel, or neighbours that see it, tell of a larger thing.
+        speck[4] = 1.0;
+        assert_eq!(around(&speck, 0.0, 16, 0.01).known.missed[0].sum, 0.0);
+        let mut beside = around(&speck[..4], 0.0, 4, 0.01);
+        beside.known.estimates[5] = beside.known.estimates[4];
+        beside.known.missed = [Missed::default(); LEVELS];
+        beside.known.turns.fill(Turn::Had);
+        beside.end_round();
+        assert_eq!(beside.known.missed[0].sum, 0.0);
+    }
+
+    #[test]
+    fn no_pixel_wants_more_than_the_most() {
+        let mut edge = vec![0.0; 256];
+        edge[..128].fill(1.0);
+        assert!(!around(&edge, 0.5, 256, 1e-6).wants_more(1, 1));
+    }
+
+    #[test]
+    fn a_pixel_that_is_no_number_wants_nothing() {
+        for value in [f64::NAN, f64::INFINITY] {
+            let picture = around(&[value; 16], 0.5, 16, 0.01);
+            assert!(!picture.wants_more(1, 1), "{value}");
+        }
+    }
+}

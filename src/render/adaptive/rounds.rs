@@ -1,0 +1,232 @@
+//! What adaptive sampling knows of a picture between two tiles of a round: all that it needs to go on.
+
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+use super::super::estimate::Estimate;
+use super::ROUND;
+
+/// How often a pixel's samples can double.
+pub(super) const LEVELS: usize = u32::BITS as usize;
+
+/// What adaptive sampling knows of a picture that is not finished.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rounds {
+    width: usize,
+    /// Row by row.
+    pub(super) estimates: Vec<Estimate>,
+    /// Whose turn it is in the round at hand.
+    pub(super) turns: Vec<Turn>,
+    /// Whether that is the first.
+    pub(super) is_first: bool,
+    /// Even samples a pixel that rays are as wide as for.
+    pub(super) even_count: u32,
+    /// What was missed by all pixels when they had 16 samples, 32 and so on.
+    pub(super) missed: [Missed; LEVELS],
+}
+
+/// What a pixel has to do with a round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Turn {
+    /// Nothing: it wants no more samples.
+    None,
+    /// It is to be visited.
+    Waits,
+    /// It has been.
+    Had,
+}
+
+/// What no sample has met, by what single samples did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Missed {
+    /// Of squared errors.
+    pub(super) sum: f64,
+    /// Of their squares.
+    squares: f64,
+}
+
+/// What is known of no pixel alone; numbers by their bits.
+#[derive(Serialize, Deserialize)]
+struct Rest {
+    is_first: bool,
+    even_count: u32,
+    missed: Vec<[u64; 2]>,
+}
+
+impl Rounds {
+    /// The names of what each pixel is written down as, 32 bits each.
+    pub const WORDS: [&'static str; 17] = [
+        "red.high",
+        "red.low",
+        "green.high",
+        "green.low",
+        "blue.high",
+        "blue.low",
+        "squares.high",
+        "squares.low",
+        "runs.high",
+        "runs.low",
+        "halves.high",
+        "halves.low",
+        "halves.count",
+        "darkest",
+        "brightest",
+        "count",
+        "turn",
+    ];
+
+    /// Nothing of a picture of so many columns and rows, all of whose pixels are to be visited.
+    pub fn new([width, height]: [usize; 2]) -> Rounds {
+        Rounds {
+            width,
+            estimates: vec![Estimate::NONE; width * height],
+            turns: vec![Turn::Waits; width * height],
+            is_first: true,
+            even_count: ROUND,
+            missed: [Missed::default(); LEVELS],
+        }
+    }
+
+    /// What some rows are to be written down as: [`Rounds::WORDS`] planes, a value a pixel each.
+    pub fn words(&self, rows: &Range<usize>) -> Vec<Vec<u32>> {
+        let pixels = self.pixels(rows);
+        let of_pixel = |(estimate, &turn): (&Estimate, &Turn)| {
+            let mut words = [0; Self::WORDS.len()];
+            words[..Self::WORDS.len() - 1].copy_from_slice(&estimate.to_words());
+            words[Self::WORDS.len() - 1] = turn as u32;
+            words
+        };
+        let turns = &self.turns[pixels.clone()];
+        let words: Vec<_> = self.estimates[pixels].iter().zip(turns).map(of_pixel).collect();
+        let plane = |word: usize| words.iter().map(|words| words[word]).collect();
+        (0..Self::WORDS.len()).map(plane).collect()
+    }
+
+    /// Takes over rows by what was written down of them; `None` if that is not what rows are written down as.
+    #[must_use]
+    pub fn set_words(&mut self, rows: &Range<usize>, planes: &[&[u32]]) -> Option<()> {
+        let pixels = self.pixels(rows);
+        let is_sound =
+            planes.len() == Self::WORDS.len() && planes.iter().all(|plane| plane.len() == pixels.len());
+        if !is_sound {
+            return None;
+        }
+        for (number, pixel) in pixels.enumerate() {
+            let word = |word: usize| planes[word][number];
+            self.estimates[pixel] = Estimate::of_words(std::array::from_fn(word));
+            self.turns[pixel] = match word(Self::WORDS.len() - 1) {
+                0 => Turn::None,
+                1 => Turn::Waits,
+                2 => Turn::Had,
+                _ => return None,
+            };
+        }
+        Some(())
+    }
+
+    /// What is to be written down beside the words.
+    pub fn rest(&self) -> String {
+        let rest = Rest {
+            is_first: self.is_first,
+            even_count: self.even_count,
+            missed: self
+                .missed
+                .iter()
+                .map(|missed| [missed.sum, missed.squares].map(f64::to_bits))
+                .collect(),
+        };
+        serde_json::to_string(&rest).unwrap_or_default()
+    }
+
+    /// Takes over what was written down beside the words; `None` if it is something else.
+    #[must_use]
+    pub fn set_rest(&mut self, text: &str) -> Option<()> {
+        let rest: Rest = serde_json::from_str(text).ok()?;
+        let missed = rest.missed.into_iter().map(|bits| {
+            let [sum, squares] = bits.map(f64::from_bits);
+            Missed { sum, squares }
+        });
+        self.missed = missed.collect::<Vec<Missed>>().try_into().ok()?;
+        self.is_first = rest.is_first;
+        self.even_count = rest.even_count;
+        Some(())
+    }
+
+    /// Whether it may be of a picture of this size and so many samples a pixel at most.
+    pub(super) fn is_of(&self, size: [usize; 2], spp: u32) -> bool {
+        let most = spp.next_multiple_of(ROUND);
+        let has_sound_counts = || self.estimates.iter().all(|estimate| estimate.count <= most);
+        let has_sound_widths = (ROUND..=most).contains(&self.even_count);
+        [self.width, self.estimates.len()] == [size[0], size[0] * size[1]]
+            && has_sound_widths
+            && has_sound_counts()
+    }
+
+    fn pixels(&self, rows: &Range<usize>) -> Range<usize> {
+        rows.start * self.width..rows.end * self.width
+    }
+}
+
+impl Missed {
+    pub(super) fn add(&mut self, square: f64) {
+        self.sum += square;
+        self.squares += square * square;
+    }
+
+    pub(super) fn merge(&mut self, other: Missed) {
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
+
+    /// The squared error of all pixels together, less its own standard error: one find alone, like a lamp's image in a far
+    /// mirror, says nothing about the rest of the picture.
+    pub(super) fn square(&self) -> f64 {
+        (self.sum - self.squares.sqrt()).max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::estimate::estimate;
+    use super::*;
+
+    #[test]
+    fn what_is_written_down_comes_back_by_every_bit() {
+        let mut known = Rounds::new([3, 4]);
+        for (pixel, known) in known.estimates.iter_mut().enumerate().skip(1) {
+            let samples: Vec<f64> = (0..32)
+                .map(|sample| 1.0 / f64::from(sample + pixel as u32))
+                .collect();
+            *known = estimate(&samples[..16 * (1 + pixel % 2)]);
+        }
+        known.turns[2] = Turn::None;
+        known.turns[7] = Turn::Had;
+        known.is_first = false;
+        known.even_count = 48;
+        known.missed[5].add(0.1);
+        let mut read = Rounds::new([3, 4]);
+        assert_ne!(read, known);
+        for rows in [0..1, 1..4] {
+            let words = known.words(&rows);
+            let planes: Vec<&[u32]> = words.iter().map(|plane| &plane[..]).collect();
+            read.set_words(&rows, &planes).unwrap();
+            assert_eq!(read.set_words(&(0..4), &planes), None);
+            assert_eq!(read.set_words(&rows, &planes[1..]), None);
+        }
+        read.set_rest(&known.rest()).unwrap();
+        assert_eq!(read, known);
+        assert_eq!(read.set_rest("{}"), None);
+        assert!(known.is_of([3, 4], 48));
+        assert!(!known.is_of([4, 3], 48) && !known.is_of([3, 3], 48) && !known.is_of([3, 4], 16));
+    }
+
+    #[test]
+    fn what_is_no_turn_is_none() {
+        let mut known = Rounds::new([1, 1]);
+        let mut words = known.words(&(0..1));
+        words[Rounds::WORDS.len() - 1][0] = 3;
+        let planes: Vec<&[u32]> = words.iter().map(|plane| &plane[..]).collect();
+        assert_eq!(known.set_words(&(0..1), &planes), None);
+    }
+}

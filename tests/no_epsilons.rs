@@ -41,7 +41,7 @@ const ALLOWED: &[(&str, &str, &str)] = &[
         "2^-102, whose reciprocal f32 still holds",
     ),
     (
-        "render/adaptive.rs",
+        "render/adaptive/mod.rs",
         "1e-6",
         "the least target that the command line takes",
     ),

@@ -6,6 +6,7 @@ mod common {
     #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
     pub mod pictures;
+    pub mod scene_folder;
 }
 mod cli_program;
 
@@ -15,9 +16,9 @@ use std::sync::atomic::AtomicBool;
 
 use cli_program::{fails_with, whit};
 use common::pictures::{add, rendered, settings};
+use common::scene_folder;
 use glam::{DAffine3, DVec2, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
-use whit::gltf::LoadOptions;
 use whit::image::ExtraKind;
 use whit::image::rows::ExrRowsReader;
 use whit::mesh::Mesh;
@@ -87,13 +88,6 @@ fn ball() -> Scene {
         DAffine3::IDENTITY,
     );
     scene
-}
-
-fn load(name: &str) -> Scene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
-    whit::scene_file::load(&path, &LoadOptions::default())
-        .unwrap_or_else(|error| panic!("{name}: {error}"))
-        .scene
 }
 
 #[test]
@@ -357,7 +351,7 @@ fn no_picture_has_other_bits_with_all_layers() {
         "foliage.toml",
     ];
     for name in scenes {
-        let scene = load(name);
+        let scene = scene_folder::named(name).scene;
         for filter in [FilterKind::Box, FilterKind::Mitchell] {
             let without = RenderSettings {
                 width: 20,
@@ -381,7 +375,7 @@ fn no_picture_has_other_bits_with_all_layers() {
 
 #[test]
 fn a_region_has_the_bits_of_the_whole_pictures_layers() {
-    let scene = load("textured.toml");
+    let scene = scene_folder::named("textured.toml").scene;
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let camera = &scene.cameras[0];
     for filter in [FilterKind::Box, FilterKind::Mitchell] {
@@ -407,7 +401,7 @@ fn a_region_has_the_bits_of_the_whole_pictures_layers() {
 
 #[test]
 fn only_the_layers_that_are_wanted_are_there_and_they_are_the_same() {
-    let scene = load("textured.toml");
+    let scene = scene_folder::named("textured.toml").scene;
     let camera = &scene.cameras[0];
     let of = |layers: LayerSet| {
         let settings = RenderSettings {

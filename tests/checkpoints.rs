@@ -1,11 +1,17 @@
 //! Adaptive sampling in many goes: the bits of one.
 
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
+
+    pub mod scene_folder;
+}
+
 use std::ops::ControlFlow;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use common::scene_folder;
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::gltf::LoadOptions;
 use whit::render::{
     Adaptive, Checkpoints, FinishedTile, Monitor, Pattern, RenderSettings, Rendering, Rounds, render_on,
 };
@@ -13,13 +19,6 @@ use whit::scene::Scene;
 
 /// Beyond this number of goes something begins anew.
 const MOST_GOES: usize = 1000;
-
-fn load(name: &str) -> Scene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
-    whit::scene_file::load(&path, &LoadOptions::default())
-        .unwrap_or_else(|error| panic!("{name}: {error}"))
-        .scene
-}
 
 fn settings(size: [u32; 2], spp: u32) -> RenderSettings {
     RenderSettings {
@@ -75,7 +74,7 @@ fn a_picture_in_many_goes_has_the_bits_of_one_go_and_nothing_is_done_twice() {
         ("textured.toml", 64),
         ("soft_shadows.toml", 64),
     ] {
-        let scene = load(name);
+        let scene = scene_folder::named(name).scene;
         let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
         let settings = settings([90, 70], spp);
         let whole = by(&scene, &*accel, &settings, None).unwrap();
@@ -114,7 +113,7 @@ fn a_picture_in_many_goes_has_the_bits_of_one_go_and_nothing_is_done_twice() {
 
 #[test]
 fn a_render_that_is_cancelled_keeps_what_it_has() {
-    let scene = load("whitted_1980.toml");
+    let scene = scene_folder::named("whitted_1980.toml").scene;
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let settings = settings([200, 150], 64);
     let cancel = AtomicBool::new(false);
@@ -165,7 +164,7 @@ fn a_render_that_is_cancelled_keeps_what_it_has() {
 
 #[test]
 fn what_is_of_another_picture_is_begun_anew() {
-    let scene = load("whitted_1980.toml");
+    let scene = scene_folder::named("whitted_1980.toml").scene;
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let settings = settings([48, 40], 64);
     let whole = by(&scene, &*accel, &settings, None).unwrap();

@@ -10,7 +10,6 @@ mod common {
     pub mod scene_folder;
 }
 
-use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use common::scene_folder::{self, FiledScene};
@@ -39,7 +38,7 @@ const MONITOR: Monitor = Monitor {
 };
 
 fn filed(name: &str) -> FiledScene {
-    scene_folder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml")))
+    scene_folder::named(&format!("{name}.toml"))
 }
 
 fn forecast(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Forecast {

@@ -1,22 +1,17 @@
 //! Which knobs a study turns: those that a scene gives a meaning, no others.
 
-use std::path::Path;
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
+    pub mod scene_folder;
+}
+
+use common::scene_folder;
 use whit::accel::{Backend, BuildQuality, Precision};
 use whit::cost::{Configuration, HitPath, Knob, Reach, SceneChange, Settings, knobs, with_knob};
-use whit::gltf::LoadOptions;
 use whit::render::{HitPoint, Plan, RenderSettings};
 use whit::scene::{Camera, Effect, Scene};
-use whit::scene_file;
-
-fn scene(name: &str) -> Scene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
-    let options = LoadOptions::default();
-    match path.extension().is_some_and(|ending| ending == "toml") {
-        true => scene_file::load(&path, &options).unwrap().scene,
-        false => whit::gltf::load(&path, &options).unwrap(),
-    }
-}
 
 fn base(path: HitPath) -> Configuration {
     Configuration {
@@ -51,7 +46,8 @@ fn levels(scene: &Scene, base: &Configuration, knob: Knob) -> Vec<String> {
 
 #[test]
 fn embrees_trees_are_knobs_where_there_are_triangles_to_put_into_them() {
-    let [meshes, shapes] = ["first_light.gltf", "mirror_room.toml"].map(scene);
+    let [meshes, shapes] =
+        ["first_light.gltf", "mirror_room.toml"].map(|name| scene_folder::named(name).scene);
     let [fast, robust, watertight] = Precision::ALL.map(|precision| base(embree(precision)));
     let of = |scene: &Scene, base: &Configuration, knob| levels(scene, base, knob).join(" ");
     assert_eq!(of(&meshes, &fast, Knob::BuildQuality), "low high");
@@ -69,7 +65,7 @@ fn embrees_trees_are_knobs_where_there_are_triangles_to_put_into_them() {
 
 #[test]
 fn a_knob_is_turned_alone_and_settings_tell_to_where() {
-    let meshes = scene("first_light.gltf");
+    let meshes = scene_folder::named("first_light.gltf").scene;
     let base = base(embree(Precision::Fast));
     for (knob, level, word) in [
         (Knob::BuildQuality, "low", "build_quality"),
@@ -100,7 +96,7 @@ fn a_knob_is_turned_alone_and_settings_tell_to_where() {
 
 #[test]
 fn where_rays_start_matters_where_rays_leave_surfaces() {
-    let shaded = scene("first_light.gltf");
+    let shaded = scene_folder::named("first_light.gltf").scene;
     let mut base = base(HitPath::BSP);
     let all = turned(&shaded, &base, Knob::SpawnPoints);
     let names: Vec<&str> = all.iter().map(|(level, _)| level.as_str()).collect();
@@ -138,7 +134,8 @@ fn where_rays_start_matters_where_rays_leave_surfaces() {
 
 #[test]
 fn the_bsp_in_f32_is_a_path_where_there_are_triangles() {
-    let [meshes, shapes] = ["first_light.gltf", "mirror_room.toml"].map(scene);
+    let [meshes, shapes] =
+        ["first_light.gltf", "mirror_room.toml"].map(|name| scene_folder::named(name).scene);
     let exact = base(HitPath::BSP);
     let of = |scene: &Scene, base: &Configuration| levels(scene, base, Knob::HitPath);
     assert!(of(&meshes, &exact).contains(&"bsp f32".to_owned()));

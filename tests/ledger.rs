@@ -13,7 +13,6 @@ mod common {
     pub mod scenes;
 }
 
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use common::{random_scenes, scene_folder};
@@ -172,7 +171,7 @@ fn rays_add_up_exactly_in_the_scenes_of_the_repository() {
 
 #[test]
 fn rays_add_up_exactly_where_pixels_take_unequal_numbers_of_samples() {
-    let filed = scene_folder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/prism.toml"));
+    let filed = scene_folder::named("prism.toml");
     let settings = RenderSettings {
         adaptive: Some(Adaptive {
             error: 0.01,
@@ -186,7 +185,7 @@ fn rays_add_up_exactly_where_pixels_take_unequal_numbers_of_samples() {
 
 #[test]
 fn sorts_of_rays_are_the_sum_of_their_accounts() {
-    let filed = scene_folder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/prism.toml"));
+    let filed = scene_folder::named("prism.toml");
     let ledger = audit(&filed.name, &filed.scene, Backend::Bsp, &filed.settings(64, 1));
     let of = |account| ledger.of(account).rays;
     assert_eq!(
@@ -248,7 +247,7 @@ fn rays_of_pixels_add_up_to_the_ledgers() {
         };
         audit_pixels(&format!("scene {seed}"), &scene, backend, &settings);
     }
-    let filed = scene_folder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/prism.toml"));
+    let filed = scene_folder::named("prism.toml");
     for (spp, adaptive) in [(1, None), (3, None), (64, Some(0.01))] {
         let settings = RenderSettings {
             adaptive: adaptive.map(|error| Adaptive { error, gain: 1.0 }),
@@ -264,8 +263,7 @@ fn rays_of_pixels_add_up_to_the_ledgers() {
 fn seconds_of_work_add_up_to_the_phase_on_one_thread() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     for name in ["whitted_1980", "textured", "prism", "sphereflake", "mirror_room"] {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml"));
-        let filed = scene_folder::load(&file);
+        let filed = scene_folder::named(&format!("{name}.toml"));
         let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
         let settings = RenderSettings {
             ledger: true,

@@ -14,7 +14,6 @@ mod common {
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::collections::HashSet;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -183,11 +182,11 @@ fn share_of_counted(name: &str, threads: usize, change: fn(RenderSettings) -> Re
         .build()
         .unwrap();
     pool.install(|| {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml"));
+        let file = format!("{name}.toml");
         // What is made once, by whoever comes first, is no scene's.
-        drop(scene_folder::load(&file));
+        drop(scene_folder::named(&file));
         let before = NOW.load(Ordering::Relaxed);
-        let filed = scene_folder::load(&file);
+        let filed = scene_folder::named(&file);
         let accel = accel::build(&filed.scene, Backend::Bsp, &AccelOptions::default()).unwrap();
         let settings = change(with_ledger(filed.settings(640, 4)));
         PEAK.store(NOW.load(Ordering::Relaxed), Ordering::Relaxed);

@@ -5,6 +5,7 @@ mod common {
     #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
     pub mod pictures;
+    pub mod scene_folder;
 }
 mod cli_program;
 
@@ -13,8 +14,8 @@ use std::sync::atomic::AtomicBool;
 
 use cli_program::{fails_with, whit};
 use common::pictures::{rendered, settings};
+use common::scene_folder;
 use whit::accel::{self, AccelOptions, Backend};
-use whit::gltf::LoadOptions;
 use whit::image::rows::{ExrRowsReader, Samples};
 use whit::render::{LayerKind, LayerSet, LightLayers, Monitor, Parts, Region, RenderSettings, Rendering};
 use whit::scene::Scene;
@@ -38,13 +39,6 @@ const BOTH: LightLayers = LightLayers {
     lights: true,
     effects: true,
 };
-
-fn load(name: &str) -> Scene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
-    whit::scene_file::load(&path, &LoadOptions::default())
-        .unwrap_or_else(|error| panic!("{name}: {error}"))
-        .scene
-}
 
 fn with_light(size: u32) -> RenderSettings {
     RenderSettings {
@@ -73,7 +67,7 @@ fn bound(magnitude: f64, layers: usize) -> f64 {
 #[test]
 fn layers_of_each_kind_add_up_to_the_picture_whose_bits_stay() {
     for name in SCENES {
-        let scene = load(name);
+        let scene = scene_folder::named(name).scene;
         let plain = render(&scene, &settings(24, 2));
         let layered = render(&scene, &with_light(24));
         assert_eq!(plain.image.pixels, layered.image.pixels, "{name}");
@@ -109,7 +103,7 @@ fn each_light_alone_gives_its_layer() {
         "fog_beam.toml",
         "glass_of_water.toml",
     ] {
-        let scene = load(name);
+        let scene = scene_folder::named(name).scene;
         let layered = render(&scene, &with_light(24));
         let count = scene.lights.len();
         assert!(count > 1, "{name}");
@@ -139,7 +133,7 @@ fn each_light_alone_gives_its_layer() {
 
 #[test]
 fn reflections_are_dark_where_no_mirror_is_seen() {
-    let scene = load("whitted_1980.toml");
+    let scene = scene_folder::named("whitted_1980.toml").scene;
     let seen = RenderSettings {
         layers: LayerSet::NONE.with(LayerKind::Ids),
         // One sample, so that a pixel sees one thing.
@@ -169,7 +163,7 @@ fn reflections_are_dark_where_no_mirror_is_seen() {
 
 #[test]
 fn direct_light_is_what_a_picture_without_further_steps_shows() {
-    let scene = load("whitted_1980.toml");
+    let scene = scene_folder::named("whitted_1980.toml").scene;
     let no_steps = RenderSettings {
         depth: 0,
         ..settings(24, 2)
@@ -185,7 +179,7 @@ fn direct_light_is_what_a_picture_without_further_steps_shows() {
 
 #[test]
 fn layers_of_a_region_are_those_of_the_whole() {
-    let (scene, settings) = (load("glass_of_water.toml"), with_light(48));
+    let (scene, settings) = (scene_folder::named("glass_of_water.toml").scene, with_light(48));
     let whole = render(&scene, &settings);
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let monitor = Monitor {

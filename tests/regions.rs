@@ -1,11 +1,17 @@
 //! Parts of pictures are, bit by bit, what the whole pictures show there; shares of samples add up to the same bits
 //! whoever made them.
 
-use std::path::Path;
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
+
+    pub mod scene_folder;
+}
+
 use std::sync::atomic::AtomicBool;
 
+use common::scene_folder;
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::gltf::LoadOptions;
 use whit::render::{
     FilterKind, Monitor, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering, Share, Sums, render,
 };
@@ -18,13 +24,6 @@ const MONITOR: Monitor = Monitor {
     cancel: &GO_ON,
     tiles: None,
 };
-
-fn load(name: &str) -> Scene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
-    whit::scene_file::load(&path, &LoadOptions::default())
-        .unwrap_or_else(|error| panic!("{name}: {error}"))
-        .scene
-}
 
 fn tree(scene: &Scene) -> Box<dyn Accel + '_> {
     accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap()
@@ -85,7 +84,7 @@ fn a_region_has_the_bits_of_the_whole_picture() {
         ("whitted_1980.toml", 16, FilterKind::Mitchell),
         ("soft_shadows.toml", 20, FilterKind::Tent),
     ] {
-        let scene = load(name);
+        let scene = scene_folder::named(name).scene;
         let accel = tree(&scene);
         let settings = settings(spp, filter);
         let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &MONITOR).unwrap();
@@ -116,7 +115,7 @@ fn added(parts: &mut Parts, rows: &Region, count: u32) -> Sums {
 #[test]
 fn shares_add_up_to_the_picture_and_one_share_to_its_very_bits() {
     for filter in [FilterKind::Box, FilterKind::Mitchell] {
-        let scene = load("soft_shadows.toml");
+        let scene = scene_folder::named("soft_shadows.toml").scene;
         let accel = tree(&scene);
         // Four packets, the last of which is not full.
         let settings = settings(60, filter);

@@ -10,7 +10,6 @@ mod common {
 }
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -304,11 +303,10 @@ fn check(filed: &FiledScene, threads: usize) -> bool {
 #[ignore = "a measurement of some minutes a scene"]
 fn what_is_chosen_reaches_its_error_in_at_most_half_again_the_least_time() {
     let names = std::env::var("WHIT_SCENES").unwrap_or_else(|_| SCENES.to_owned());
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     let threads = rayon::current_num_threads();
     let good: Vec<bool> = names
         .split(',')
-        .map(|name| check(&scene_folder::load(&folder.join(format!("{name}.toml"))), threads))
+        .map(|name| check(&scene_folder::named(&format!("{name}.toml")), threads))
         .collect();
     assert!(good.iter().all(|&good| good), "{good:?}");
 }

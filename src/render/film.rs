@@ -11,7 +11,7 @@ use super::light_layers::{LightFilm, Source, without_step};
 use super::memory::Memory;
 use super::samples::{SampleFilm, pixel_of};
 use super::wave::{TilePicture, Visit};
-use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::numeric::{LANES, Lanes, Lanes3, sum_of_lanes};
 
 /// Side of a tile in pixels: its film (24 KB) stays in the second-level cache, and there are enough tiles to share out.
 pub(super) const TILE: u32 = 32;
@@ -223,23 +223,13 @@ pub(super) fn cut<T>(tile: Tile, pixels: &[T]) -> impl Iterator<Item = &T> {
     rows.flat_map(move |row| &row[..tile.width as usize])
 }
 
-/// The f64 sums of sixteen values a channel, by halves.
+/// The f64 sums over all lanes of a packet.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
 fn sums_of_lanes(radiance: &Lanes3<f32>) -> [f64; 3] {
-    radiance.map(|values| {
-        let mut halves = values.map(f64::from);
-        let mut width = LANES / 2;
-        while width > 0 {
-            for l in 0..width {
-                halves[l] += halves[l + width];
-            }
-            width /= 2;
-        }
-        halves[0]
-    })
+    radiance.map(|values| sum_of_lanes(values.map(f64::from)))
 }
 
 /// Puts together what `part` picks of tiles' pictures, which come in the order of [`tiles`].

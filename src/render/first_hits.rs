@@ -13,7 +13,7 @@ use super::planes::TileLayer;
 use super::samples::pixel_of;
 use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
-use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::numeric::{LANES, Lanes, Lanes3, sum_of_lanes};
 use crate::shading::MaterialPacket;
 
 /// Layers that are sums, at most.
@@ -274,22 +274,8 @@ fn nothing(kind: LayerKind) -> f32 {
 
 /// How many of the wanted layers are sums.
 fn sum_count(wanted: LayerSet) -> usize {
-    let counted = [LayerKind::Ids, LayerKind::CryptoObject, LayerKind::CryptoMaterial];
-    let summed = wanted.kinds().filter(|kind| !counted.contains(kind));
+    let summed = wanted.kinds().filter(|kind| kind.is_sum());
     summed.map(|kind| kind.names().len()).sum()
-}
-
-/// The sum of sixteen values by halves: rounded four times, and so no worse than the f32 that it becomes a part of.
-#[inline(always)]
-fn sum_of_lanes(mut halves: Lanes<f32>) -> f32 {
-    let mut width = LANES / 2;
-    while width > 0 {
-        for l in 0..width {
-            halves[l] += halves[l + width];
-        }
-        width /= 2;
-    }
-    halves[0]
 }
 
 /// From where rays start to the points, in a unit of which there are `scale`.

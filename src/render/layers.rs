@@ -78,6 +78,11 @@ impl LayerKind {
         }
     }
 
+    /// Whether its layers are means over the samples that met anything.
+    pub(super) fn is_sum(self) -> bool {
+        self != LayerKind::Ids && self.cryptomatte().is_none()
+    }
+
     /// Whether a file of halves may round them.
     fn rounding(self) -> ExtraKind {
         match self {

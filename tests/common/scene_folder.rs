@@ -17,10 +17,13 @@ pub struct FiledScene {
     pub output: Output,
 }
 
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes")
+}
+
 /// The scene files, by name. Job files tell what to make of them, and are none.
 pub fn files() -> Vec<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    let entries = folder.read_dir().unwrap().map(|entry| entry.unwrap().path());
+    let entries = folder().read_dir().unwrap().map(|entry| entry.unwrap().path());
     let is_scene = |path: &PathBuf| {
         path.extension().is_some_and(|e| e == "toml" || e == "gltf")
             && !path.to_string_lossy().ends_with(".jobs.toml")
@@ -28,6 +31,11 @@ pub fn files() -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = entries.filter(is_scene).collect();
     files.sort();
     files
+}
+
+/// The scene of the file of this name.
+pub fn named(name: &str) -> FiledScene {
+    load(&folder().join(name))
 }
 
 pub fn load(file: &Path) -> FiledScene {

@@ -21,8 +21,8 @@ Examples:
   whit batch film.jobs.toml --out film --shard 3/24
   whit batch film.jobs.toml --out film --slurm film.sh --shards 24 && sbatch film.sh
 
-A batch may be ended at any time, in whatever way: --resume goes on with what is missing, to the same bits. One frame
-that fails does not stop the rest; the exit code is then 1.";
+A batch may be ended at any time, in whatever way: --resume goes on with what is missing, to the same bits.
+One frame that fails does not stop the rest; the exit code is then 1.";
 
 /// Flags of `whit batch`.
 #[derive(Debug, ArgGroup)]

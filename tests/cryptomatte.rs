@@ -5,15 +5,16 @@
 mod common {
     #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
 
+    pub mod exr_tools;
     pub mod pictures;
 }
 mod cli_program;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use cli_program::whit;
+use common::exr_tools::tool;
 use common::pictures::{add, rendered, settings};
 use glam::{DAffine3, DVec3};
 use whit::image::rows::{ExrRowsReader, SampleType, Samples};
@@ -415,20 +416,11 @@ fn batches_in_pieces_have_the_channels_and_attributes_of_one_render() {
     }
 }
 
-/// The words of a tool, or `None` and a printed reason where it is not installed.
-fn tool(name: &str, arguments: &[&str]) -> Option<String> {
-    match Command::new(name).args(arguments).output() {
-        Ok(output) => {
-            let words = [output.stdout, output.stderr].concat();
-            let words = String::from_utf8_lossy(&words).into_owned();
-            assert!(output.status.success(), "{name}: {words}");
-            Some(words)
-        }
-        Err(error) => {
-            println!("skipped: {name} does not run here ({error})");
-            None
-        }
-    }
+/// What a tool that must be content says, or `None` where it is not installed.
+fn words(name: &str, arguments: &[&str]) -> Option<String> {
+    let (is_well, words) = tool(name, arguments)?;
+    assert!(is_well, "{name}: {words}");
+    Some(words)
 }
 
 #[test]
@@ -436,13 +428,13 @@ fn other_readers_see_the_channels_and_the_attributes() {
     let folder = tempfile::tempdir().unwrap();
     let path = render(folder.path(), "41x33", &[]);
     let file = File::open(&path);
-    let Some(header) = tool("exrheader", &[word(&path)]) else {
+    let Some(header) = words("exrheader", &[word(&path)]) else {
         return;
     };
-    let Some(info) = tool("exrinfo", &["-v", "-s", word(&path)]) else {
+    let Some(info) = words("exrinfo", &["-v", "-s", word(&path)]) else {
         return;
     };
-    let Some(image) = tool("iinfo", &["-v", word(&path)]) else {
+    let Some(image) = words("iinfo", &["-v", word(&path)]) else {
         return;
     };
     for name in file.channels.keys() {
@@ -496,7 +488,7 @@ fn openimageio_reads_the_same_bits() {
     let cut = format!("1x1+{}+{}", edge % file.width, edge / file.width);
     let to_tiff = ["-d", "float", "--compression", "none", "-o", word(&tiff)];
     let from = [word(&path), "--ch", &names.join(","), "--cut", &cut];
-    let Some(_) = tool("oiiotool", &[&from[..], &to_tiff].concat()) else {
+    let Some(_) = words("oiiotool", &[&from[..], &to_tiff].concat()) else {
         return;
     };
     let expected = names.map(|name| file.channels[name][edge].to_bits());

@@ -1,12 +1,18 @@
 //! EXR files as other readers see them: OpenEXR's own tools and OpenImageIO's, where they are installed (Debian's packages
 //! `openexr` and `openimageio-tools`).
 
+#[path = "common"]
+mod common {
+    #![allow(dead_code, unreachable_pub, reason = "this program uses a part of it")]
+
+    pub mod exr_tools;
+}
 mod cli_program;
 
 use std::path::Path;
-use std::process::Command;
 
 use cli_program::{first_light, whit};
+use common::exr_tools::tool;
 use whit::image::Note;
 use whit::image::rows::{Compression, ExrChannel, ExrLayout, ExrRowsWriter, SampleType, Samples, Window};
 
@@ -21,23 +27,6 @@ const PACKED: [(Compression, &str, &str); 5] = [
 
 const WIDTH: u32 = 21;
 const HEIGHT: u32 = 70;
-
-/// The words of a tool, or `None` and a printed reason where it is not installed.
-fn tool(name: &str, arguments: &[&str]) -> Option<(bool, String)> {
-    match Command::new(name).args(arguments).output() {
-        Ok(output) => {
-            let words = [output.stdout, output.stderr].concat();
-            Some((
-                output.status.success(),
-                String::from_utf8_lossy(&words).into_owned(),
-            ))
-        }
-        Err(error) => {
-            println!("skipped: {name} does not run here ({error})");
-            None
-        }
-    }
-}
 
 /// The value of a channel: numbers that halves hold, and a float that they do not.
 fn value(channel: &str, column: u32, row: u32) -> f32 {

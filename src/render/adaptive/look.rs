@@ -37,6 +37,18 @@ impl Look {
         }
     }
 
+    /// By how many samples, doubled until then, its error is likely to be at most `target`; at most so many.
+    pub(super) fn likely_count(&self, target: f64, most: u32) -> u32 {
+        let (mut noise, mut edges) = (self.noise, 1.0 - self.noise);
+        let mut count = self.count.min(most);
+        while count < most && self.error * self.error * (noise + edges) > target * target {
+            count = count.saturating_mul(2).min(most);
+            noise /= 2.0;
+            edges /= 8f64.sqrt();
+        }
+        count
+    }
+
     /// How much more a neighbour has seen: the larger step beyond this pixel's own extremes.
     pub(super) fn unseen(&self, neighbour: &Look) -> f64 {
         let brighter = neighbour.extremes[1] - self.extremes[1];

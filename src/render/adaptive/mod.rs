@@ -33,9 +33,10 @@ mod forecast;
 mod look;
 mod picture;
 mod pilot;
+mod progress;
 mod rounds;
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -51,6 +52,7 @@ use crate::scene::Effect;
 use checkpoints::Pace;
 use look::Look;
 use picture::Picture;
+use progress::Progress;
 use rounds::Turn;
 
 pub use checkpoints::Checkpoints;
@@ -108,6 +110,7 @@ pub(super) fn render(
     picture.known.even_count = frame.even_count;
     let waves = Waves::new(frame);
     let mut pace = Pace::new(checkpoints);
+    let mut progress = Progress::default();
     loop {
         let mut left = picture.visits(sites);
         meter.lap_all_threads(Account::Sampling);
@@ -115,21 +118,11 @@ pub(super) fn render(
         if let Some(memory) = &frame.thread_memory {
             memory.note_round(picture.byte_count() + wanted_count * VISIT_BYTES);
         }
-        // The first round is taken for half of the work; the second half is done as pixels have enough.
-        let (in_first, pixel_count) = (picture.known.is_first, picture.pixel_count as f64);
-        let finished = AtomicUsize::new(sites.len() - left.len());
-        let progress = || {
-            let part = if in_first {
-                0.5 * (finished.fetch_add(1, Ordering::Relaxed) + 1) as f64 / sites.len() as f64
-            } else {
-                1.0 - 0.5 * wanted_count as f64 / pixel_count
-            };
-            (monitor.progress)(part);
-        };
+        progress.begin_round(&picture, left.iter().flat_map(|(_, visits)| visits));
         while !left.is_empty() {
             let later = left.split_off(pace.tile_count().min(left.len()));
             let begun = Instant::now();
-            let Some(visited) = render_visits(&waves, left, monitor, &progress) else {
+            let Some(visited) = render_visits(&waves, left, monitor, Some(&progress)) else {
                 // It is ended anyway.
                 let _ = pace.keep(&picture.known);
                 return None;
@@ -167,7 +160,7 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Mon
     picture.known.turns = (0..picture.known.turns.len()).map(turn).collect();
     let mut ledger = Ledger::default();
     for _ in 0..pilot::MOST_ROUNDS {
-        let visited = render_visits(&Waves::new(frame), picture.visits(sites), monitor, &|| ())?;
+        let visited = render_visits(&Waves::new(frame), picture.visits(sites), monitor, None)?;
         let first_rounds: Vec<Estimate> = visited.iter().flat_map(|visited| &visited.2).copied().collect();
         let before = frame.even_count;
         frame.set_even_count(pilot::even_count(&first_rounds, picture.target, picture.spp));
@@ -193,12 +186,12 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Mon
 /// A tile, the pixels of it that were visited, what their new samples tell, and what they took.
 type Visited = (Site, Vec<Visit>, Vec<Estimate>, Ledger);
 
-/// `progress` hears of every tile that is finished.
+/// Where there is `progress`, the monitor hears of every tile that is finished.
 fn render_visits(
     waves: &Waves,
     round: Vec<(Site, Vec<Visit>)>,
     monitor: &Monitor,
-    progress: &(dyn Fn() + Sync),
+    progress: Option<&Progress>,
 ) -> Option<Vec<Visited>> {
     // Into a place of its own each, which no list of options that ends at the first `None` would do.
     let visited = round
@@ -211,7 +204,9 @@ fn render_visits(
                     return None;
                 }
                 let (estimates, ledger) = wave.render_visits(site.tile, &visits);
-                progress();
+                if let Some(progress) = progress {
+                    (monitor.progress)(progress.finish(&visits));
+                }
                 Some((site, visits, estimates, ledger))
             },
         )

@@ -164,7 +164,29 @@ impl Picture {
         first..(2 * first).max(1).min(self.spp.div_ceil(ROUND))
     }
 
-    /// The rule at the head of this file.
+    /// Samples that all pixels have together.
+    pub(super) fn taken(&self) -> u64 {
+        let counts = self.known.estimates.iter();
+        counts.map(|estimate| u64::from(estimate.count)).sum()
+    }
+
+    /// Samples that pixels of the round at hand are likely to want after it, by the errors that they had before it; `None`
+    /// where no round has ended since the picture was begun or gone on with.
+    pub(super) fn likely_later(&self) -> Option<u64> {
+        if self.looks.is_empty() {
+            return None;
+        }
+        let later = |(turn, look): (&Turn, &Look)| match turn {
+            Turn::None => 0,
+            Turn::Waits | Turn::Had => {
+                let next = (2 * look.count).min(self.spp);
+                u64::from(look.likely_count(self.target.error, self.spp).max(next) - next)
+            }
+        };
+        Some(self.known.turns.iter().zip(&self.looks).map(later).sum())
+    }
+
+    /// The rule at the head of [this module](super).
     fn wants_more(&self, column: usize, row: usize) -> bool {
         let target = self.target.error;
         let look = &self.looks[row * self.width + column];

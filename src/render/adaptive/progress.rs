@@ -1,0 +1,93 @@
+//! How much of an adaptively sampled picture is done, counted in samples: those that were taken, and those that pixels are
+//! likely to want yet by what their errors are now.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::super::wave::Visit;
+use super::ROUND;
+use super::picture::Picture;
+
+/// Samples taken and samples to come.
+#[derive(Debug, Default)]
+pub(super) struct Progress {
+    /// Before the round at hand, or before it was gone on with.
+    taken: u64,
+    /// In it since then.
+    finished: AtomicU64,
+    /// Likely in the end.
+    all: u64,
+    /// The bits of the greatest fraction so far, which ascend as the numbers do: a forecast that rises takes back nothing.
+    greatest: AtomicU64,
+}
+
+impl Progress {
+    /// Begins a round, in which `left` are still to be visited.
+    pub(super) fn begin_round<'v>(&mut self, picture: &Picture, left: impl Iterator<Item = &'v Visit>) {
+        self.taken = picture.taken();
+        *self.finished.get_mut() = 0;
+        let in_round = self.taken + left.map(samples).sum::<u64>();
+        // Before any error is known, half of the work is taken to be done after the round.
+        self.all = in_round + picture.likely_later().unwrap_or(in_round);
+    }
+
+    /// The fraction that is done after these visits of the round too.
+    pub(super) fn finish(&self, visits: &[Visit]) -> f64 {
+        let new: u64 = visits.iter().map(samples).sum();
+        let done = self.taken + self.finished.fetch_add(new, Ordering::Relaxed) + new;
+        let fraction = (done as f64 / self.all.max(1) as f64).min(1.0);
+        let before = self.greatest.fetch_max(fraction.to_bits(), Ordering::Relaxed);
+        fraction.max(f64::from_bits(before))
+    }
+}
+
+fn samples(visit: &Visit) -> u64 {
+    u64::from(ROUND) * visit.groups.len() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::estimate::estimate;
+    use super::super::super::film::tiles;
+    use super::super::super::mosaic::{Canvas, Site};
+    use super::super::Adaptive;
+    use super::*;
+
+    #[test]
+    fn what_pixels_are_likely_to_want_is_to_come_and_nothing_is_taken_back() {
+        let canvas = Canvas {
+            size: [2, 1],
+            sites: tiles(2, 1)
+                .into_iter()
+                .map(|tile| Site { tile, at: [0, 0] })
+                .collect(),
+        };
+        let target = Adaptive {
+            error: 1e-2,
+            gain: 1.0,
+        };
+        let mut picture = Picture::new(target, &canvas, 64);
+        let mut progress = Progress::default();
+        let visit = |x: u32, groups: std::ops::Range<u32>| Visit { x, y: 0, groups };
+        let first = [visit(0, 0..1), visit(1, 0..1)];
+        progress.begin_round(&picture, first.iter());
+        assert_eq!(progress.finish(&first[..1]), 0.25);
+        assert_eq!(progress.finish(&first[1..]), 0.5);
+        // One pixel is certain, the other as uncertain as can be: it will want all of the 64.
+        let uncertain: Vec<f64> = (0..16).map(|sample| f64::from(sample % 2)).collect();
+        picture.merge(
+            canvas.sites[0],
+            &first,
+            &[estimate(&[0.5; 16]), estimate(&uncertain)],
+        );
+        picture.end_round();
+        assert!(picture.decide());
+        assert_eq!(picture.likely_later(), Some(32));
+        // Both are doubled, as neighbours are: of 96 samples 64.
+        let second = picture.visits(&canvas.sites).remove(0).1;
+        progress.begin_round(&picture, second.iter());
+        assert_eq!(progress.finish(&second), 64.0 / 96.0);
+        // A picture that turns out to want much more.
+        progress.all = 1 << 20;
+        assert_eq!(progress.finish(&[]), 64.0 / 96.0);
+    }
+}

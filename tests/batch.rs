@@ -11,8 +11,11 @@ use std::time::{Duration, Instant};
 
 const WHIT: &str = env!("CARGO_BIN_EXE_whit");
 
-/// Kills of a batch.
-const KILLS: usize = 50;
+/// How often a batch is ended.
+const ENDS: usize = 50;
+
+/// Kilobytes of addresses that are enough to begin with, and not for a large picture.
+const LITTLE_MEMORY: u32 = 180_000;
 
 fn whit(arguments: &[&str]) -> Command {
     let mut command = Command::new(WHIT);
@@ -35,7 +38,8 @@ struct Place(tempfile::TempDir);
 impl Place {
     fn new() -> Place {
         let place = Place(tempfile::tempdir().unwrap());
-        let scene = "ambient = 0.1\nbackground = 0.5\n[camera]\nfrom = [0, 1, 4]\nat = [0, 0, 0]\n\
+        // Few wavelengths, as glass that disperses light takes most of the time.
+        let scene = "ambient = 0.1\nbackground = 0.5\n[output]\nwavelengths = 2\n[camera]\nfrom = [0, 1, 4]\nat = [0, 0, 0]\n\
                      [[light]]\nkind = \"point\"\nposition = [3, 5, 4]\nintensity = 80\n\
                      [material.glass]\nmodel = \"lecture\"\nglass = \"bk7\"\ndiffuse = 0.1\n\
                      [[object]]\nshape = \"plane\"\ntransform = [{ z-to = [0, 1, 0] }, { translate = [0, -1, 0] }]\n\
@@ -122,6 +126,16 @@ const FORTY: &str = "[[job]]\nscene = \"scene.toml\"\nframes = 40\nturntable = {
 
 #[test]
 fn a_batch_that_is_killed_fifty_times_is_what_an_undisturbed_one_is() {
+    ends_fifty_times("-KILL", None);
+}
+
+#[test]
+fn a_batch_that_is_told_to_end_fifty_times_is_what_an_undisturbed_one_is() {
+    ends_fifty_times("-TERM", Some(130));
+}
+
+/// Ends a batch at random moments, each time with that signal, upon which its exit code is this.
+fn ends_fifty_times(how: &str, exit_code: Option<i32>) {
     let place = Place::new();
     let jobs = place.jobs(FORTY);
     let reference = place.out("reference");
@@ -131,39 +145,44 @@ fn a_batch_that_is_killed_fifty_times_is_what_an_undisturbed_one_is() {
     let seed = u64::from(std::process::id());
     println!("seed {seed}");
     let mut random = Random(seed);
-    let out = place.out("killed");
+    let out = place.out("ended");
+    let batch = ["batch", &jobs, "--out", &out, "--resume", "--quiet"];
     // Which file a finished picture was: it is not made again.
     let mut files: HashMap<String, u64> = HashMap::new();
-    let mut kills = 0;
-    while kills < KILLS {
-        let mut child = whit(&["batch", &jobs, "--out", &out, "--resume", "--quiet"])
-            .spawn()
-            .unwrap();
-        thread::sleep(Duration::from_secs_f64(0.15 * random.next()));
-        let has_ended = child.try_wait().unwrap().is_some();
-        child.kill().unwrap();
-        child.wait().unwrap();
-        kills += usize::from(!has_ended);
-        let found = pictures(&out);
-        for (name, bytes) in &found {
-            assert_eq!(bytes, &expected[name], "{name} after {kills} kills");
+    let mut ends = 0;
+    while ends < ENDS {
+        let mut child = whit(&batch).stderr(Stdio::null()).spawn().unwrap();
+        // All of the while every picture that can be seen is whole.
+        let end = Instant::now() + Duration::from_secs_f64(0.15 * random.next());
+        while Instant::now() < end {
+            assert_whole(&pictures(&out), &expected);
+            thread::sleep(Duration::from_millis(1));
         }
+        let has_ended = child.try_wait().unwrap().is_some();
+        if !has_ended {
+            signal(&child, how);
+            let code = child.wait().unwrap().code();
+            // It may have been done at that moment, or not have begun to listen.
+            assert!([exit_code, Some(0), None].contains(&code), "{code:?}");
+            ends += 1;
+        }
+        assert_whole(&pictures(&out), &expected);
         let noted = noted(&out);
         for name in &noted {
-            let file = fs::metadata(place.path("killed").join(name)).unwrap().ino();
+            let file = fs::metadata(place.path("ended").join(name)).unwrap().ino();
             assert_eq!(
                 *files.entry(name.clone()).or_insert(file),
                 file,
                 "{name} was made again"
             );
         }
-        if noted.len() == 40 && kills < KILLS {
-            // Too fast to be killed fifty times: from the beginning.
+        if noted.len() == 40 && ends < ENDS {
+            // Too fast to be ended fifty times: from the beginning.
             fs::remove_dir_all(&out).unwrap();
             files.clear();
         }
     }
-    assert_done(&run(&["batch", &jobs, "--out", &out, "--resume", "--quiet"]));
+    assert_done(&run(&batch));
     assert_eq!(pictures(&out), expected);
     let mut noted = noted(&out);
     noted.sort();
@@ -174,6 +193,95 @@ fn a_batch_that_is_killed_fifty_times_is_what_an_undisturbed_one_is() {
         .map(|entry| name(&entry.unwrap().path()))
         .collect();
     assert!(!left.iter().any(|name| name.ends_with(".tmp")), "{left:?}");
+}
+
+fn assert_whole(found: &HashMap<String, Vec<u8>>, expected: &HashMap<String, Vec<u8>>) {
+    for (name, bytes) in found {
+        assert!(bytes == &expected[name], "{name} is not whole");
+    }
+}
+
+/// Ends a child that does not come to its end.
+fn wait_within(child: &mut Child, seconds: u64) -> Option<i32> {
+    let end = Instant::now() + Duration::from_secs(seconds);
+    while Instant::now() < end {
+        if let Some(status) = child.try_wait().unwrap() {
+            return status.code();
+        }
+        thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    panic!("it has not ended within {seconds} s");
+}
+
+#[test]
+fn frames_that_several_threads_pack_wait_for_each_other_and_not_for_ever() {
+    // Threads that wait for one file to be packed take up the next frame, which is written too.
+    let place = Place::new();
+    let jobs = place.jobs(
+        "[[job]]\nscene = \"scene.toml\"\nframes = 100\nturntable = {}\n\
+         settings = { size = \"16x512\", spp = 1, backend = \"bsp\", compression = \"zip\" }\nimage = \"{frame:03}.exr\"\n",
+    );
+    let out = place.out("out");
+    let mut child = whit(&["batch", &jobs, "--out", &out, "--threads", "8", "--quiet"])
+        .spawn()
+        .unwrap();
+    let end = Instant::now() + Duration::from_secs(300);
+    while child.try_wait().unwrap().is_none() {
+        if Instant::now() > end {
+            child.kill().unwrap();
+            panic!("it hangs with {} frames", pictures(&out).len());
+        }
+        thread::sleep(Duration::from_millis(5));
+    }
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(pictures(&out).len(), 100);
+}
+
+#[test]
+fn a_batch_that_runs_out_of_memory_goes_on_when_there_is_more() {
+    let place = Place::new();
+    let job = |frames: u32, size: &str, image: &str| {
+        format!(
+            "[[job]]\nscene = \"scene.toml\"\nframes = {frames}\nturntable = {{}}\nimage = \"{image}\"\n\
+             settings = {{ size = \"{size}\", spp = 1, backend = \"bsp\", aov = \"position,normal,albedo,uv\" }}\n"
+        )
+    };
+    let jobs = place.jobs(&(job(8, "16x16", "{frame}.exr") + &job(1, "1024x1024", "large.exr")));
+    let [reference, out] = ["reference", "out"].map(|name| place.out(name));
+    assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
+    let expected = pictures(&reference);
+    // Addresses are limited, of which an arena a thread would take far more than is used.
+    let command = format!("ulimit -v {LITTLE_MEMORY}; exec \"$@\"");
+    let batch = [
+        "batch",
+        &jobs,
+        "--out",
+        &out,
+        "--resume",
+        "--threads",
+        "2",
+        "--quiet",
+    ];
+    let first = Command::new("bash")
+        .args(["-c", &command, "bash", WHIT])
+        .args(batch)
+        .env("MALLOC_ARENA_MAX", "1")
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&first.stderr);
+    assert!(!first.status.success(), "{said}");
+    let found = pictures(&out);
+    assert!(
+        !found.is_empty() && !found.contains_key("large.exr"),
+        "{:?}: {said}",
+        found.keys()
+    );
+    assert_whole(&found, &expected);
+    assert_done(&run(&batch));
+    assert!(pictures(&out) == expected);
 }
 
 /// A frame that takes a while, in many steps.
@@ -333,6 +441,78 @@ fn a_second_process_in_the_same_folder_is_refused_and_harms_nothing() {
 }
 
 #[test]
+fn two_processes_that_make_the_same_part_harm_nothing_as_a_task_and_its_ghost_may() {
+    let place = Place::new();
+    let jobs = place.jobs(
+        "[[job]]\nscene = \"scene.toml\"\nframes = 12\nturntable = {}\nsplit = { bands = 2, shares = 2 }\n\
+         settings = { size = \"48x64\", spp = 32, pattern = \"sobol\", backend = \"bsp\" }\nimage = \"{frame:02}.exr\"\n",
+    );
+    let [reference, out] = ["reference", "out"].map(|name| place.out(name));
+    assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
+    // All four work on the same frames; two of them on the same pieces.
+    let shards = ["1/2", "2/2", "1/2", "2/2"];
+    let batch = |shard| {
+        whit(&[
+            "batch",
+            &jobs,
+            "--out",
+            &out,
+            "--shard",
+            shard,
+            "--resume",
+            "--checkpoint",
+            "0",
+        ])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+    };
+    for child in shards.map(batch) {
+        assert_done(&child.wait_with_output().unwrap());
+    }
+    // What a ghost has left goes, and is no reason to complain.
+    assert_done(&run(&["merge", &out]));
+    assert!(pictures(&out) == pictures(&reference));
+    assert!(!Path::new(&out).join(".whit-pieces").exists());
+}
+
+#[test]
+fn what_merging_put_together_is_done_and_pieces_of_what_has_changed_go() {
+    let place = Place::new();
+    let job = |spp: u32| {
+        format!(
+            "[[job]]\nscene = \"scene.toml\"\nsplit = {{ bands = 2 }}\nimage = \"a.png\"\n\
+             settings = {{ size = \"40x64\", spp = {spp}, backend = \"bsp\" }}\n"
+        )
+    };
+    let jobs = place.jobs(&job(1));
+    let [one, two] = ["one", "two"].map(|name| place.out(name));
+    let shard = |out: &str, shard: &str| {
+        assert_done(&run(&["batch", &jobs, "--out", out, "--shard", shard, "-q"]));
+    };
+    // Each knows of one piece only, as machines may that do not see each other's.
+    shard(&one, "1/2");
+    shard(&two, "2/2");
+    let pieces = |out: &str| {
+        let frame = fs::read_dir(Path::new(out).join(".whit-pieces")).unwrap().next();
+        frame.unwrap().unwrap().path()
+    };
+    for piece in fs::read_dir(pieces(&two)).unwrap() {
+        let piece = piece.unwrap().path();
+        fs::copy(&piece, pieces(&one).join(name(&piece))).unwrap();
+    }
+    assert_done(&run(&["merge", &one]));
+    let resumed = run(&["batch", &jobs, "--out", &one, "--resume"]);
+    assert_done(&resumed);
+    let said = String::from_utf8_lossy(&resumed.stdout);
+    assert!(said.contains("1 were there already"), "{said}");
+    place.jobs(&job(2));
+    shard(&two, "1/1");
+    assert!(!Path::new(&two).join(".whit-pieces").exists());
+}
+
+#[test]
 fn one_frame_that_fails_does_not_stop_the_rest() {
     let place = Place::new();
     let text = "[[job]]\nscene = \"scene.toml\"\nsweep = { \"camera.fov\" = [40, 400, 50] }\n\
@@ -450,6 +630,24 @@ fn time_that_is_up_leaves_a_picture_of_fewer_samples() {
     let output = run(&["batch", &coarse, "--out", &out, "--time", "1", "--resume"]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("choose `pattern = \"sobol\"`"), "{said}");
+}
+
+#[test]
+fn a_frame_that_would_take_more_memory_than_it_may_is_not_begun() {
+    let place = Place::new();
+    let jobs = place.jobs(
+        "[[job]]\nscene = \"scene.toml\"\nimage = \"{frame}.png\"\nframes = 2\nturntable = {}\n\
+         settings = { size = \"2048x2048\", spp = 1, backend = \"bsp\" }\n",
+    );
+    let out = place.out("out");
+    let output = run(&["batch", &jobs, "--out", &out, "--max-memory", "8M"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("of memory and may take 8.4 MB: give a larger `--max-memory` or a smaller `size`"),
+        "{said}"
+    );
+    assert!(pictures(&out).is_empty());
 }
 
 #[test]

@@ -109,12 +109,16 @@ fn moments_of_an_animation_decode_their_images_and_take_apart_their_still_meshes
             scene.display()
         );
         let said = made_at_once_and_alone(folder.path(), &job, backend, &["1.png", "2.png", "3.png"]);
-        // Two images, and three moments.
-        assert_eq!(numbers(&said, "images were decoded already"), [4, 6], "{said}");
+        // Two images, and three moments, of which the first two may be loaded side by side.
+        let [found, asked] = numbers(&said, "images were decoded already");
+        assert!(asked == 6 && (2..=4).contains(&found), "{said}");
         let [found, asked] = numbers(&said, "meshes were made ready");
         match *backend {
             // One mesh of them all is elsewhere each time.
-            "embree" => assert_eq!(3 * (found + 2), 2 * asked, "{said}"),
+            "embree" => {
+                let still = asked / 3 - 1;
+                assert!(still > 0 && (still..=2 * still).contains(&found), "{said}");
+            }
             _ => assert_eq!(asked, 0, "{said}"),
         }
     }
@@ -125,10 +129,14 @@ fn scenes_of_a_sweep_decode_their_images_once() {
     let folder = tempfile::tempdir().unwrap();
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     let job = format!(
-        "scene = '{}'\nsweep = {{ \"light.0.intensity\" = [1, 2] }}\nimage = \"{{intensity}}.png\"",
+        "scene = '{}'\nsweep = {{ \"light.0.intensity\" = [1, 2, 3] }}\nimage = \"{{intensity}}.png\"",
         scenes.join("textured.toml").display()
     );
-    let said = made_at_once_and_alone(folder.path(), &job, "bsp", &["1.png", "2.png"]);
+    let said = made_at_once_and_alone(folder.path(), &job, "bsp", &["1.png", "2.png", "3.png"]);
     let [found, asked] = numbers(&said, "images were decoded already");
-    assert!(found > 0 && 2 * found == asked, "{said}");
+    // The first two may be loaded side by side.
+    assert!(
+        3 * found >= asked && 3 * found <= 2 * asked && found > 0,
+        "{said}"
+    );
 }

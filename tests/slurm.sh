@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# A real Slurm cluster of three nodes on this machine makes a batch of 24 shards; one node's power is cut in the middle,
-# its tasks are started anew elsewhere. What comes of it must have the bytes of a single machine's run.
+# A real Slurm cluster of three nodes on this machine makes a batch of 24 shards; a task is told that its time is nearly up,
+# and one node's power is cut in the middle: both are started anew. What comes of it must have the bytes of a single
+# machine's run.
 #
 # Needs root and Debian's packages of Slurm; without them it says so and ends well.
 set -euo pipefail
@@ -58,7 +59,19 @@ running() { squeue -h -j "$job" -t R -w n2 -o %i | tr '\n' ' '; }
 is_over() { local left; left=$(squeue -h -j "$job" -o %i) && [ -z "$left" ]; }
 node_is_busy() { [ -n "$(running)" ] || is_over; }
 
+# Those that have run for a second or more.
+late() {
+    local task
+    for task in $(squeue -h -j "$job" -t R -o '%i %M' | awk '$2 != "0:00" { print $1 }'); do
+        scancel --signal=USR1 --batch "$task" 2>/dev/null || true
+    done
+    sleep 1
+    grep -ls interrupted "$folder"/*.log >"$folder/late" || is_over
+}
+
 within 300 some_are_there
+within 120 late
+echo "told that their time is nearly up: tasks $(xargs -rn1 basename -s .log <"$folder/late" | xargs)"
 within 120 node_is_busy
 lost=$(running)
 "$SLURM_BASE/kill-node" 2
@@ -71,5 +84,11 @@ within 900 is_over
 for picture in "$folder"/single/*.exr; do
     cmp "$picture" "$folder/out/$(basename "$picture")"
 done
+for log in $(cat "$folder/late"); do
+    task=$(basename -s .log "$log")
+    restarts=$(scontrol show job "${job}_$task" | grep -o 'Restarts=[0-9]*')
+    [ "$restarts" != Restarts=0 ] || { echo "task $task was not put back"; exit 1; }
+done
+[ -s "$folder/late" ] || { echo "no task was told in time"; exit 1; }
 [ "$(find "$folder/single" -maxdepth 1 -name '*.exr' | wc -l)" = 6 ]
-echo "six frames by 24 shards on three nodes, one of them cut off: the bytes of one machine"
+echo "six frames by 24 shards on three nodes, one of them cut off, some tasks put back: the bytes of one machine"

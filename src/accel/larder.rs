@@ -24,7 +24,7 @@ pub struct MeshCounts {
 }
 
 impl MeshLarder {
-    /// Forgets the meshes that the scene built last did not have.
+    /// Forgets the meshes that the scenes built last did not have.
     pub fn clear_out(&self) {
         #[cfg(feature = "embree")]
         self.patches.clear_out();

@@ -29,6 +29,9 @@ pub struct Done {
     pub bytes: u64,
     /// Seconds that it took by itself, but for what it shared with others.
     pub seconds: f64,
+    /// Those of them in which it was rendered; the others went into its file.
+    #[serde(default)]
+    pub render_seconds: f64,
     /// Samples a pixel, on average.
     pub samples: f64,
     /// Samples a pixel that were asked for.
@@ -66,6 +69,12 @@ impl Manifest {
             file,
             done: Manifest::read(folder)?,
         })
+    }
+
+    /// Takes note of what others have noted since.
+    pub fn read_again(&mut self) -> io::Result<()> {
+        self.done = Manifest::read(&self.folder)?;
+        Ok(())
     }
 
     /// What all shards have noted in `folder`.
@@ -123,6 +132,7 @@ mod tests {
             key: Keyring::default().add("", key).key(),
             bytes: 4,
             seconds: 0.5,
+            render_seconds: 0.25,
             samples: 16.0,
             spp: 16,
             by: "host 1".into(),

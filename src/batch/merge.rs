@@ -201,6 +201,7 @@ mod tests {
             number: 0,
             image: "a.exr".into(),
             size: [1, 100],
+            spp: 32,
             shares: 2,
             exr: ExrEncoding::default(),
             png: PngEncoding::default(),

@@ -57,6 +57,8 @@ pub struct FrameHead {
     pub image: PathBuf,
     /// Width and height in pixels.
     pub size: [u32; 2],
+    /// Samples a pixel.
+    pub spp: u32,
     /// Shares of its samples.
     pub shares: u32,
     /// How an EXR file holds it.
@@ -88,7 +90,7 @@ impl PieceFolder {
     /// Where the pieces of a frame are within a batch's folder `out`.
     pub fn new(out: &Path, head: FrameHead) -> PieceFolder {
         PieceFolder {
-            folder: out.join(FOLDER).join(head.key.short()),
+            folder: folder_of(out, head.key),
             cut: Cut {
                 shares: head.shares,
                 ..Cut::whole(head.size[1])
@@ -298,12 +300,17 @@ impl PieceFolder {
 
     /// Removes all pieces, and what else is left of the frame.
     pub fn remove(&self) {
-        // What cannot be removed is only in the way.
-        let _ = fs::remove_dir_all(&self.folder);
-        if let Some(all) = self.folder.parent() {
-            // Only when it is empty.
-            let _ = fs::remove_dir(all);
-        }
+        remove(&self.folder);
+    }
+
+    /// Removes what is left in a batch's folder `out` of the pieces of a frame, if anything is.
+    pub fn remove_of(out: &Path, key: Key) {
+        remove(&folder_of(out, key));
+    }
+
+    /// Where they are.
+    pub fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// Opens a piece, to read rows of it.
@@ -399,6 +406,21 @@ pub(super) fn damaged(path: &Path) -> ImageError {
     }
 }
 
+/// Where the pieces of a frame are within a batch's folder.
+fn folder_of(out: &Path, key: Key) -> PathBuf {
+    out.join(FOLDER).join(key.short())
+}
+
+/// Removes a frame's folder, and that of all frames where it was the last.
+fn remove(folder: &Path) {
+    // What cannot be removed is only in the way.
+    let _ = fs::remove_dir_all(folder);
+    if let Some(all) = folder.parent() {
+        // Only when it is empty.
+        let _ = fs::remove_dir(all);
+    }
+}
+
 /// What is in a folder; nothing if that is not there.
 fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
     match fs::read_dir(folder) {
@@ -459,6 +481,7 @@ pub(super) fn folder(out: &Path, shares: u32) -> PieceFolder {
         number: 3,
         image: "a.exr".into(),
         size: [2, 64],
+        spp: 16,
         shares,
         exr: ExrEncoding::default(),
         png: PngEncoding::default(),

@@ -1,7 +1,8 @@
 //! A script that has Slurm make a batch on many machines: one task a shard.
 //!
-//! The cluster's tasks run the same command as anybody would. One that is started anew (its node failed, its time was
-//! up) goes on where it was; its ghost, which may still run beside it, writes the same bits.
+//! The cluster's tasks run the same command as anybody would. One that is started anew (its node failed) goes on where it
+//! was; its ghost, which may still run beside it, writes the same bits. One whose time is nearly up keeps what it has and
+//! goes back into the queue, so a forecast that was too short costs a wait and no frame.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -17,6 +18,9 @@ const LEAST_SECONDS: f64 = 600.0;
 const LEAST_BYTES: u64 = 512 << 20;
 /// Seconds before the end of a task's time at which it is told, so that it can keep what it has.
 const NOTICE: u32 = 60;
+
+/// How often a task whose time is up may begin again: frames that cannot be kept half-made would else do so for ever.
+const MOST_RESTARTS: u32 = 20;
 
 /// What a script is made of.
 #[derive(Clone, Copy, Debug)]
@@ -75,8 +79,27 @@ pub fn script(task: &Task) -> String {
 #SBATCH --mem={}M
 #SBATCH --requeue
 #SBATCH --open-mode=append
-#SBATCH --signal=B:TERM@{NOTICE}
-exec {program} batch {jobs} --out {folder} --shard \"$SLURM_ARRAY_TASK_ID/{shards}\" --resume --threads {threads}{arguments}
+#SBATCH --signal=B:USR1@{NOTICE}
+# Slurm says so {NOTICE} s before the time is up.
+late=
+trap 'late=yes; kill -TERM \"$task\"' USR1
+{program} batch {jobs} --out {folder} --shard \"$SLURM_ARRAY_TASK_ID/{shards}\" --resume --threads {threads}{arguments} &
+task=$!
+wait \"$task\"
+code=$?
+if [ -n \"$late\" ]; then
+    # That was the signal; now comes the end, with 130 (143 where it had hardly begun) if work is left.
+    wait \"$task\"
+    code=$?
+    case $code in
+    130 | 143)
+        # What it has done is kept: the rest waits in line again, unless that was in vain all along.
+        [ \"${{SLURM_RESTART_COUNT:-0}}\" -ge {MOST_RESTARTS} ] ||
+            scontrol requeue \"${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID\"
+        ;;
+    esac
+fi
+exit \"$code\"
 ",
         task.seconds,
         task.bytes >> 20,
@@ -140,8 +163,9 @@ mod tests {
             "#SBATCH --time=2-07:33:20",
             "#SBATCH --mem=6144M",
             "#SBATCH --requeue",
-            "exec /opt/whit batch 'it'\\''s here/the film.jobs.toml' --out out --shard \"$SLURM_ARRAY_TASK_ID/24\" \
-             --resume --threads 8 --checkpoint 60",
+            "#SBATCH --signal=B:USR1@60",
+            "/opt/whit batch 'it'\\''s here/the film.jobs.toml' --out out --shard \"$SLURM_ARRAY_TASK_ID/24\" \
+             --resume --threads 8 --checkpoint 60 &",
         ] {
             assert!(script.lines().any(|it| it == line), "{line} is not in\n{script}");
         }

@@ -249,21 +249,20 @@ pub(super) fn build<'s>(
     scene: &'s Scene,
     progress: &Progress,
 ) -> Result<Box<dyn Accel + 's>, Failure> {
-    build_with(job, scene, progress, job.tracing.options())
+    let options = AccelOptions {
+        progress: Some(&|fraction| progress.fraction(fraction)),
+        ..job.tracing.options()
+    };
+    build_with(job, scene, &options)
 }
 
 /// The same by other options than the job's.
 pub(super) fn build_with<'s>(
     job: &RenderJob,
     scene: &'s Scene,
-    progress: &Progress,
-    options: AccelOptions,
+    options: &AccelOptions,
 ) -> Result<Box<dyn Accel + 's>, Failure> {
-    let options = AccelOptions {
-        progress: Some(&|fraction| progress.fraction(fraction)),
-        ..options
-    };
-    let accel = accel::build(scene, job.backend, &options)?;
+    let accel = accel::build(scene, job.backend, options)?;
     interrupt::check()?;
     Ok(accel)
 }

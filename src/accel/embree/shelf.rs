@@ -29,12 +29,22 @@ struct Meshes<T> {
     counts: MeshCounts,
 }
 
-struct Kept<T> {
+/// What a mesh is known by; copies share it.
+#[derive(Clone)]
+struct Arrays {
     positions: Slab<[f32; 3]>,
     triangles: Slab<[u32; 3]>,
-    made: Arc<T>,
-    is_used: bool,
 }
+
+struct Kept<T> {
+    arrays: Arrays,
+    made: Arc<T>,
+    /// How often it was told to forget since anybody asked for it.
+    age: u32,
+}
+
+/// What is older than that is forgotten: two scenes may be set up at a time, each of which tells it once it has asked.
+const MOST_AGE: u32 = 2;
 
 impl<T> Default for MeshShelf<T> {
     fn default() -> MeshShelf<T> {
@@ -51,25 +61,32 @@ impl<T> MeshShelf<T> {
     /// What is kept of a mesh, or what `make` makes of it.
     pub(in crate::accel) fn of(&self, mesh: &Mesh, make: impl FnOnce() -> T) -> Arc<T> {
         let label = label(mesh);
-        if let Some(found) = self.all().find(label, mesh) {
-            return found;
+        // Compared while nothing is locked: other threads are waited for, and this one may take up another mesh meanwhile.
+        let alike = self.all().alike(label);
+        let arrays = Arrays::of(mesh);
+        let found = alike.into_iter().find(|(kept, _)| kept.is_same(&arrays));
+        if let Some((_, made)) = found {
+            self.all().note(label, &made, arrays);
+            return made;
         }
         let made = Arc::new(make());
         let kept = Kept {
-            positions: mesh.positions.clone(),
-            triangles: mesh.triangles.clone(),
+            arrays,
             made: made.clone(),
-            is_used: true,
+            age: 0,
         };
         self.all().by_label.entry(label).or_default().push(kept);
         made
     }
 
-    /// Forgets what nobody has asked for since it was last told to.
+    /// Forgets what nobody has asked for of late.
     pub(in crate::accel) fn clear_out(&self) {
         let meshes = &mut self.all().by_label;
         for kept in meshes.values_mut() {
-            kept.retain_mut(|kept| std::mem::take(&mut kept.is_used));
+            kept.retain_mut(|kept| {
+                kept.age += 1;
+                kept.age <= MOST_AGE
+            });
         }
         meshes.retain(|_, kept| !kept.is_empty());
     }
@@ -92,17 +109,36 @@ impl<T> MeshShelf<T> {
 }
 
 impl<T> Meshes<T> {
-    fn find(&mut self, label: u64, mesh: &Mesh) -> Option<Arc<T>> {
+    /// What may be of a mesh of this label.
+    fn alike(&mut self, label: u64) -> Vec<(Arrays, Arc<T>)> {
         self.counts.asked += 1;
-        let mut kept = self.by_label.get_mut(&label)?.iter_mut();
-        let found = kept.find(|kept| {
-            is_same(&kept.positions, &mesh.positions) && is_same(&kept.triangles, &mesh.triangles)
-        })?;
+        let kept = self.by_label.get(&label).into_iter().flatten();
+        kept.map(|kept| (kept.arrays.clone(), kept.made.clone()))
+            .collect()
+    }
+
+    /// That `made` was found for equal arrays.
+    fn note(&mut self, label: u64, made: &Arc<T>, arrays: Arrays) {
         self.counts.found += 1;
-        found.is_used = true;
-        // So that the arrays of the scene before can go.
-        (found.positions, found.triangles) = (mesh.positions.clone(), mesh.triangles.clone());
-        Some(found.made.clone())
+        let mut kept = self.by_label.get_mut(&label).into_iter().flatten();
+        if let Some(kept) = kept.find(|kept| Arc::ptr_eq(&kept.made, made)) {
+            kept.age = 0;
+            // So that those of the scene before can go.
+            kept.arrays = arrays;
+        }
+    }
+}
+
+impl Arrays {
+    fn of(mesh: &Mesh) -> Arrays {
+        Arrays {
+            positions: mesh.positions.clone(),
+            triangles: mesh.triangles.clone(),
+        }
+    }
+
+    fn is_same(&self, other: &Arrays) -> bool {
+        is_same(&self.positions, &other.positions) && is_same(&self.triangles, &other.triangles)
     }
 }
 
@@ -157,14 +193,15 @@ mod tests {
     }
 
     #[test]
-    fn what_the_last_scene_did_not_have_is_forgotten() {
+    fn what_the_last_scenes_did_not_have_is_forgotten() {
         let shelf = MeshShelf::default();
         let make = |x: f32, made: u32| *shelf.of(&mesh(x), || made);
         make(0.0, 1);
         make(5.0, 2);
-        shelf.clear_out();
-        assert_eq!(make(0.0, 3), 1);
-        shelf.clear_out();
+        for _ in 0..=MOST_AGE {
+            shelf.clear_out();
+            assert_eq!(make(0.0, 3), 1);
+        }
         assert_eq!(make(5.0, 4), 4);
         assert_eq!(make(0.0, 5), 1);
     }

@@ -12,7 +12,7 @@ use super::super::args::BatchArgs;
 use super::super::failure::Failure;
 use super::super::interrupt;
 use super::super::output;
-use super::super::progress::{Progress, Verbosity};
+use super::super::progress::Progress;
 use super::plan::Plan;
 use super::rows::film_bytes;
 use super::stage::{Kept, Loaded, Stage};
@@ -100,18 +100,9 @@ pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Res
     ))
 }
 
-fn progress(args: &BatchArgs) -> Progress {
-    let verbosity = if args.quiet {
-        Verbosity::Quiet
-    } else {
-        Verbosity::Normal
-    };
-    Progress::of_kind(args.watching.progress, verbosity)
-}
-
 /// What the frames will take: of frames that share a scene the first is probed.
 fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
-    let progress = progress(args);
+    let progress = super::progress(args);
     let kept = Kept::for_frames(plans);
     let mut costs: Vec<Cost> = Vec::with_capacity(plans.len());
     for (index, plan) in plans.iter().enumerate() {
@@ -132,7 +123,7 @@ fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
 fn probed(plan: &Plan, kept: &Kept, (args, progress): (&BatchArgs, &Progress)) -> Result<Cost, Failure> {
     progress.phase(&plan.name(), "probe");
     let loaded = Loaded::new(plan, kept, progress)?;
-    let stage = Stage::new(plan, &loaded, kept, progress)?;
+    let stage = Stage::new(plan, &loaded, kept)?;
     let shot = plan.job.shot(&loaded.file.output)?;
     let camera = loaded.camera(plan)?;
     let monitor = Monitor {
@@ -143,10 +134,14 @@ fn probed(plan: &Plan, kept: &Kept, (args, progress): (&BatchArgs, &Progress)) -
     let probe = render::probe((stage.scene(), &camera), &*stage.accel, &shot.settings, &monitor);
     let probe = probe.ok_or(Failure::Interrupted)?;
     let forecast = Forecast::of(&probe, &shot.settings, plan.job.backend);
+    let bytes = loaded.forecast(&plan.job);
     Ok(Cost {
         seconds: forecast.seconds,
         ready: loaded.seconds + stage.build_seconds,
-        bytes: stage.bytes(&plan.job) + film_bytes(&stage.film(&shot.settings), args.time),
+        bytes: kept.bytes()
+            + bytes.loaded
+            + bytes.to_come
+            + film_bytes(&loaded.film(&shot.settings), args.time),
         size: [shot.settings.width, shot.settings.height],
         spp: shot.settings.spp,
     })

@@ -2,12 +2,11 @@
 
 use std::borrow::Cow;
 use std::ops::{ControlFlow, Range};
-use std::path::Path;
 use std::time::Instant;
 
 use crate::accel::Accel;
-use crate::batch::{FrameHead, Key, Part, Piece, PieceFolder, Plane, color_planes, planes_of};
-use crate::image::PngEncoding;
+use crate::batch::{FrameHead, Merge, MergeError, Part, Piece, PieceFolder, Plane, color_planes, planes_of};
+use crate::image::{ImageError, PngEncoding};
 use crate::render::{
     self, Checkpoints, FinishedTile, Ledger, Monitor, Parts, Pattern, Plan as EffectPlan, Region,
     RenderSettings, Rendering, Rounds, Share, Sums,
@@ -20,33 +19,20 @@ use super::super::interrupt;
 use super::super::job::{RenderJob, Shot};
 use super::super::notes::Notes;
 use super::super::render::project;
+use super::limits::Limits;
 use super::picture;
 use super::plan::Plan;
-use super::rows::{MOST_KEPT, Steps, film_bytes, is_one};
+use super::queue::Task;
+use super::rows::{MOST_KEPT, Steps, is_one};
 use super::stage::Stage;
-
-/// What a frame is to keep to.
-#[derive(Clone, Copy)]
-pub(super) struct Limits<'a> {
-    /// The folder of results.
-    pub(super) out: &'a Path,
-    /// Seconds after which what there is goes to the disk.
-    pub(super) checkpoint: f64,
-    /// Seconds after which no more samples are taken.
-    pub(super) time: Option<f64>,
-    /// Bytes that it may take.
-    pub(super) max_memory: Option<u64>,
-}
 
 /// What came of a frame.
 pub(super) struct Made {
+    pub(super) head: FrameHead,
     /// Whether its picture stands in its place, or only pieces do.
     pub(super) is_whole: bool,
     /// Samples a pixel, on average.
     pub(super) samples: f64,
-    /// Samples a pixel that were asked for.
-    pub(super) spp: u32,
-    pub(super) size: [u32; 2],
     pub(super) render_seconds: f64,
     pub(super) write_seconds: f64,
     pub(super) ledger: Ledger,
@@ -75,16 +61,16 @@ pub(super) struct Making<'a> {
 
 /// Makes some of the pieces of a frame, by their numbers, and the picture if these are all that were missing.
 pub(super) fn make<'a>(
-    (plan, key): (&'a Plan, Key),
+    task: &Task<'a>,
     stage: &'a Stage<'a>,
-    pieces: Range<usize>,
     limits: Limits<'a>,
     monitor: Monitor<'a>,
 ) -> Result<Made, Failure> {
     let start = Instant::now();
-    let mut making = Making::new((plan, key), stage, limits, monitor)?;
+    let mut making = Making::new(task, stage, limits, monitor)?;
     let settings = making.shot.settings;
-    let asked = pieces.len() == plan.piece_count();
+    let pieces = task.pieces.clone();
+    let asked = pieces.len() == task.plan.piece_count();
     let samples = if let Some(seconds) = limits.time {
         making.make_in_time(seconds)?
     } else if is_one(&settings) {
@@ -103,41 +89,42 @@ pub(super) fn make<'a>(
     Ok(Made {
         is_whole,
         samples,
-        spp: settings.spp,
-        size: [settings.width, settings.height],
         render_seconds: start.elapsed().as_secs_f64() - making.write_seconds,
         write_seconds: making.write_seconds,
         ledger: making.ledger,
+        head: making.folder.head().clone(),
     })
 }
 
 impl<'a> Making<'a> {
     fn new(
-        (plan, key): (&'a Plan, Key),
+        task: &Task<'a>,
         stage: &'a Stage<'a>,
         limits: Limits<'a>,
         monitor: Monitor<'a>,
     ) -> Result<Making<'a>, Failure> {
+        let plan = task.plan;
         let job = &*plan.job;
         let mut shot = job.shot(&stage.loaded.file.output)?;
         // For the page of the batch; it changes no bit.
         shot.settings.ledger = true;
-        check_memory(stage, plan, &shot, limits)?;
         check_division(plan, &shot.settings, limits.time)?;
         let camera = stage.loaded.camera(plan)?;
         let effects = EffectPlan::new(stage.scene(), &camera, &shot.settings.effects);
         let embree = stage.accel.report().embree;
-        let notes = Notes::of((job, &shot), (stage.scene(), &camera), embree.as_ref(), &effects);
+        let mut notes = Notes::of((job, &shot), (stage.scene(), &camera), embree.as_ref(), &effects);
+        notes.add("whit.files", task.recipe.files.clone());
         let notes = notes
             .list()
             .iter()
             .map(|note| (note.name.to_owned(), note.text.to_owned()))
             .collect();
         let head = FrameHead {
-            key,
+            key: task.recipe.key,
             number: plan.number,
             image: plan.frame.image.clone(),
             size: [shot.settings.width, shot.settings.height],
+            spp: shot.settings.spp,
             shares: plan.frame.settings.shares,
             exr: job.encoding.exr,
             png: PngEncoding {
@@ -256,7 +243,11 @@ impl<'a> Making<'a> {
             .map_or(&*stage.accel, |projected| projected as &dyn Accel);
         let mut parts = self.parts(accel)?;
         for rows in missing {
-            let mut steps = Steps::new(rows, &self.stage.film(&shot.settings), self.limits.checkpoint);
+            let mut steps = Steps::new(
+                rows,
+                &self.stage.loaded.film(&shot.settings),
+                self.limits.checkpoint,
+            );
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 match self.rows(&mut parts, &rows) {
@@ -342,7 +333,7 @@ impl<'a> Making<'a> {
         let mut parts = self.parts(&*stage.accel)?;
         let share = self.folder.cut().share(index);
         for rows in missing {
-            let mut steps = Steps::new(rows, &self.stage.film(&settings), self.limits.checkpoint);
+            let mut steps = Steps::new(rows, &self.stage.loaded.film(&settings), self.limits.checkpoint);
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 let region = Region::of_rows(&settings, rows.clone());
@@ -415,14 +406,18 @@ impl<'a> Making<'a> {
         Ok(())
     }
 
-    fn save(
-        &mut self,
-        write: impl FnOnce(&PieceFolder) -> Result<(), crate::image::ImageError>,
-    ) -> Result<(), Failure> {
+    fn save(&mut self, write: impl Fn(&PieceFolder) -> Result<(), ImageError>) -> Result<(), Failure> {
         let start = Instant::now();
         let unwritable = |error| Failure::Work(format!("no folder can be made for pieces: {error}"));
-        self.folder.make().map_err(unwritable)?;
-        interrupt::finish_first(|| write(&self.folder))?;
+        let attempt = || -> Result<(), Failure> {
+            self.folder.make().map_err(unwritable)?;
+            Ok(interrupt::finish_first(|| write(&self.folder))?)
+        };
+        match attempt() {
+            // Whoever makes the same has put it together meanwhile, and removed the pieces with their folder.
+            Err(_) if !self.folder.folder().exists() => attempt()?,
+            result => result?,
+        }
         self.write_seconds += start.elapsed().as_secs_f64();
         Ok(())
     }
@@ -434,7 +429,7 @@ impl<'a> Making<'a> {
         if !self.has_pieces {
             let head = self.folder.head();
             let mut kept = std::mem::take(&mut self.kept).into_iter();
-            let rows = || Ok::<_, crate::image::ImageError>(kept.next().map(|(_, planes)| planes));
+            let rows = || Ok::<_, ImageError>(kept.next().map(|(_, planes)| planes));
             interrupt::finish_first(|| picture::write(out, head, rows))?;
             if self.has_rounds {
                 self.folder.remove();
@@ -443,7 +438,11 @@ impl<'a> Making<'a> {
             self.flush()?;
             match picture::merge(out, &self.folder) {
                 Ok(()) => {}
-                Err(crate::batch::MergeError::Missing { .. }) => return Ok(false),
+                Err(MergeError::Missing { .. }) => return Ok(false),
+                // The same: a piece was there, and is gone.
+                Err(_) if matches!(Merge::of(&self.folder), Err(MergeError::Missing { .. })) => {
+                    return Ok(false);
+                }
                 Err(error) => return Err(error.into()),
             }
         }
@@ -495,19 +494,6 @@ fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
             }),
     );
     planes
-}
-
-fn check_memory(stage: &Stage, plan: &Plan, shot: &Shot, limits: Limits) -> Result<(), Failure> {
-    let needed = stage.bytes(&plan.job) + film_bytes(&stage.film(&shot.settings), limits.time);
-    match limits.max_memory.filter(|&most| needed > most) {
-        None => Ok(()),
-        Some(most) => Err(Failure::Work(format!(
-            "{} is forecast to take {} of memory and may take {}: give a larger `--max-memory` or a smaller `size`",
-            plan.name(),
-            crate::report::memory::in_words(needed),
-            crate::report::memory::in_words(most)
-        ))),
-    }
 }
 
 /// Refuses to divide what a scene says that cannot be.

@@ -30,7 +30,7 @@ impl Record {
     pub(super) fn of(made: &Made, stage: &Stage, status: FrameStatus) -> Record {
         let message = match status {
             FrameStatus::Missing => "its pieces are made".into(),
-            _ if made.samples < f64::from(made.spp) => {
+            _ if made.samples < f64::from(made.head.spp) => {
                 format!("{:.0} samples a pixel in its time", made.samples)
             }
             _ => String::new(),
@@ -38,8 +38,8 @@ impl Record {
         Record {
             status,
             message,
-            size: made.size,
-            spp: made.spp,
+            size: made.head.size,
+            spp: made.head.spp,
             seconds: FrameSeconds {
                 load: stage.loaded.seconds,
                 build: stage.build_seconds,

@@ -2,8 +2,9 @@
 //! the same bytes.
 
 use std::path::Path;
+use std::{fs, io};
 
-use crate::batch::{FrameHead, Merge, MergeError, PieceFolder, Plane};
+use crate::batch::{Done, FrameHead, Merge, MergeError, PieceFolder, Plane};
 use crate::image::rows::{ExrChannel, ExrLayout, ExrRowsWriter, PngRowsWriter, SampleType, Samples, Window};
 use crate::image::{ExtraKind, ImageError, ImageFormat, Note};
 
@@ -53,6 +54,30 @@ pub(in crate::cli) fn merge(out: &Path, folder: &PieceFolder) -> Result<(), Merg
     interrupt::finish_first(|| write(out, folder.head(), || merge.next_rows()))?;
     folder.remove();
     Ok(())
+}
+
+/// What is to be noted of a picture that stands in its place.
+///
+/// # Errors
+///
+/// Where it does not.
+pub(in crate::cli) fn done(
+    out: &Path,
+    head: &FrameHead,
+    samples: f64,
+    [render_seconds, write_seconds]: [f64; 2],
+) -> io::Result<Done> {
+    Ok(Done {
+        frame: head.number,
+        image: head.image.clone(),
+        key: head.key,
+        bytes: fs::metadata(out.join(&head.image))?.len(),
+        seconds: render_seconds + write_seconds,
+        render_seconds,
+        samples,
+        spp: head.spp,
+        by: super::who(),
+    })
 }
 
 impl Writer {

@@ -1,12 +1,12 @@
 //! The running of a batch: scene after scene, frame after frame.
 
 use std::collections::HashMap;
-use std::ops::Range;
-use std::sync::Mutex;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use crate::batch::{Done, Key, Manifest, Sources};
+use crate::batch::{Key, Manifest, PieceFolder};
 use crate::render::{FinishedTile, Monitor};
 use crate::report::gallery::FrameStatus;
 
@@ -14,17 +14,20 @@ use super::super::args::BatchArgs;
 use super::super::failure::Failure;
 use super::super::interrupt;
 use super::super::output;
-use super::super::progress::{Batch as Shown, Progress, Verbosity};
-use super::frame::{Limits, Made, make};
+use super::super::progress::{Batch as Shown, Progress};
+use super::frame::{Made, make};
+use super::limits::Limits;
 use super::page::{Page, Record};
+use super::picture;
+use super::place::Place;
 use super::plan::Plan;
-use super::stage::{Kept, Loaded, Stage, key};
+use super::queue::{Queue, Task};
+use super::stage::{Kept, Loaded, Stage};
+use super::unnoted;
 use super::viewer::Viewer;
 
-/// Frames of one scene that are made at the same time: one has the processors while the other is written.
-const AT_ONCE: usize = 2;
-/// Frames of more pixels than this are made one after the other, so that memory holds only one.
-const MANY_PIXELS: u64 = 1 << 24;
+/// Scenes of a frame each that are made at the same time: one has the processors while the other is loaded or written.
+const SCENES_AT_ONCE: usize = 2;
 
 /// A batch that is being made.
 pub(super) struct Batch<'a> {
@@ -35,10 +38,13 @@ pub(super) struct Batch<'a> {
     manifest: Mutex<Manifest>,
     page: Mutex<Page<'a>>,
     failed: AtomicUsize,
+    /// What the pictures that this process has come to are made of.
+    keys: Mutex<HashMap<PathBuf, Key>>,
     /// Set when nothing more can be written.
     is_full: AtomicBool,
     saved: Mutex<Saved>,
     kept: Kept,
+    place: Place,
 }
 
 /// What keeping scenes and structures has spared.
@@ -48,14 +54,6 @@ struct Saved {
     frames: usize,
 }
 
-/// A frame and the pieces of it that are to be made.
-#[derive(Clone)]
-struct Task<'a> {
-    plan: &'a Plan,
-    key: Key,
-    pieces: Range<usize>,
-}
-
 impl<'a> Batch<'a> {
     pub(super) fn new(
         args: &'a BatchArgs,
@@ -63,22 +61,19 @@ impl<'a> Batch<'a> {
         manifest: Manifest,
         viewer: Option<Viewer>,
     ) -> Batch<'a> {
-        let verbosity = if args.quiet {
-            Verbosity::Quiet
-        } else {
-            Verbosity::Normal
-        };
         Batch {
             args,
             plans,
-            progress: Progress::of_kind(args.watching.progress, verbosity),
+            progress: super::progress(args),
             viewer,
             manifest: Mutex::new(manifest),
             page: Mutex::new(Page::new(args, plans)),
             failed: AtomicUsize::new(0),
+            keys: Mutex::default(),
             is_full: AtomicBool::new(false),
             saved: Mutex::default(),
             kept: Kept::for_frames(plans),
+            place: Place::default(),
         }
     }
 
@@ -93,137 +88,131 @@ impl<'a> Batch<'a> {
 
     fn make_mine(&self, pool: &rayon::ThreadPool) -> Result<(), Failure> {
         let start = Instant::now();
-        let mine = self.tasks();
-        let shown = self.progress.batch(mine.len());
-        let mut sources = Sources::default();
-        let mut waiting: Vec<Task> = Vec::new();
-        let mut skipped = 0;
-        for (plan, pieces) in &mine {
-            let key = match key(plan, &mut sources) {
-                Ok(key) => key,
-                Err(failure) => {
-                    self.fail(plan, &shown, &failure);
-                    continue;
+        let queue = Queue::new(self.plans, self.args.shard);
+        let total = queue.len();
+        let shown = self.progress.batch(total);
+        let queue = Mutex::new(queue);
+        let skipped = AtomicUsize::new(0);
+        let result = side_by_side(SCENES_AT_ONCE, || {
+            while self.goes_on()? {
+                let tasks = self.next_scene(&queue, &shown, &skipped);
+                if tasks.is_empty() {
+                    break;
                 }
-            };
-            if self.is_done(plan, key) {
-                shown.skip(&plan.name());
-                skipped += 1;
-                continue;
+                self.make_all(&tasks, &shown, pool)?;
             }
-            if waiting
-                .first()
-                .is_some_and(|first| !first.plan.shares_scene_with(plan))
-            {
-                self.make_all(std::mem::take(&mut waiting), &shown, pool)?;
-            }
-            waiting.push(Task {
-                plan,
-                key,
-                pieces: pieces.clone(),
-            });
-        }
-        let result = self.make_all(waiting, &shown, pool);
+            Ok(())
+        });
         drop(shown);
         self.progress.clear();
-        self.conclude((mine.len(), skipped), start.elapsed().as_secs_f64())?;
+        self.sweep_up();
+        let skipped = skipped.into_inner();
+        self.conclude((total, skipped), start.elapsed().as_secs_f64())?;
         result?;
         match self.failed.load(Ordering::Relaxed) {
             0 => Ok(()),
-            failed => Err(Failure::Work(format!("{failed} of {} frames failed", mine.len()))),
+            failed => Err(Failure::Work(format!("{failed} of {total} frames failed"))),
         }
     }
 
-    /// The frames that this process has pieces of, with these.
-    fn tasks(&self) -> Vec<(&'a Plan, Range<usize>)> {
-        let total = self.plans.iter().map(Plan::piece_count).sum();
-        let mine = self.args.shard.of(total);
-        let mut first = 0;
-        let mut tasks = Vec::new();
-        for plan in self.plans {
-            let end = first + plan.piece_count();
-            let pieces = mine.start.max(first)..mine.end.min(end);
-            if !pieces.is_empty() {
-                tasks.push((plan, pieces.start - first..pieces.end - first));
+    /// The frames of the next scene that are still to be made.
+    fn next_scene(&self, queue: &Mutex<Queue<'a>>, shown: &Shown, skipped: &AtomicUsize) -> Vec<Task<'a>> {
+        let mut queue = queue.lock().unwrap_or_else(PoisonError::into_inner);
+        queue.next_scene(|plan, recipe| {
+            let recipe = recipe.map_err(|failure| self.fail(plan, shown, &failure)).ok()?;
+            let (image, key) = (plan.frame.image.clone(), recipe.key);
+            self.keys
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .insert(image, key);
+            if self.is_done(plan, key) {
+                // Whoever made the same beside it may have left some.
+                PieceFolder::remove_of(&self.args.out, key);
+                shown.skip(&plan.name());
+                skipped.fetch_add(1, Ordering::Relaxed);
+                return None;
             }
-            first = end;
+            Some(recipe)
+        })
+    }
+
+    /// Removes pieces of what the pictures of this process would have been before their scenes or settings were changed.
+    fn sweep_up(&self) {
+        let keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
+        for folder in PieceFolder::all(&self.args.out).unwrap_or_default() {
+            let head = folder.head();
+            if keys.get(&head.image).is_some_and(|key| *key != head.key) {
+                folder.remove();
+            }
         }
-        tasks
+    }
+
+    /// Whether more is to be made.
+    fn goes_on(&self) -> Result<bool, Failure> {
+        interrupt::check()?;
+        Ok(!self.is_full.load(Ordering::Relaxed))
     }
 
     fn is_done(&self, plan: &Plan, key: Key) -> bool {
         if !self.args.resume {
             return false;
         }
-        let manifest = self
-            .manifest
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let manifest = self.manifest.lock().unwrap_or_else(PoisonError::into_inner);
         let done = manifest.find(&plan.frame.image, key);
         // One that ran out of time is only done for who gives it no more.
         done.is_some_and(|done| done.samples >= f64::from(done.spp) || self.args.time.is_some())
     }
 
     /// Makes frames of one scene.
-    fn make_all(&self, tasks: Vec<Task>, shown: &Shown, pool: &rayon::ThreadPool) -> Result<(), Failure> {
-        let Some(first) = tasks.first() else {
+    fn make_all(&self, tasks: &[Task], shown: &Shown, pool: &rayon::ThreadPool) -> Result<(), Failure> {
+        let Some(Task { plan, .. }) = tasks.first() else {
             return Ok(());
         };
-        interrupt::check()?;
-        if self.is_full.load(Ordering::Relaxed) {
-            return Ok(());
-        }
-        let loaded = pool.install(|| Loaded::new(first.plan, &self.kept, &self.progress));
+        // On this thread, which is none of the pool's: those may take up other work while they wait.
+        let mut place = self.place.enter(tasks.len() > 1 || self.args.time.is_some());
+        let loaded = pool.install(|| Loaded::new(plan, &self.kept, &self.progress));
         let loaded = match loaded {
             Ok(loaded) => loaded,
-            Err(failure) => return self.fail_all(&tasks, shown, failure),
+            Err(failure) => return self.fail_all(tasks, shown, failure),
         };
-        let stage = match pool.install(|| Stage::new(first.plan, &loaded, &self.kept, &self.progress)) {
-            Ok(stage) => stage,
-            Err(failure) => return self.fail_all(&tasks, shown, failure),
-        };
-        {
-            let mut saved = self
-                .saved
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner);
-            saved.frames += tasks.len() - 1;
-            saved.seconds += (tasks.len() - 1) as f64 * (loaded.seconds + stage.build_seconds);
+        if loaded.is_large(&plan.job) {
+            place = self.place.clear(place);
         }
+        let threads = pool.current_num_threads();
+        let at_once = self.limits().frames_at_once(plan, (&loaded, &self.kept), threads);
+        let stage = at_once.and_then(|at_once| {
+            let stage = pool.install(|| Stage::new(plan, &loaded, &self.kept))?;
+            Ok((at_once, stage))
+        });
+        let (at_once, stage) = match stage {
+            Ok(stage) => stage,
+            Err(failure) => return self.fail_all(tasks, shown, failure),
+        };
+        self.saved
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .add(tasks.len() - 1, loaded.seconds + stage.build_seconds);
         let next = AtomicUsize::new(0);
-        let work = |_: usize| -> Result<(), Failure> {
-            while let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
-                interrupt::check()?;
-                if self.is_full.load(Ordering::Relaxed) {
-                    return Ok(());
-                }
+        let result = side_by_side(at_once.min(tasks.len()), || {
+            while self.goes_on()? {
+                let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else {
+                    break;
+                };
                 pool.install(|| self.make_one(task, &stage, shown))?;
             }
             Ok(())
-        };
-        let at_once = self.at_once(&tasks, &loaded);
-        std::thread::scope(|scope| {
-            let drivers: Vec<_> = (0..at_once)
-                .map(|number| scope.spawn(move || work(number)))
-                .collect();
-            let ends = drivers.into_iter().map(|driver| driver.join());
-            ends.map(|end| end.unwrap_or_else(|_| Err(Failure::Work("a frame came to a sudden end".into()))))
-                .fold(Ok(()), Result::and)
-        })
+        });
+        drop(place);
+        result
     }
 
-    /// How many frames are made at the same time.
-    fn at_once(&self, tasks: &[Task], loaded: &Loaded) -> usize {
-        let shot = tasks
-            .first()
-            .and_then(|task| task.plan.job.shot(&loaded.file.output).ok());
-        let pixels = shot.map_or(0, |shot| {
-            u64::from(shot.settings.width) * u64::from(shot.settings.height)
-        });
-        if pixels > MANY_PIXELS || self.args.time.is_some() {
-            return 1;
+    fn limits(&self) -> Limits<'a> {
+        Limits {
+            out: &self.args.out,
+            checkpoint: self.args.checkpoint,
+            time: self.args.time,
+            max_memory: self.args.max_memory,
         }
-        AT_ONCE.min(tasks.len())
     }
 
     fn make_one(&self, task: &Task, stage: &Stage, shown: &Shown) -> Result<(), Failure> {
@@ -241,20 +230,11 @@ impl<'a> Batch<'a> {
             cancel: &interrupt::CANCELLED,
             tiles: show.as_ref().map(|show| show as _),
         };
-        let limits = Limits {
-            out: &self.args.out,
-            checkpoint: self.args.checkpoint,
-            time: self.args.time,
-            max_memory: self
-                .args
-                .max_memory
-                .or_else(crate::report::memory::available_bytes),
-        };
-        let made = make((plan, task.key), stage, task.pieces.clone(), limits, monitor);
+        let made = make(task, stage, self.limits(), monitor);
         if let Some(viewer) = &self.viewer {
             viewer.warn_if_gone(&self.progress);
         }
-        match made.and_then(|made| self.note(task, &made).map(|()| made)) {
+        match made.and_then(|made| self.note(&made).map(|()| made)) {
             Ok(made) => {
                 self.tell_time(plan, &made);
                 let status = if made.is_whole {
@@ -281,46 +261,27 @@ impl<'a> Batch<'a> {
 
     /// Says that a frame has fewer samples than it was to have.
     fn tell_time(&self, plan: &Plan, made: &Made) {
-        if self.args.time.is_some() && made.samples < f64::from(made.spp) {
+        if self.args.time.is_some() && made.samples < f64::from(made.head.spp) {
             self.progress.warn(&format!(
                 "{}: its time was up after {:.0} of {} samples a pixel",
                 plan.name(),
                 made.samples,
-                made.spp
+                made.head.spp
             ));
         }
     }
 
     /// Notes a picture that stands in its place.
-    fn note(&self, task: &Task, made: &Made) -> Result<(), Failure> {
+    fn note(&self, made: &Made) -> Result<(), Failure> {
         if !made.is_whole {
             return Ok(());
         }
-        let image = &task.plan.frame.image;
-        let unknown = |error| {
-            Failure::Work(format!(
-                "{} cannot be noted in the manifest: {error}",
-                image.display()
-            ))
-        };
-        let bytes = std::fs::metadata(self.args.out.join(image))
-            .map_err(unknown)?
-            .len();
-        let done = Done {
-            frame: task.plan.number,
-            image: image.clone(),
-            key: task.key,
-            bytes,
-            seconds: made.render_seconds + made.write_seconds,
-            samples: made.samples,
-            spp: made.spp,
-            by: format!("process {} on {}", std::process::id(), super::host()),
-        };
-        let mut manifest = self
-            .manifest
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
-        interrupt::finish_first(|| manifest.add(done)).map_err(unknown)
+        let out = &self.args.out;
+        let seconds = [made.render_seconds, made.write_seconds];
+        let done = picture::done(out, &made.head, made.samples, seconds);
+        let mut manifest = self.manifest.lock().unwrap_or_else(PoisonError::into_inner);
+        let noted = done.and_then(|done| interrupt::finish_first(|| manifest.add(done)));
+        noted.map_err(|error| unnoted(&made.head.image, &error))
     }
 
     /// Whether the folder of results takes any more: frames are not rendered for nothing.
@@ -361,10 +322,7 @@ impl<'a> Batch<'a> {
     }
 
     fn record(&self, plan: &Plan, record: Record) {
-        let mut page = self
-            .page
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut page = self.page.lock().unwrap_or_else(PoisonError::into_inner);
         page.record(plan.number, record);
     }
 
@@ -377,24 +335,15 @@ impl<'a> Batch<'a> {
             ));
         }
         if let Some(path) = &self.args.html {
-            let manifest = self
-                .manifest
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner);
-            let page = self
-                .page
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner);
+            let manifest = self.manifest.lock().unwrap_or_else(PoisonError::into_inner);
+            let page = self.page.lock().unwrap_or_else(PoisonError::into_inner);
             page.write(path, &manifest, seconds)?;
         }
         if self.args.quiet {
             return Ok(());
         }
         let failed = self.failed.load(Ordering::Relaxed);
-        let saved = self
-            .saved
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let saved = self.saved.lock().unwrap_or_else(PoisonError::into_inner);
         let mut line =
             format!("{total} frames in {seconds:.1} s: {skipped} were there already, {failed} failed\n");
         if saved.frames > 0 {
@@ -406,6 +355,23 @@ impl<'a> Batch<'a> {
         line += &self.kept.tell();
         output::print(&line)
     }
+}
+
+impl Saved {
+    fn add(&mut self, frames: usize, seconds: f64) {
+        self.frames += frames;
+        self.seconds += frames as f64 * seconds;
+    }
+}
+
+/// Does the same by several threads, to their ends; the first failure, if there is one.
+fn side_by_side(threads: usize, work: impl Fn() -> Result<(), Failure> + Sync) -> Result<(), Failure> {
+    std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..threads).map(|_| scope.spawn(&work)).collect();
+        let ends = threads.into_iter().map(|thread| thread.join());
+        ends.map(|end| end.unwrap_or_else(|_| Err(Failure::Work("a frame came to a sudden end".into()))))
+            .fold(Ok(()), Result::and)
+    })
 }
 
 /// Frames by the numbers of their plans.

@@ -1,15 +1,13 @@
 //! A scene that is ready to be rendered, for all frames of it in a row: loaded once, its structure built once.
 
-use std::path::PathBuf;
 use std::time::Instant;
 
 use glam::DVec3;
 
-use crate::accel::{Accel, AccelOptions, MeshCounts, MeshLarder};
-use crate::batch::{Key, Keyring, Sources};
+use crate::accel::{Accel, AccelOptions, Backend, MeshCounts, MeshLarder};
 use crate::gltf::Pose;
 use crate::render::RenderSettings;
-use crate::report::memory::MemoryForecast;
+use crate::report::memory::{MemoryForecast, available_bytes};
 use crate::scene::{Camera, Larder, Scene};
 use crate::scene_file::SceneFile;
 
@@ -19,6 +17,9 @@ use super::super::progress::Progress;
 use super::super::render;
 use super::plan::Plan;
 use super::rows::Film;
+
+/// A scene is large if it takes more than such a part of the memory that is free.
+const LARGE_PART: u64 = 8;
 
 /// What scenes leave for those that come next: of the last one only what was in it.
 pub(super) struct Kept {
@@ -35,6 +36,11 @@ impl Kept {
             images: Larder::new(),
             meshes: differ.then(MeshLarder::default),
         }
+    }
+
+    /// Bytes of it that no scene has.
+    pub(super) fn bytes(&self) -> u64 {
+        self.meshes.as_ref().map_or(0, MeshLarder::byte_count)
     }
 
     /// What it has spared, in words.
@@ -104,16 +110,42 @@ impl Loaded {
         Ok(plan.frame.view.of(camera, scene, self.middle))
     }
 
-    /// Bytes that the scene and what finds the hits in it take, about.
-    fn bytes(&self, job: &RenderJob) -> u64 {
+    /// Bytes that it and its frames will take, about.
+    pub(super) fn forecast(&self, job: &RenderJob) -> Bytes {
         let forecast = MemoryForecast::of(&self.file.scene);
         let tree = match job.backend {
-            crate::accel::Backend::Embree => forecast.embree_bytes,
-            crate::accel::Backend::Bsp => forecast.bsp_bytes,
-            crate::accel::Backend::Brute => 0,
+            Backend::Embree => forecast.embree_bytes,
+            Backend::Bsp => forecast.bsp_bytes,
+            Backend::Brute => 0,
         };
-        forecast.scene_bytes + tree + forecast.subsurface_bytes
+        Bytes {
+            loaded: forecast.scene_bytes,
+            to_come: tree + forecast.subsurface_bytes,
+        }
     }
+
+    /// Whether there had better be no other scene beside it.
+    pub(super) fn is_large(&self, job: &RenderJob) -> bool {
+        let Bytes { loaded, to_come } = self.forecast(job);
+        available_bytes().is_some_and(|free| loaded + to_come > free / LARGE_PART)
+    }
+
+    /// What is kept of a picture of it.
+    pub(super) fn film(&self, settings: &RenderSettings) -> Film {
+        Film {
+            settings: *settings,
+            light_count: self.file.scene.lights.len(),
+        }
+    }
+}
+
+/// Memory that a loaded scene takes.
+#[derive(Clone, Copy)]
+pub(super) struct Bytes {
+    /// Which it has.
+    pub(super) loaded: u64,
+    /// Which what finds the hits in it will have, and what is made ready before the first ray.
+    pub(super) to_come: u64,
 }
 
 /// A loaded scene with what finds the hits in it.
@@ -121,30 +153,21 @@ pub(super) struct Stage<'s> {
     pub(super) loaded: &'s Loaded,
     pub(super) accel: Box<dyn Accel + 's>,
     pub(super) build_seconds: f64,
-    /// What is kept for the scenes that come next.
-    kept_bytes: u64,
 }
 
 impl<'s> Stage<'s> {
-    pub(super) fn new(
-        plan: &Plan,
-        loaded: &'s Loaded,
-        kept: &Kept,
-        progress: &Progress,
-    ) -> Result<Stage<'s>, Failure> {
+    pub(super) fn new(plan: &Plan, loaded: &'s Loaded, kept: &Kept) -> Result<Stage<'s>, Failure> {
         let start = Instant::now();
         let options = AccelOptions {
             larder: kept.meshes.as_ref(),
             ..plan.job.tracing.options()
         };
-        let accel = render::build_with(&plan.job, &loaded.file.scene, progress, options)?;
-        let kept_bytes = kept.meshes.as_ref().map_or(0, |meshes| {
+        let accel = render::build_with(&plan.job, &loaded.file.scene, &options)?;
+        if let Some(meshes) = &kept.meshes {
             meshes.clear_out();
-            meshes.byte_count()
-        });
+        }
         Ok(Stage {
             loaded,
-            kept_bytes,
             accel,
             build_seconds: start.elapsed().as_secs_f64(),
         })
@@ -153,71 +176,4 @@ impl<'s> Stage<'s> {
     pub(super) fn scene(&self) -> &'s Scene {
         &self.loaded.file.scene
     }
-
-    /// Bytes that all of it takes, about.
-    pub(super) fn bytes(&self, job: &RenderJob) -> u64 {
-        self.loaded.bytes(job) + self.kept_bytes
-    }
-
-    /// What is kept of a picture of it.
-    pub(super) fn film(&self, settings: &RenderSettings) -> Film {
-        Film {
-            settings: *settings,
-            light_count: self.scene().lights.len(),
-        }
-    }
-}
-
-/// What a frame is made of: its files, what is said of it, and what makes it. Known before its scene is loaded.
-pub(super) fn key(plan: &Plan, sources: &mut Sources) -> Result<Key, Failure> {
-    let frame = &plan.frame;
-    let words: Vec<&str> = frame
-        .edits
-        .iter()
-        .filter_map(|edit| edit.value.as_str())
-        .collect();
-    let unreadable = |error| Failure::Input(format!("{} cannot be read: {error}", frame.scene.display()));
-    let files = sources.of(&frame.scene, &words).map_err(unreadable)?;
-    let mut ring = Keyring::default();
-    ring.add("version", env!("CARGO_PKG_VERSION"));
-    ring.add("backend", engine(&plan.job)?);
-    for (path, key) in &files {
-        let name = path.file_name().unwrap_or_default();
-        ring.add("file", name.as_encoded_bytes())
-            .add("holds", key.digits());
-    }
-    for edit in &frame.edits {
-        ring.add("edit", edit.to_string());
-    }
-    for (name, value) in &frame.settings.flags {
-        ring.add(name, format!("{value:?}"));
-    }
-    if let Some(file) = settings_file(plan) {
-        let text = std::fs::read(&file)
-            .map_err(|error| Failure::Input(format!("{} cannot be read: {error}", file.display())))?;
-        ring.add("settings file", text);
-    }
-    ring.add("camera", frame.camera.as_deref().unwrap_or_default());
-    ring.add("view", format!("{:?}", frame.view));
-    ring.add("moment", format!("{:?}", frame.moment));
-    ring.add("shares", frame.settings.shares.to_string());
-    // Frames that differ in name alone keep their pieces apart.
-    ring.add("image", plan.frame.image.as_os_str().as_encoded_bytes());
-    Ok(ring.key())
-}
-
-/// A file of settings that a job takes.
-fn settings_file(plan: &Plan) -> Option<PathBuf> {
-    use crate::jobs::FlagValue;
-    let flags = &plan.frame.settings.flags;
-    flags.iter().find_map(|(name, value)| match value {
-        FlagValue::Word(file) if name == "settings" => Some(plan.jobs_folder.join(file)),
-        _ => None,
-    })
-}
-
-/// What finds the hits, to the version and the instruction set, on which bits depend.
-fn engine(job: &RenderJob) -> Result<String, Failure> {
-    let identity = crate::accel::identity(job.backend, job.tracing.isa.as_deref())?;
-    Ok(format!("{:?} {identity:?}", job.backend))
 }

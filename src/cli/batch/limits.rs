@@ -1,0 +1,114 @@
+//! What a batch is to keep to, and how many frames go on at the same time within that.
+
+use std::path::Path;
+
+use crate::render::{RenderSettings, TILE_SIDE};
+use crate::report::memory::{available_bytes, in_words};
+
+use super::super::failure::Failure;
+use super::plan::Plan;
+use super::rows::film_bytes;
+use super::stage::{Kept, Loaded};
+
+/// Tiles that each thread has at a time, so that few of them wait while a frame runs out of tiles.
+const TILES_OF_THREAD: u64 = 8;
+/// Pixels that are made at a time, but for those of a single frame.
+const MOST_PIXELS: u64 = 1 << 25;
+
+/// What frames are to keep to.
+#[derive(Clone, Copy)]
+pub(super) struct Limits<'a> {
+    /// The folder of results.
+    pub(super) out: &'a Path,
+    /// Seconds after which what there is goes to the disk.
+    pub(super) checkpoint: f64,
+    /// Seconds after which no more samples are taken.
+    pub(super) time: Option<f64>,
+    /// Bytes that all may take together; what is free unless that is said.
+    pub(super) max_memory: Option<u64>,
+}
+
+impl Limits<'_> {
+    /// How many frames of a loaded scene are made at the same time, by so many threads.
+    ///
+    /// # Errors
+    ///
+    /// Where the memory is not even enough for one. Nothing is built by then.
+    pub(super) fn frames_at_once(
+        &self,
+        plan: &Plan,
+        (loaded, kept): (&Loaded, &Kept),
+        threads: usize,
+    ) -> Result<usize, Failure> {
+        let settings = plan.job.shot(&loaded.file.output)?.settings;
+        let film = film_bytes(&loaded.film(&settings), self.time);
+        let bytes = loaded.forecast(&plan.job);
+        let (before, most) = match (self.max_memory, available_bytes()) {
+            (Some(most), _) => (kept.bytes() + bytes.loaded + bytes.to_come, most),
+            // What there is already is not free.
+            (None, Some(free)) => (bytes.to_come, free),
+            (None, None) => (0, u64::MAX),
+        };
+        let fitting = most.saturating_sub(before) / film.max(1);
+        if fitting > 0 {
+            let at_once = self.wanted_at_once(&settings, threads).min(fitting);
+            return Ok(usize::try_from(at_once).unwrap_or(usize::MAX));
+        }
+        let (name, needed, most) = (plan.name(), in_words(before + film), in_words(most));
+        let sentence = match self.max_memory {
+            Some(_) => format!(
+                "{name} is forecast to take {needed} of memory and may take {most}: give a larger `--max-memory` or a smaller `size`"
+            ),
+            None => format!(
+                "{name} is forecast to take {needed} of memory beside its scene, and {most} are free: give a smaller `size`"
+            ),
+        };
+        Err(Failure::Work(sentence))
+    }
+
+    /// As many frames as keep all threads busy, and one more, that has them while another is written.
+    fn wanted_at_once(&self, settings: &RenderSettings, threads: usize) -> u64 {
+        if self.time.is_some() {
+            // Its time is its own.
+            return 1;
+        }
+        let [width, height] = [settings.width, settings.height].map(u64::from);
+        let side = u64::from(TILE_SIDE);
+        let tiles = width.div_ceil(side) * height.div_ceil(side);
+        let busy = (TILES_OF_THREAD * threads as u64).div_ceil(tiles);
+        (1 + busy).min((MOST_PIXELS / (width * height)).max(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_frames_go_on_together_and_huge_ones_alone() {
+        let limits = Limits {
+            out: Path::new(""),
+            checkpoint: 60.0,
+            time: None,
+            max_memory: None,
+        };
+        let at_once = |limits: &Limits, [width, height]: [u32; 2], threads| {
+            let settings = RenderSettings {
+                width,
+                height,
+                ..RenderSettings::default()
+            };
+            limits.wanted_at_once(&settings, threads)
+        };
+        assert_eq!(at_once(&limits, [512, 512], 2), 2);
+        // 80 tiles a frame, of which 64 threads want 512: 6.4 frames.
+        assert_eq!(at_once(&limits, [320, 256], 64), 1 + 7);
+        assert_eq!(at_once(&limits, [4096, 4096], 2), 2);
+        assert_eq!(at_once(&limits, [16384, 16384], 2), 1);
+        let timed = Limits {
+            time: Some(1.0),
+            ..limits
+        };
+        assert_eq!(at_once(&timed, [512, 512], 2), 1);
+    }
+}

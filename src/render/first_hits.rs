@@ -16,8 +16,8 @@ use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, sum_of_lanes};
 use crate::shading::MaterialPacket;
 
-/// Layers that are sums, at most.
-const MOST_SUMS: usize = 14;
+/// Pixels to a side of the block that a packet of a sample a pixel covers.
+const BLOCK: usize = 4;
 
 /// The working memory of one thread.
 pub(super) struct FirstHits<'f, 's> {
@@ -32,16 +32,24 @@ pub(super) struct FirstHits<'f, 's> {
     sums: Vec<Vec<f64>>,
     /// Those that are wanted, in their order.
     mattes: Vec<Matte>,
-    /// What a packet adds to each of the sums.
-    rows: [Lanes<f32>; MOST_SUMS],
 }
 
 /// The lanes of a packet that met anything, and their pixels.
 struct Met {
-    hit: Lanes<bool>,
-    pixel: Lanes<usize>,
-    /// The pixel of all lanes, if it is one.
-    only: Option<usize>,
+    /// All bits of the lanes that did, none of the others.
+    keep: Lanes<u32>,
+    pixel: Lanes<u32>,
+    spread: Spread,
+}
+
+/// How pixels are spread over lanes.
+enum Spread {
+    /// All have this one.
+    One(usize),
+    /// They have a block of neighbours, row by row, this one first.
+    Block(usize),
+    /// In another way.
+    Any,
 }
 
 impl<'f, 's> FirstHits<'f, 's> {
@@ -57,7 +65,6 @@ impl<'f, 's> FirstHits<'f, 's> {
                 ids: vec![[0; 3]; pixel_count],
                 sums: vec![vec![0.0; pixel_count]; sum_count(wanted)],
                 mattes: frame.mattes.iter().map(|_| Matte::new()).collect(),
-                rows: [[0.0; LANES]; MOST_SUMS],
             })
         };
         (!wanted.is_empty()).then(new)
@@ -84,61 +91,58 @@ impl<'f, 's> FirstHits<'f, 's> {
 
     #[inline(always)]
     fn add_inlined(&mut self, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
-        let met = Met::of(packet, label);
-        if !met.hit.contains(&true) {
-            return;
-        }
+        let met = Met::of(packet, label, self.frame.shape.block as usize);
         self.count(packet, &met);
+        let scale = self.frame.scene.normalisation.scale;
+        let points = &surfaces.points;
         let mut place = 0;
         for kind in self.frame.settings.layers.kinds() {
-            let rows = &mut self.rows[place..];
             place += match kind {
                 LayerKind::Depth => {
-                    distances(
-                        packet,
-                        &surfaces.points,
-                        self.frame.scene.normalisation.scale,
-                        &mut rows[0],
-                    );
-                    1
+                    let distances = [distances(packet, points, scale)];
+                    met.add(&distances, &mut self.sums[place..])
                 }
-                LayerKind::Normal => copied(&surfaces.points.ns, rows),
-                LayerKind::Albedo => albedo(&surfaces.materials, rows),
-                LayerKind::Position => self.positions(&surfaces.points, place),
-                LayerKind::Uv => self.tex_coords(packet, &met, place),
-                LayerKind::Motion => self.motions(packet, &met, &surfaces.points, place),
+                LayerKind::Normal => met.add(&points.ns, &mut self.sums[place..]),
+                LayerKind::Albedo => met.add(&albedo(&surfaces.materials), &mut self.sums[place..]),
+                LayerKind::Position => met.add(&self.positions(points), &mut self.sums[place..]),
+                LayerKind::Uv => met.add(&self.tex_coords(packet, &met), &mut self.sums[place..]),
+                LayerKind::Motion => met.add(&self.motions(packet, &met, points), &mut self.sums[place..]),
                 LayerKind::Ids | LayerKind::CryptoObject | LayerKind::CryptoMaterial => 0,
             };
         }
         for (matte, ids) in self.mattes.iter_mut().zip(self.frame.mattes.iter()) {
-            for l in (0..LANES).filter(|&l| met.hit[l]) {
-                matte.add(met.pixel[l] as u32, ids[packet.instance[l] as usize]);
+            for l in (0..LANES).filter(|&l| met.has(l)) {
+                matte.add(met.pixel[l], ids[packet.instance[l] as usize]);
             }
-        }
-        for (sums, row) in self.sums.iter_mut().zip(&self.rows) {
-            met.add(row, sums);
         }
     }
 
     /// Counts the samples that met anything, and notes what the first of a pixel met.
     #[inline(always)]
     fn count(&mut self, packet: &RayPacket, met: &Met) {
-        if let Some(pixel) = met.only {
-            let count = met.hit.iter().map(|&hit| u32::from(hit)).sum::<u32>();
-            if self.counts[pixel] == 0
-                && let Some(first) = met.hit.iter().position(|&hit| hit)
-            {
-                self.note(packet, first, pixel);
+        if let Spread::One(pixel) = met.spread {
+            if self.counts[pixel] == 0 {
+                self.note_first(packet, met, pixel);
             }
-            self.counts[pixel] += count;
+            self.counts[pixel] += met.count();
             return;
         }
-        for l in (0..LANES).filter(|&l| met.hit[l]) {
-            let pixel = met.pixel[l];
+        for l in (0..LANES).filter(|&l| met.has(l)) {
+            let pixel = met.pixel[l] as usize;
             if self.counts[pixel] == 0 {
                 self.note(packet, l, pixel);
             }
             self.counts[pixel] += 1;
+        }
+    }
+
+    /// What the first of a pixel's samples met, where all of the packet are.
+    #[inline(never)]
+    fn note_first(&mut self, packet: &RayPacket, met: &Met, pixel: usize) {
+        for l in 0..LANES {
+            if met.has(l) {
+                return self.note(packet, l, pixel);
+            }
         }
     }
 
@@ -150,34 +154,33 @@ impl<'f, 's> FirstHits<'f, 's> {
     }
 
     /// Places in the file's coordinates.
-    fn positions(&mut self, points: &SurfacePacket, place: usize) -> usize {
+    fn positions(&self, points: &SurfacePacket) -> Lanes3<f32> {
         let file = &self.frame.scene.normalisation;
         let center = file.center.to_array();
-        for axis in 0..3 {
-            self.rows[place + axis] = points.p[axis].map(|p| (p / file.scale + center[axis]) as f32);
-        }
-        3
+        std::array::from_fn(|axis| points.p[axis].map(|p| (p / file.scale + center[axis]) as f32))
     }
 
-    fn tex_coords(&mut self, packet: &RayPacket, met: &Met, place: usize) -> usize {
+    fn tex_coords(&self, packet: &RayPacket, met: &Met) -> [Lanes<f32>; 2] {
         let surfaces = &self.frame.surfaces;
-        for l in (0..LANES).filter(|&l| met.hit[l]) {
+        let mut coords = [[0.0; LANES]; 2];
+        for l in (0..LANES).filter(|&l| met.has(l)) {
             let pose = surfaces.pose(packet, l);
             let chart = surfaces.view(packet.instance[l]).chart(&pose, 0, packet, l);
-            [self.rows[place][l], self.rows[place + 1][l]] = chart.uv;
+            [coords[0][l], coords[1][l]] = chart.uv;
         }
-        2
+        coords
     }
 
-    fn motions(&mut self, packet: &RayPacket, met: &Met, points: &SurfacePacket, place: usize) -> usize {
+    fn motions(&self, packet: &RayPacket, met: &Met, points: &SurfacePacket) -> [Lanes<f32>; 2] {
+        let mut motions = [[0.0; LANES]; 2];
         if let Some(motion) = &self.frame.screen_motion {
-            for l in (0..LANES).filter(|&l| met.hit[l]) {
+            for l in (0..LANES).filter(|&l| met.has(l)) {
                 let instance = &self.frame.scene.instances[packet.instance[l] as usize];
                 let moved = motion.of(points.point(l), instance, packet.time[l]);
-                [self.rows[place][l], self.rows[place + 1][l]] = moved.as_vec2().to_array();
+                [motions[0][l], motions[1][l]] = moved.as_vec2().to_array();
             }
         }
-        2
+        motions
     }
 
     /// The wanted layers of a tile.
@@ -230,27 +233,83 @@ impl<'f, 's> FirstHits<'f, 's> {
 }
 
 impl Met {
+    /// Of a packet over blocks of so many pixels to a side.
     #[inline(always)]
-    fn of(packet: &RayPacket, label: &Lanes<u32>) -> Met {
-        let pixel = label.map(|label| pixel_of(label) as usize);
-        let differ = pixel.iter().fold(0, |differ, other| differ | (other ^ pixel[0]));
-        Met {
-            hit: packet.instance.map(|instance| instance != NO_HIT),
-            only: (differ == 0).then_some(pixel[0]),
-            pixel,
+    fn of(packet: &RayPacket, label: &Lanes<u32>, block: usize) -> Met {
+        let (mut keep, mut pixel) = ([0; LANES], [0; LANES]);
+        for l in 0..LANES {
+            keep[l] = u32::from(packet.instance[l] != NO_HIT).wrapping_neg();
+            pixel[l] = pixel_of(label[l]);
+        }
+        let first = pixel[0] as usize;
+        let spread = match block {
+            1 => Spread::One(first),
+            BLOCK => Spread::Block(first),
+            _ => Spread::Any,
+        };
+        let met = Met { keep, spread, pixel };
+        debug_assert!((0..LANES).all(|l| !met.has(l) || met.is_in_place(l)));
+        met
+    }
+
+    /// Whether a lane's pixel is where the spread has it.
+    fn is_in_place(&self, l: usize) -> bool {
+        let pixel = self.pixel[l] as usize;
+        match self.spread {
+            Spread::One(only) => pixel == only,
+            Spread::Block(first) => pixel == first + l / BLOCK * TILE as usize + l % BLOCK,
+            Spread::Any => true,
         }
     }
 
-    /// Adds one value a lane to the sums of pixels.
+    /// Whether a lane met anything.
     #[inline(always)]
-    fn add(&self, row: &Lanes<f32>, sums: &mut [f64]) {
-        let row: Lanes<f32> = std::array::from_fn(|l| if self.hit[l] { row[l] } else { 0.0 });
-        if let Some(pixel) = self.only {
-            sums[pixel] += f64::from(sum_of_lanes(row));
-            return;
+    fn has(&self, l: usize) -> bool {
+        self.keep[l] != 0
+    }
+
+    /// How many did.
+    #[inline(always)]
+    fn count(&self) -> u32 {
+        let mut ones = self.keep;
+        for one in &mut ones {
+            *one &= 1;
         }
-        for l in 0..LANES {
-            sums[self.pixel[l]] += f64::from(row[l]);
+        sum_of_lanes(ones)
+    }
+
+    /// Adds values of the lanes, each to a sum of their pixels; how many values that were.
+    #[inline(always)]
+    fn add<const N: usize>(&self, values: &[Lanes<f32>; N], sums: &mut [Vec<f64>]) -> usize {
+        for (values, sums) in values.iter().zip(sums) {
+            // Whatever other lanes hold, numbers or not.
+            let mut kept = [0.0; LANES];
+            for l in 0..LANES {
+                kept[l] = f32::from_bits(values[l].to_bits() & self.keep[l]);
+            }
+            self.add_kept(kept, sums);
+        }
+        N
+    }
+
+    #[inline(always)]
+    fn add_kept(&self, values: Lanes<f32>, sums: &mut [f64]) {
+        match self.spread {
+            Spread::One(pixel) => sums[pixel] += f64::from(sum_of_lanes(values)),
+            Spread::Block(first) => {
+                let (rows, _) = values.as_chunks::<BLOCK>();
+                for (row, values) in rows.iter().enumerate() {
+                    let start = first + row * TILE as usize;
+                    for (sum, &value) in sums[start..start + BLOCK].iter_mut().zip(values) {
+                        *sum += f64::from(value);
+                    }
+                }
+            }
+            Spread::Any => {
+                for l in 0..LANES {
+                    sums[self.pixel[l] as usize] += f64::from(values[l]);
+                }
+            }
         }
     }
 }
@@ -280,36 +339,35 @@ fn sum_count(wanted: LayerSet) -> usize {
 
 /// From where rays start to the points, in a unit of which there are `scale`.
 #[inline(always)]
-fn distances(packet: &RayPacket, points: &SurfacePacket, scale: f64, row: &mut Lanes<f32>) {
+fn distances(packet: &RayPacket, points: &SurfacePacket, scale: f64) -> Lanes<f32> {
     let unit = scale.recip();
+    let (mut ways, mut distances) = ([[0.0; LANES]; 3], [0.0; LANES]);
+    for (axis, ways) in ways.iter_mut().enumerate() {
+        for l in 0..LANES {
+            ways[l] = (points.p[axis][l] - f64::from(packet.origin[axis][l])) as f32;
+        }
+    }
+    let [x, y, z] = ways;
     for l in 0..LANES {
-        let way = |axis: usize| (points.p[axis][l] - f64::from(packet.origin[axis][l])) as f32;
-        let [x, y, z] = [way(0), way(1), way(2)];
-        row[l] = (f64::from((x * x + y * y + z * z).sqrt()) * unit) as f32;
+        let distance = (x[l] * x[l] + y[l] * y[l] + z[l] * z[l]).sqrt();
+        distances[l] = (f64::from(distance) * unit) as f32;
     }
-}
-
-#[inline(always)]
-fn copied(lanes: &Lanes3<f32>, rows: &mut [Lanes<f32>]) -> usize {
-    for (row, lanes) in rows.iter_mut().zip(lanes) {
-        *row = *lanes;
-    }
-    3
+    distances
 }
 
 /// What part of the light that arrives surfaces may send back without a highlight.
 #[inline(always)]
-fn albedo(materials: &MaterialPacket, rows: &mut [Lanes<f32>]) -> usize {
-    copied(&materials.base_color, rows);
+fn albedo(materials: &MaterialPacket) -> Lanes3<f32> {
+    let mut albedo = materials.base_color;
     let rich = &materials.rich;
     if rich.is_lecture.contains(&true) {
         for channel in 0..3 {
             for l in (0..LANES).filter(|&l| rich.is_lecture[l]) {
-                rows[channel][l] *= rich.diffuse[channel][l];
+                albedo[channel][l] *= rich.diffuse[channel][l];
             }
         }
     }
-    3
+    albedo
 }
 
 #[cfg(test)]
@@ -317,26 +375,37 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lanes_without_a_hit_add_nothing_to_one_pixel_or_to_several() {
-        let mut row = [f32::NAN; LANES];
-        (row[2], row[9]) = (0.5, 4.0);
-        let mut met = Met {
-            hit: row.map(|value| !value.is_nan()),
-            pixel: [3; LANES],
-            only: Some(3),
-        };
-        let mut sums = [1.0; 5];
-        met.add(&row, &mut sums);
-        assert_eq!(sums, [1.0, 1.0, 1.0, 5.5, 1.0]);
-        met.pixel[9] = 4;
-        met.only = None;
-        met.add(&row, &mut sums);
-        assert_eq!(sums, [1.0, 1.0, 1.0, 6.0, 5.0]);
+    fn lanes_without_a_hit_add_nothing_however_pixels_are_spread() {
+        let mut value = [f32::NAN; LANES];
+        (value[2], value[9]) = (0.5, 4.0);
+        let mut packet = RayPacket::EMPTY;
+        packet.instance = value.map(|value| if value.is_nan() { NO_HIT } else { 0 });
+        let of_block: Lanes<u32> = std::array::from_fn(|l| 33 + l as u32 % 4 + 32 * (l as u32 / 4));
+        let mut of_any = [7; LANES];
+        of_any[9] = 8;
+        // Pixels of lanes 2 and 9, and to how large a block they belong.
+        for (pixel, places, block) in [
+            ([3; LANES], [3, 3], 1),
+            (of_block, [35, 98], 4),
+            (of_any, [7, 8], 2),
+        ] {
+            let met = Met::of(&packet, &pixel, block);
+            assert_eq!(met.count(), 2);
+            let mut sums = vec![vec![1.0; (TILE * TILE) as usize]; 2];
+            assert_eq!(met.add(&[value], &mut sums), 1);
+            let mut expected = vec![1.0; (TILE * TILE) as usize];
+            expected[places[0]] += 0.5;
+            expected[places[1]] += 4.0;
+            assert!(sums[0] == expected && sums[1] == vec![1.0; sums[1].len()]);
+        }
     }
 
     #[test]
-    fn there_is_room_for_all_sums() {
-        assert_eq!(sum_count(LayerKind::ALL.into_iter().collect()), MOST_SUMS);
+    fn layers_that_are_no_means_have_no_sums() {
+        assert_eq!(
+            sum_count(LayerKind::ALL.into_iter().collect()),
+            1 + 3 + 3 + 3 + 2 + 2
+        );
         assert_eq!(sum_count(LayerSet::NONE.with(LayerKind::Ids)), 0);
     }
 }

@@ -1,5 +1,6 @@
 //! The page of a batch: what is there of it, what it took, how it looks.
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use crate::batch::Manifest;
@@ -13,7 +14,6 @@ use super::super::args::BatchArgs;
 use super::super::failure::Failure;
 use super::frame::Made;
 use super::plan::Plan;
-use super::run::ByNumber;
 use super::stage::Stage;
 
 /// What came of a frame.
@@ -35,14 +35,15 @@ impl Record {
             }
             _ => String::new(),
         };
+        let [load, build] = stage.seconds_once();
         Record {
             status,
             message,
             size: made.head.size,
             spp: made.head.spp,
             seconds: FrameSeconds {
-                load: stage.loaded.seconds,
-                build: stage.build_seconds,
+                load,
+                build,
                 render: made.render_seconds,
                 write: made.write_seconds,
             },
@@ -66,7 +67,8 @@ impl Record {
 pub(super) struct Page<'a> {
     args: &'a BatchArgs,
     plans: &'a [Plan],
-    records: ByNumber<Record>,
+    /// By the numbers of their plans.
+    records: HashMap<usize, Record>,
 }
 
 impl<'a> Page<'a> {
@@ -74,7 +76,7 @@ impl<'a> Page<'a> {
         Page {
             args,
             plans,
-            records: ByNumber::new(),
+            records: HashMap::new(),
         }
     }
 
@@ -135,7 +137,11 @@ impl<'a> Page<'a> {
 }
 
 fn add_ledger(frame: &mut GalleryFrame, ledger: &Ledger) {
-    for account in Account::ALL {
+    // Threads that are idle in one frame are busy in the others that are made beside it.
+    for account in Account::ALL
+        .into_iter()
+        .filter(|&account| account != Account::Idle)
+    {
         let tally = ledger.of(account);
         if tally.rays > 0 {
             frame.rays.insert(account.name().to_owned(), tally.rays);

@@ -373,6 +373,3 @@ fn side_by_side(threads: usize, work: impl Fn() -> Result<(), Failure> + Sync) -
             .fold(Ok(()), Result::and)
     })
 }
-
-/// Frames by the numbers of their plans.
-pub(super) type ByNumber<T> = HashMap<usize, T>;

@@ -1,5 +1,6 @@
 //! A scene that is ready to be rendered, for all frames of it in a row: loaded once, its structure built once.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use glam::DVec3;
@@ -153,6 +154,8 @@ pub(super) struct Stage<'s> {
     pub(super) loaded: &'s Loaded,
     pub(super) accel: Box<dyn Accel + 's>,
     pub(super) build_seconds: f64,
+    /// Whether a frame has been told what loading and building took.
+    is_told: AtomicBool,
 }
 
 impl<'s> Stage<'s> {
@@ -170,7 +173,16 @@ impl<'s> Stage<'s> {
             loaded,
             accel,
             build_seconds: start.elapsed().as_secs_f64(),
+            is_told: AtomicBool::new(false),
         })
+    }
+
+    /// What loading and building took, for the first frame that asks; for all others nothing.
+    pub(super) fn seconds_once(&self) -> [f64; 2] {
+        match self.is_told.swap(true, Ordering::Relaxed) {
+            false => [self.loaded.seconds, self.build_seconds],
+            true => [0.0; 2],
+        }
     }
 
     pub(super) fn scene(&self) -> &'s Scene {

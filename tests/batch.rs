@@ -227,15 +227,7 @@ fn frames_that_several_threads_pack_wait_for_each_other_and_not_for_ever() {
     let mut child = whit(&["batch", &jobs, "--out", &out, "--threads", "8", "--quiet"])
         .spawn()
         .unwrap();
-    let end = Instant::now() + Duration::from_secs(300);
-    while child.try_wait().unwrap().is_none() {
-        if Instant::now() > end {
-            child.kill().unwrap();
-            panic!("it hangs with {} frames", pictures(&out).len());
-        }
-        thread::sleep(Duration::from_millis(5));
-    }
-    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(wait_within(&mut child, 300), Some(0));
     assert_eq!(pictures(&out).len(), 100);
 }
 

@@ -6,7 +6,7 @@
 use multiversion::multiversion;
 
 use super::Frame;
-use super::film::{self, TILE, Tile};
+use super::film::{TILE, Tile};
 use super::layers::{LayerKind, LayerSet};
 use super::mattes::Matte;
 use super::planes::TileLayer;
@@ -196,9 +196,12 @@ impl<'f, 's> FirstHits<'f, 's> {
         let mut layers = Vec::with_capacity(wanted.layer_count());
         for kind in wanted.kinds() {
             match kind {
-                LayerKind::Ids => {
-                    layers.extend((0..3).map(|part| TileLayer::Values(self.ids_of(tile, part))))
-                }
+                LayerKind::Ids => layers.extend((0..3).map(|part| TileLayer::Numbers {
+                    numbers: &self.ids,
+                    part,
+                    counts: &self.counts,
+                    nothing: nothing(kind),
+                })),
                 LayerKind::CryptoObject | LayerKind::CryptoMaterial => {
                     layers.extend(
                         mattes
@@ -220,15 +223,6 @@ impl<'f, 's> FirstHits<'f, 's> {
             }
         }
         layers
-    }
-
-    fn ids_of(&self, tile: Tile, part: usize) -> Vec<f32> {
-        let nothing = nothing(LayerKind::Ids);
-        let id = |(&count, ids): (&u32, &[u32; 3])| if count == 0 { nothing } else { ids[part] as f32 };
-        film::cut(tile, &self.counts)
-            .zip(film::cut(tile, &self.ids))
-            .map(id)
-            .collect()
     }
 }
 

@@ -83,6 +83,13 @@ pub(super) enum TileLayer<'t> {
         channel: usize,
         scale: f64,
     },
+    /// One of the numbers of each pixel, `TILE` to a row; `nothing` where the count is 0.
+    Numbers {
+        numbers: &'t [[u32; 3]],
+        part: usize,
+        counts: &'t [u32],
+        nothing: f32,
+    },
     /// As it is to be, as wide as the tile.
     Values(Vec<f32>),
 }
@@ -124,6 +131,19 @@ fn fill(plane: &mut [f32], layer: &TileLayer, window: &Window) {
             TileLayer::Channel { sums, channel, scale } => {
                 for (value, sum) in line.iter_mut().zip(&sums[from(TILE as usize)..]) {
                     *value = (sum[*channel] * scale) as f32;
+                }
+            }
+            TileLayer::Numbers {
+                numbers,
+                part,
+                counts,
+                nothing,
+            } => {
+                let start = from(TILE as usize);
+                let counted = numbers[start..].iter().zip(&counts[start..]);
+                for (value, (numbers, &count)) in line.iter_mut().zip(counted) {
+                    let number = numbers[*part] as f32;
+                    *value = if count == 0 { *nothing } else { number };
                 }
             }
             TileLayer::Values(values) => {
@@ -214,15 +234,23 @@ mod tests {
             width: 2,
             height: 1,
         };
-        let mut layers = vec![Layer::blank("Z".into(), ExtraKind::Exact, &region)];
+        let blank = |name: &str| Layer::blank(name.into(), ExtraKind::Exact, &region);
+        let mut layers = vec![blank("Z"), blank("id.material")];
         let planes = Planes::over(&mut layers, &region);
-        let layer = TileLayer::Means {
+        let means = TileLayer::Means {
             sums: &[0.0, 6.0],
             scales: &[0.0, 0.25],
             nothing: f32::INFINITY,
         };
-        planes.put(tiles(2, 1)[0], &[layer]);
+        let numbers = TileLayer::Numbers {
+            numbers: &[[7, 8, 9], [1, 2, 3]],
+            part: 1,
+            counts: &[0, 4],
+            nothing: -1.0,
+        };
+        planes.put(tiles(2, 1)[0], &[means, numbers]);
         drop(planes);
         assert_eq!(layers[0].values, [f32::INFINITY, 1.5]);
+        assert_eq!(layers[1].values, [-1.0, 2.0]);
     }
 }

@@ -15,7 +15,7 @@ const WHIT: &str = env!("CARGO_BIN_EXE_whit");
 const ENDS: usize = 50;
 
 /// Kilobytes of addresses that are enough to begin with, and not for a large picture.
-const LITTLE_MEMORY: u32 = 180_000;
+const LITTLE_MEMORY: u32 = 200_000;
 
 fn whit(arguments: &[&str]) -> Command {
     let mut command = Command::new(WHIT);
@@ -240,7 +240,7 @@ fn a_batch_that_runs_out_of_memory_goes_on_when_there_is_more() {
              settings = {{ size = \"{size}\", spp = 1, backend = \"bsp\", aov = \"position,normal,albedo,uv\" }}\n"
         )
     };
-    let jobs = place.jobs(&(job(8, "16x16", "{frame}.exr") + &job(1, "1024x1024", "large.exr")));
+    let jobs = place.jobs(&(job(8, "16x16", "{frame}.exr") + &job(1, "1536x1536", "large.exr")));
     let [reference, out] = ["reference", "out"].map(|name| place.out(name));
     assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
     let expected = pictures(&reference);

@@ -169,15 +169,17 @@ impl<'a> Batch<'a> {
             return Ok(());
         };
         // On this thread, which is none of the pool's: those may take up other work while they wait.
-        let mut place = self.place.enter(tasks.len() > 1 || self.args.time.is_some());
+        let place = self.place.enter(tasks.len() > 1 || self.args.time.is_some());
         let loaded = pool.install(|| Loaded::new(plan, &self.kept, &self.progress));
         let loaded = match loaded {
             Ok(loaded) => loaded,
             Err(failure) => return self.fail_all(tasks, shown, failure),
         };
-        if loaded.is_large(&plan.job) {
-            place = self.place.clear(place);
-        }
+        // Until the structure is gone, which is dropped before it.
+        let _place = match loaded.is_large(&plan.job) {
+            true => self.place.clear(place),
+            false => place,
+        };
         let threads = pool.current_num_threads();
         let at_once = self.limits().frames_at_once(plan, (&loaded, &self.kept), threads);
         let stage = at_once.and_then(|at_once| {
@@ -193,7 +195,7 @@ impl<'a> Batch<'a> {
             .unwrap_or_else(PoisonError::into_inner)
             .add(tasks.len() - 1, loaded.seconds + stage.build_seconds);
         let next = AtomicUsize::new(0);
-        let result = side_by_side(at_once.min(tasks.len()), || {
+        side_by_side(at_once.min(tasks.len()), || {
             while self.goes_on()? {
                 let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else {
                     break;
@@ -201,9 +203,7 @@ impl<'a> Batch<'a> {
                 pool.install(|| self.make_one(task, &stage, shown))?;
             }
             Ok(())
-        });
-        drop(place);
-        result
+        })
     }
 
     fn limits(&self) -> Limits<'a> {

@@ -30,6 +30,9 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+#[cfg(feature = "embree")]
+#[doc(hidden)]
+pub use clusters::cluster_count;
 pub use contents::Contents;
 pub use larder::{MeshCounts, MeshLarder};
 pub use packet::{ACTIVE, Hit, LANES, NO_HIT, RayPacket};

@@ -61,6 +61,8 @@ mod names;
 mod range;
 mod sweep;
 mod template;
+#[cfg(test)]
+mod tests;
 mod view;
 
 use std::path::{Path, PathBuf};

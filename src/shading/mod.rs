@@ -14,6 +14,8 @@ mod material;
 mod metallic_roughness;
 pub mod normal_map;
 pub mod ray_cone;
+#[cfg(test)]
+mod tests;
 mod texture;
 
 pub use area_light::{

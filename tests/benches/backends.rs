@@ -7,7 +7,7 @@
 //! built after Meister and Bittner 2018), with the same triangles and rays, one ray at a time as it takes them. Of hits it
 //! gives distance and triangle; its test lets rays through at edges now and then, as `fast` does.
 
-#[path = "../common/scenes.rs"]
+#[path = "../it/support/scenes.rs"]
 mod scenes;
 
 use std::time::{Duration, Instant};

@@ -1,46 +1,71 @@
-//! Marches through volumes by the clock: `cargo bench --bench marching -- [SIZE] [FILM]`.
+//! Times marches through volumes, with skipping of empty space and without: `cargo bench --bench marching -- [SIZE] [FILM]`.
 //!
-//! Three scenes are rendered on two threads, the film FILM (1024) pixels wide and high with a sample each: a cube of thin
-//! haze of SIZE³ (256³) samples in light from all around, for which no feeler is sent; a cube of thick haze in the sun, with a
-//! feeler from every sample; neither has an empty block; and `scenes/smoke.toml`. Each is rendered with leaps over empty
-//! space and without, in turns; medians of the turns are printed, and whether all pictures are the same to the last bit.
+//! **Renders.** Three scenes are rendered on two threads, the film FILM (1024) pixels wide and high with one sample per
+//! pixel: a cube of thin haze of SIZE³ (256³) samples in light from all around, for which no shadow ray is traced; a cube
+//! of thick haze in the sun, with a shadow ray from every sample; neither has an empty block; and `scenes/smoke.toml`. The
+//! rate is samples over the seconds of the whole render, with surfaces and film.
 //!
-//! A *sample* is one that was interpolated, along a ray of the camera or a feeler. What was leapt over is no sample: it is
-//! told apart, as the difference of the two counts. The rate is samples over the seconds that the whole picture took by
-//! the clock on the wall, surfaces, film and all, and so is the ratio. Where Linux tells the processor time, which other
-//! programs add less to, both are told by that too.
+//! **Marches alone.** FILM x FILM rays are marched through two volumes of SIZE³ samples, with no scene around them: haze
+//! without an empty block, and smoke. For the radiance of volumes that are lit by 1 everywhere, whose rate is that of the
+//! march itself; and, with skipping, for the transmittance alone, as shadow rays do.
+//!
+//! The ways take turns; medians of the turns are printed, and whether all results are the same to the last bit. A *sample*
+//! is one that was interpolated, along a camera ray or a shadow ray. What was skipped is not a sample: its number is printed
+//! as the difference of the two counts. Times and ratios are by wall clock and, where Linux reports it, by processor time,
+//! to which other programs add less.
 
+use std::error::Error;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use glam::{DAffine3, DMat3, DVec3};
-use whit::accel::{self, AccelOptions, Backend};
+use rayon::prelude::*;
+use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::render::{Account, Monitor, RenderSettings, Rendering, render};
 use whit::scene::{Camera, Light, LightKind, Scene};
 use whit::volume::cloud::{Cloud, CloudShape};
-use whit::volume::{SkipEmpty, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
+use whit::volume::{
+    March, Marched, SkipEmpty, Stretch, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
+};
 
 const TURNS: usize = 5;
 const THREADS: usize = 2;
+/// Rows of rays that a thread marches at a time.
+const ROWS: usize = 16;
+/// Where every camera is: before the cube, to the right and above.
+const EYE: DVec3 = DVec3::new(2.0, 1.5, 4.0);
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// A cloud without an empty block.
+const HAZE: Cloud = Cloud {
+    shape: CloudShape::Layer,
+    threshold: 0.0,
+    ..Cloud::SMOKE
+};
+
+fn main() -> Result<(), Box<dyn Error>> {
     let numbers: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
     let size = numbers.first().copied().unwrap_or(256);
-    let film = numbers.get(1).copied().unwrap_or(1024) as u32;
+    let film = numbers.get(1).copied().unwrap_or(1024);
     rayon::ThreadPoolBuilder::new()
         .num_threads(THREADS)
         .build_global()?;
     let smoke = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/smoke.toml");
     let smoke = whit::scene_file::load(smoke.as_ref(), &Default::default())?.scene;
-    race(&format!("thin haze of {size}^3"), &haze(size, 1.0)?, film)?;
+    time_renders(&format!("thin haze of {size}^3"), &haze(size, 1.0)?, film)?;
     let sunny = Scene {
         ambient: [0.1; 3],
         lights: vec![sun()],
         ..haze(size, 60.0)?
     };
-    race(&format!("thick haze of {size}^3 in the sun"), &sunny, film)?;
-    race("scenes/smoke.toml", &smoke, film)
+    time_renders(&format!("thick haze of {size}^3 in the sun"), &sunny, film)?;
+    time_renders("scenes/smoke.toml", &smoke, film)?;
+    let nodes = [node(0.0, 0.0, 0.9), node(0.4, 1.5, 0.7), node(1.0, 4.0, 0.3)];
+    for (name, cloud) in [("haze", HAZE), ("smoke", Cloud::SMOKE)] {
+        let volume = volume(&cloud, size, &nodes)?;
+        time_marches(&format!("marches alone, {name} of {size}^3"), volume, film);
+    }
+    Ok(())
 }
 
 fn sun() -> Light {
@@ -53,138 +78,204 @@ fn sun() -> Light {
     }
 }
 
-/// A cube of haze of about this `extinction` before a camera.
-fn haze(size: usize, extinction: f64) -> Result<Scene, Box<dyn std::error::Error>> {
-    let cloud = Cloud {
-        shape: CloudShape::Layer,
-        threshold: 0.0,
-        ..Cloud::SMOKE
-    };
-    let node = |value, thickness, grey| TransferNode {
-        value,
-        thickness,
-        color: [grey; 3],
-        emission: [0.0; 3],
-    };
+/// Returns a cube of haze of about this `extinction` before a camera.
+fn haze(size: usize, extinction: f64) -> Result<Scene, Box<dyn Error>> {
     let nodes = [node(0.0, 0.5 * extinction, 0.9), node(1.0, 1.5 * extinction, 0.3)];
-    let volume = Volume::new(VolumeDescription {
-        density: Arc::new(cloud.bake([size; 3])?),
-        color: None,
-        transfer: Transfer::new(&nodes, Thickness::Extinction)?,
-        world_from_cube: DAffine3::IDENTITY,
-        // A voxel a step.
-        step: Some(2.0 / size as f64),
-    })?;
-    let eye = DVec3::new(2.0, 1.5, 4.0);
-    let away = eye.normalize();
+    let away = EYE.normalize();
     let right = DVec3::Y.cross(away).normalize();
     let camera = Camera {
         world_from_camera: DAffine3::from_mat3_translation(
             DMat3::from_cols(right, away.cross(right), away),
-            eye,
+            EYE,
         ),
         ..Camera::default()
     };
     Ok(Scene {
-        volumes: vec![volume],
+        volumes: vec![volume(&HAZE, size, &nodes)?],
         cameras: vec![camera],
         ambient: [1.0; 3],
         ..Scene::default()
     })
 }
 
-/// One picture, and the seconds that it took.
-struct Turn {
-    rendering: Rendering,
-    /// By the clock on the wall.
-    wall: f64,
-    /// Of all threads together; 0 where it is not told.
-    processor: f64,
+/// Returns a node of a transfer function, of this extinction per metre and colour.
+fn node(value: f64, extinction: f64, grey: f64) -> TransferNode {
+    TransferNode {
+        value,
+        thickness: extinction,
+        color: [grey; 3],
+        emission: [0.0; 3],
+    }
 }
 
-fn race(name: &str, scene: &Scene, film: u32) -> Result<(), Box<dyn std::error::Error>> {
+/// Returns a cube from -1 to 1 of `size`³ samples.
+fn volume(cloud: &Cloud, size: usize, nodes: &[TransferNode]) -> Result<Volume, Box<dyn Error>> {
+    Ok(Volume::new(VolumeDescription {
+        density: Arc::new(cloud.bake([size; 3])?),
+        color: None,
+        transfer: Transfer::new(nodes, Thickness::Extinction)?,
+        world_from_cube: DAffine3::IDENTITY,
+        // One step per voxel.
+        step: Some(2.0 / size as f64),
+    })?)
+}
+
+/// Renders a scene with skipping and without in turns, and prints the comparison.
+fn time_renders(name: &str, scene: &Scene, film: usize) -> Result<(), Box<dyn Error>> {
     let accel = accel::build(scene, Backend::default(), &AccelOptions::default())?;
-    let turn = |skip_empty| -> Result<Turn, Box<dyn std::error::Error>> {
-        let settings = RenderSettings {
-            width: film,
-            height: film,
-            skip_empty,
-            ledger: true,
-            ..RenderSettings::default()
-        };
-        let monitor = Monitor {
-            progress: &|_| {},
-            cancel: &AtomicBool::new(false),
-            tiles: None,
-        };
-        let (before, start) = (processor_seconds(), Instant::now());
-        let rendering =
-            render(scene, &scene.cameras[0], &*accel, &settings, &monitor).ok_or("nobody cancels")?;
-        Ok(Turn {
-            rendering,
-            wall: start.elapsed().as_secs_f64(),
-            processor: processor_seconds() - before,
-        })
-    };
     let mut turns = [Vec::new(), Vec::new()];
     for _ in 0..TURNS {
-        turns[0].push(turn(SkipEmpty::Never)?);
-        turns[1].push(turn(SkipEmpty::Leap)?);
+        for (turns, skip) in turns.iter_mut().zip([SkipEmpty::Never, SkipEmpty::Leap]) {
+            let (rendering, seconds) = timed(|| rendering(scene, &*accel, film, skip));
+            turns.push((rendering.ok_or("nobody cancels")?, seconds));
+        }
     }
     let empty = 100.0 * scene.volumes[0].empty_space().share();
     println!("{name}, {film} x {film} pixels, {THREADS} threads; {empty:.0} % of the blocks are empty");
-    let told = [("all samples", &turns[0]), ("with leaps", &turns[1])].map(|(how, turns)| tell(how, turns));
-    let [all, leaping] = [&turns[0], &turns[1]].map(|turns| turns[0].rendering.ledger.volume_samples);
-    let same = turns
-        .iter()
-        .flatten()
-        .all(|turn| bits(turn) == bits(&turns[0][0]));
+    let seconds = turns
+        .each_ref()
+        .map(|turns| turns.iter().map(|turn| turn.1).collect::<Vec<_>>());
+    let sample_counts = turns.each_ref().map(|turns| turns[0].0.ledger.volume_samples);
+    print_comparison(sample_counts, &seconds);
+    // In the ledger's account of volumes, shadow rays left out.
+    let [all, skipping] = turns.each_ref().map(|turns| {
+        let marching = |turn: &(Rendering, Seconds)| turn.0.ledger.of(Account::Volume).seconds;
+        Spread::of(turns.iter().map(marching)).median
+    });
+    let expected = pixel_bits(&turns[0][0].0);
+    let same = turns.iter().flatten().all(|turn| pixel_bits(&turn.0) == expected);
     println!(
-        "  {} samples leapt over; {:.2} times as fast by the wall, {:.2} by processor time, {:.2} in marches alone; same bits: {same}",
-        all - leaping,
-        told[0].wall / told[1].wall,
-        told[0].processor / told[1].processor,
-        told[0].marching / told[1].marching
+        "  marches of camera rays within the render: {:.2} times as fast; same bits: {same}",
+        all / skipping
     );
     Ok(())
 }
 
-/// Medians of seconds.
-struct Medians {
-    wall: f64,
-    processor: f64,
-    /// In the ledger's account of volumes, shadow rays left out.
-    marching: f64,
-}
-
-fn tell(how: &str, turns: &[Turn]) -> Medians {
-    let median = |seconds: &dyn Fn(&Turn) -> f64| {
-        let mut all: Vec<f64> = turns.iter().map(seconds).collect();
-        all.sort_by(f64::total_cmp);
-        (all[all.len() / 2], all[0], all[all.len() - 1])
+/// Renders a scene; `None` only if it was cancelled.
+fn rendering(scene: &Scene, accel: &dyn Accel, film: usize, skip_empty: SkipEmpty) -> Option<Rendering> {
+    let settings = RenderSettings {
+        width: film as u32,
+        height: film as u32,
+        skip_empty,
+        ledger: true,
+        ..RenderSettings::default()
     };
-    let (wall, least, most) = median(&|turn| turn.wall);
-    let (processor, ..) = median(&|turn| turn.processor);
-    let (marching, ..) = median(&|turn| turn.rendering.ledger.of(Account::Volume).seconds);
-    let millions = turns[0].rendering.ledger.volume_samples as f64 / 1e6;
-    println!(
-        "  {how}: {millions:.1} M samples in {wall:.3} s ({least:.3}-{most:.3}), {:.1} M/s; {processor:.2} s of processors, {:.1} M/s were the threads alone on the machine",
-        millions / wall,
-        THREADS as f64 * millions / processor
-    );
-    Medians {
-        wall,
-        processor,
-        marching,
-    }
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &AtomicBool::new(false),
+        tiles: None,
+    };
+    render(scene, &scene.cameras[0], accel, &settings, &monitor)
 }
 
-fn bits(turn: &Turn) -> Vec<u32> {
-    let values = turn.rendering.image.pixels.as_flattened().iter();
+fn pixel_bits(rendering: &Rendering) -> Vec<u32> {
+    let values = rendering.image.pixels.as_flattened().iter();
     values.map(|value| value.to_bits()).collect()
 }
 
-/// Processor seconds of this process so far: fields 14 and 15 of its `stat`, in hundredths; 0 where there is no such file.
+/// Marches rays through a volume in three ways in turns, and prints the comparison.
+fn time_marches(name: &str, volume: Volume, film: usize) {
+    let empty = 100.0 * volume.empty_space().share();
+    println!("{name}, {film} x {film} rays, {THREADS} threads; {empty:.0} % of the blocks are empty");
+    let volumes = [volume];
+    let expected = march_radiance(&volumes, film, SkipEmpty::Never);
+    let (mut sample_counts, mut seconds) = ([0; 2], [Vec::new(), Vec::new()]);
+    let (mut shadow_seconds, mut darkened_count) = (Vec::new(), 0);
+    let mut same = true;
+    for _ in 0..TURNS {
+        for (way, skip) in [SkipEmpty::Never, SkipEmpty::Leap].into_iter().enumerate() {
+            let (marched, time) = timed(|| march_radiance(&volumes, film, skip));
+            seconds[way].push(time);
+            sample_counts[way] = marched.iter().map(|marched| marched.sample_count).sum();
+            same &= marched
+                .iter()
+                .zip(&expected)
+                .all(|(a, b)| marched_bits(a) == marched_bits(b));
+        }
+        let (count, time) = timed(|| count_darkened(&volumes, film));
+        shadow_seconds.push(time);
+        darkened_count = count;
+    }
+    print_comparison(sample_counts, &seconds);
+    println!("  same bits: {same}");
+    let wall = Spread::of(shadow_seconds.iter().map(|seconds| seconds.wall));
+    let processor = Spread::of(shadow_seconds.iter().map(|seconds| seconds.processor));
+    println!(
+        "  transmittance alone, with skipping: {wall}; {:.2} s of processor time; {darkened_count} rays are darkened",
+        processor.median
+    );
+}
+
+/// Marches for radiance in light of 1 everywhere.
+fn march_radiance(volumes: &[Volume], film: usize, skip: SkipEmpty) -> Vec<Marched> {
+    let mut pixels = vec![None; film * film];
+    pixels
+        .par_chunks_mut(ROWS * film)
+        .enumerate()
+        .for_each(|(band, pixels)| {
+            let mut march = March::new(volumes, None).with_skip(skip);
+            for (i, pixel) in pixels.iter_mut().enumerate() {
+                let (x, y) = (i % film, band * ROWS + i / film);
+                *pixel = Some(march.radiance(&camera_ray(x, y, film), None));
+            }
+        });
+    pixels.into_iter().flatten().collect()
+}
+
+/// Marches for transmittance alone and returns how many rays lose light.
+fn count_darkened(volumes: &[Volume], film: usize) -> usize {
+    let row = |y| {
+        let mut march = March::new(volumes, None);
+        let transmittances = (0..film).map(|x| march.transmittance(&camera_ray(x, y, film)));
+        transmittances
+            .filter(|&transmittance| transmittance < 1.0)
+            .count()
+    };
+    (0..film).into_par_iter().map(row).sum()
+}
+
+/// Returns a ray of a camera that sees the whole cube.
+fn camera_ray(x: usize, y: usize, film: usize) -> Stretch {
+    /// Tangent of half the angle of view.
+    const HALF_WIDTH: f64 = 0.36;
+    let forward = -EYE.normalize();
+    let right = forward.cross(DVec3::Y).normalize();
+    let up = right.cross(forward);
+    let [u, v] = [x, y].map(|i| (2.0 * (i as f64 + 0.5) / film as f64 - 1.0) * HALF_WIDTH);
+    Stretch {
+        origin: EYE,
+        direction: (forward + u * right - v * up).normalize(),
+        t_near: 0.0,
+        t_far: f64::INFINITY,
+    }
+}
+
+fn marched_bits(marched: &Marched) -> [u64; 4] {
+    let [r, g, b] = marched.radiance;
+    [r, g, b, marched.transmittance].map(f64::to_bits)
+}
+
+/// Time that a turn took.
+#[derive(Clone, Copy)]
+struct Seconds {
+    wall: f64,
+    /// Of all threads together; 0 where it is not reported.
+    processor: f64,
+}
+
+/// Returns what `work` returns, and the time that it took.
+fn timed<T>(work: impl FnOnce() -> T) -> (T, Seconds) {
+    let (before, start) = (processor_seconds(), Instant::now());
+    let result = work();
+    let seconds = Seconds {
+        wall: start.elapsed().as_secs_f64(),
+        processor: processor_seconds() - before,
+    };
+    (result, seconds)
+}
+
+/// Returns the processor time of this process so far: fields 14 and 15 of its `stat`, in hundredths; 0 where there is no
+/// such file.
 fn processor_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let Some((_, after_name)) = stat.rsplit_once(')') else {
@@ -192,4 +283,52 @@ fn processor_seconds() -> f64 {
     };
     let fields = after_name.split_whitespace().skip(11).take(2);
     fields.filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0
+}
+
+/// Median and extremes of the turns in seconds.
+struct Spread {
+    median: f64,
+    min: f64,
+    max: f64,
+}
+
+impl Spread {
+    fn of(values: impl Iterator<Item = f64>) -> Spread {
+        let mut all: Vec<f64> = values.collect();
+        all.sort_by(f64::total_cmp);
+        Spread {
+            median: all[all.len() / 2],
+            min: all[0],
+            max: all[all.len() - 1],
+        }
+    }
+}
+
+impl std::fmt::Display for Spread {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.3} s ({:.3}-{:.3})", self.median, self.min, self.max)
+    }
+}
+
+/// Prints samples, times and rates of the turns without skipping and with it, and their ratios.
+fn print_comparison(sample_counts: [u64; 2], seconds: &[Vec<Seconds>; 2]) {
+    let medians = [0, 1].map(|way| {
+        let wall = Spread::of(seconds[way].iter().map(|seconds| seconds.wall));
+        let processor = Spread::of(seconds[way].iter().map(|seconds| seconds.processor)).median;
+        let millions = sample_counts[way] as f64 / 1e6;
+        println!(
+            "  {}: {millions:.1} M samples in {wall}, {:.1} M/s; {processor:.2} s of processor time, {:.1} M/s if the threads were alone on the machine",
+            ["all samples", "with skipping"][way],
+            millions / wall.median,
+            THREADS as f64 * millions / processor
+        );
+        (wall.median, processor)
+    });
+    let [all, skipping] = medians;
+    println!(
+        "  {} samples skipped; {:.2} times as fast by wall clock, {:.2} by processor time",
+        sample_counts[0] - sample_counts[1],
+        all.0 / skipping.0,
+        all.1 / skipping.1
+    );
 }

@@ -1,38 +1,32 @@
-//! Writes meshes that are hard on structures over triangles, each as a `.glb` with a lamp and a camera, into a folder.
-//!
-//! ```text
-//! cargo run --release --example bench-meshes -- meshes
-//! ```
+//! The subcommand `bench-meshes`: writes meshes that are hard on structures over triangles, each as a `.glb` with a point
+//! light and a camera, into a folder.
 //!
 //! `city.glb`: houses with storeys, ledges and window frames, each a box of its own. `mixed.glb`: boxes of all sizes from a
-//! thousandth to a half, turned against the axes. `hair.glb`: strands as thin as a seven-hundredth of their length.
-//! `fans.glb`: cylinders of 400 sides, whose lids are fans of slivers.
-
-mod glb;
+//! thousandth to a half, rotated against the axes. `hair.glb`: strands whose thickness is a seven-hundredth of their
+//! length. `fans.glb`: cylinders of 400 sides, whose lids are fans of slivers.
 
 use std::f64::consts::TAU;
-use std::path::Path;
-use std::process::ExitCode;
+use std::path::PathBuf;
 
-use glb::{Mesh, Part, Picture, Vector, cross, normalized};
+use crate::glb::{GlbScene, Mesh, Part, Vector, cross, normalized};
 
-fn main() -> ExitCode {
-    let mut words = std::env::args().skip(1);
-    let (folder, more) = (words.next(), words.next());
-    let result = match (folder, more) {
-        (Some(folder), None) => write_all(Path::new(&folder)),
-        _ => Err("usage: bench-meshes FOLDER".into()),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(sentence) => {
-            eprintln!("{sentence}");
-            ExitCode::from(2)
-        }
-    }
+/// Arguments of `bench-meshes`.
+#[derive(clap::Args)]
+#[command(after_long_help = "\
+city.glb: houses of boxes. mixed.glb: boxes of all sizes. hair.glb: thin strands. fans.glb: cylinders whose lids are
+fans of slivers.
+
+Example:
+  cargo run --release --example tools -- bench-meshes meshes")]
+pub(crate) struct Arguments {
+    /// The folder to write into; it is made if there is none
+    #[arg(value_name = "FOLDER")]
+    folder: PathBuf,
 }
 
-fn write_all(folder: &Path) -> Result<(), String> {
+/// Writes all meshes and prints their triangle counts.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
+    let folder = &arguments.folder;
     std::fs::create_dir_all(folder)
         .map_err(|e| format!("{}: cannot be made ({e}): choose another place", folder.display()))?;
     let meshes: [(&'static str, Mesh, Vector, Vector); 4] = [
@@ -44,7 +38,7 @@ fn write_all(folder: &Path) -> Result<(), String> {
     for (name, mesh, eye, target) in meshes {
         println!("{name}.glb: {} triangles", mesh.triangle_count());
         let distance = eye.into_iter().fold(0.0, f64::max);
-        let picture = Picture {
+        let scene = GlbScene {
             parts: vec![Part {
                 name,
                 mesh,
@@ -54,18 +48,19 @@ fn write_all(folder: &Path) -> Result<(), String> {
             }],
             eye,
             target,
-            lamp: [0.7 * distance, distance, 0.9 * distance],
+            light: [0.7 * distance, distance, 0.9 * distance],
             intensity: 6.0 * distance * distance,
         };
-        picture.write(&folder.join(format!("{name}.glb")))?;
+        scene.write(&folder.join(format!("{name}.glb")))?;
     }
     Ok(())
 }
 
-/// Numbers in [0, 1), the same ones each time: SplitMix64 (Steele, Lea and Flood 2014).
+/// Random number generator, seeded: SplitMix64 (Steele, Lea and Flood 2014).
 struct Random(u64);
 
 impl Random {
+    /// Returns a number in [0, 1).
     fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -74,11 +69,12 @@ impl Random {
         ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
     }
 
+    /// Returns a number in [low, high).
     fn within(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
-    /// A direction, all alike likely.
+    /// Returns a direction, uniform on the unit sphere.
     fn direction(&mut self) -> Vector {
         let (z, turn) = (self.within(-1.0, 1.0), TAU * self.unit());
         let r = (1.0 - z * z).sqrt();
@@ -86,9 +82,9 @@ impl Random {
     }
 }
 
-/// Adds a closed box, its corners carried elsewhere by `map`.
+/// Adds a closed box from `low` to `high`, whose corners are transformed by `map`.
 fn push_box(mesh: &mut Mesh, low: Vector, high: Vector, map: impl Fn(Vector) -> Vector) {
-    let first = mesh.positions.len() as u32 / 12;
+    let first = mesh.vertex_count();
     for corner in 0..8 {
         let side = |axis: usize| if corner >> axis & 1 == 0 { low } else { high }[axis];
         mesh.push_vertex(map([side(0), side(1), side(2)]));
@@ -107,7 +103,7 @@ fn push_box(mesh: &mut Mesh, low: Vector, high: Vector, map: impl Fn(Vector) -> 
     }
 }
 
-/// Houses of 4 to 39 storeys, 16 by 16 of them, with eleven window frames a storey on each of four sides.
+/// Returns houses of 4 to 39 storeys, 16 by 16 of them, with eleven window frames a storey on each of four sides.
 fn city() -> Mesh {
     let (mut mesh, mut random) = (Mesh::default(), Random(1));
     let mut add = |low: Vector, high: Vector| push_box(&mut mesh, low, high, |p| p);
@@ -132,10 +128,10 @@ fn city() -> Mesh {
     mesh
 }
 
-/// 84,000 small boxes and 300 larger ones in a cube.
+/// Returns 84,000 small boxes and 300 larger ones in a cube.
 fn mixed() -> Mesh {
     let (mut mesh, mut random) = (Mesh::default(), Random(2));
-    let turned = |[x, y, z]: Vector| {
+    let rotated = |[x, y, z]: Vector| {
         [
             0.8 * x + 0.36 * y + 0.48 * z,
             -0.6 * x + 0.48 * y + 0.64 * z,
@@ -148,16 +144,17 @@ fn mixed() -> Mesh {
         let center = [(); 3].map(|()| random.within(-2.0, 2.0));
         let half = [(); 3].map(|()| size * random.within(0.2, 1.0));
         let at = |sign: f64| [0, 1, 2].map(|axis| center[axis] + sign * half[axis]);
-        push_box(&mut mesh, at(-1.0), at(1.0), turned);
+        push_box(&mut mesh, at(-1.0), at(1.0), rotated);
     }
     mesh
 }
 
-/// Strands of hair on a ball.
+/// Number of strands.
 const STRANDS: u32 = 40_000;
 /// Pieces of a strand, each a prism of three sides.
 const PIECES: u32 = 8;
 
+/// Returns curled strands on the unit sphere.
 fn hair() -> Mesh {
     let (mut mesh, mut random) = (Mesh::default(), Random(3));
     for _ in 0..STRANDS {
@@ -166,7 +163,7 @@ fn hair() -> Mesh {
         let along = [0, 1, 2].map(|i| root[i] + 0.5 * lean[i]);
         let aside = normalized(cross(along, [0.3, 0.5, 0.8]));
         let other = normalized(cross(along, aside));
-        let first = mesh.positions.len() as u32 / 12;
+        let first = mesh.vertex_count();
         for piece in 0..=PIECES {
             let s = f64::from(piece) / f64::from(PIECES);
             for corner in 0..3 {
@@ -192,11 +189,12 @@ fn hair() -> Mesh {
     mesh
 }
 
-/// Cylinders.
+/// Number of cylinders.
 const CYLINDERS: u32 = 750;
 /// Sides of a cylinder.
 const SIDES: u32 = 400;
 
+/// Returns closed cylinders in a cube.
 fn fans() -> Mesh {
     let (mut mesh, mut random) = (Mesh::default(), Random(4));
     for _ in 0..CYLINDERS {
@@ -207,7 +205,7 @@ fn fans() -> Mesh {
         let other = cross(axis, aside);
         let place =
             |x: f64, y: f64, z: f64| [0, 1, 2].map(|i| center[i] + x * aside[i] + y * other[i] + z * axis[i]);
-        let first = mesh.positions.len() as u32 / 12;
+        let first = mesh.vertex_count();
         for z in [-half, half] {
             for side in 0..SIDES {
                 let (sine, cosine) = (TAU * f64::from(side) / f64::from(SIDES)).sin_cos();

@@ -1,73 +1,53 @@
-//! Writes a benchmark mesh of any size: a closed, displaced sphere above a ground plane, with one point light and a
-//! camera, as `.glb`.
-//!
-//! ```text
-//! cargo run --release --example bumpy-sphere -- --triangles 2000000 bumpy.glb
-//! ```
-//!
-//! The sphere is `whit::mesh::bumpy_sphere`. `--mirror` makes it a perfect mirror.
-
-mod glb;
+//! The subcommand `bumpy-sphere`: writes a benchmark mesh of any size, a closed, displaced sphere above a ground plane, with
+//! one point light and a camera, as `.glb`. The sphere is `whit::mesh::bumpy_sphere`.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
-use glb::{Mesh, Part, Picture};
+use crate::glb::{GlbScene, Mesh, Part};
 
 /// Half the edge of the ground plane.
 const GROUND: f64 = 6.0;
-/// Height of the ground: under the lowest bump.
+/// Height of the ground: below the lowest point of the sphere.
 const GROUND_HEIGHT: f64 = -1.02;
-/// A `.glb` counts its bytes in 32 bits; this many triangles stay under that.
-const MOST_TRIANGLES: u64 = 150_000_000;
+/// Fewest triangles that `whit::mesh::bumpy_sphere` makes a closed sphere of.
+const MIN_TRIANGLES: u64 = 12;
+/// A `.glb` counts its bytes in 32 bits; this many triangles stay below that.
+const MAX_TRIANGLES: u64 = 150_000_000;
 
-struct Arguments {
+/// Arguments of `bumpy-sphere`.
+#[derive(clap::Args)]
+#[command(after_long_help = "Example:
+  cargo run --release --example tools -- bumpy-sphere --triangles 2_000_000 bumpy.glb")]
+pub(crate) struct Arguments {
+    /// About how many triangles the sphere has: 12 to 150_000_000, `_` between digits allowed
+    #[arg(long, value_name = "N", default_value = "2_000_000", value_parser = triangle_count)]
     triangles: u64,
+
+    /// Make the sphere a perfect mirror
+    #[arg(long)]
     mirror: bool,
+
+    /// The .glb file to write
+    #[arg(value_name = "OUT.glb")]
     output: PathBuf,
 }
 
-fn main() -> ExitCode {
-    let result = parse_arguments(std::env::args().skip(1))
-        .and_then(|arguments| picture(&arguments).write(&arguments.output));
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(sentence) => {
-            eprintln!("{sentence}");
-            ExitCode::from(2)
-        }
-    }
+/// Parses a number of triangles.
+fn triangle_count(text: &str) -> Result<u64, String> {
+    text.replace('_', "")
+        .parse()
+        .ok()
+        .filter(|count| (MIN_TRIANGLES..=MAX_TRIANGLES).contains(count))
+        .ok_or_else(|| format!("give a number from {MIN_TRIANGLES} to {MAX_TRIANGLES}"))
 }
 
-fn parse_arguments(mut words: impl Iterator<Item = String>) -> Result<Arguments, String> {
-    const USAGE: &str = "usage: bumpy-sphere [--triangles N] [--mirror] OUT.glb";
-    let mut triangles = 2_000_000;
-    let mut mirror = false;
-    let mut output = None;
-    while let Some(word) = words.next() {
-        match word.as_str() {
-            "--triangles" => {
-                let number = words.next().and_then(|n| n.replace('_', "").parse().ok());
-                triangles = number
-                    .filter(|n| (12..=MOST_TRIANGLES).contains(n))
-                    .ok_or(format!(
-                        "--triangles takes a number from 12 to {MOST_TRIANGLES}: {USAGE}"
-                    ))?;
-            }
-            "--mirror" => mirror = true,
-            _ if word.starts_with('-') => return Err(format!("`{word}` is not an option: {USAGE}")),
-            _ if output.is_some() => return Err(format!("`{word}` is one file too many: {USAGE}")),
-            _ => output = Some(PathBuf::from(word)),
-        }
-    }
-    Ok(Arguments {
-        triangles,
-        mirror,
-        output: output.ok_or(format!("no file to write: {USAGE}"))?,
-    })
+/// Writes the file.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
+    scene(arguments).write(&arguments.output)
 }
 
-fn picture(arguments: &Arguments) -> Picture {
+/// Returns the sphere above the ground with light and camera.
+fn scene(arguments: &Arguments) -> GlbScene {
     let (color, metallic, roughness) = if arguments.mirror {
         ([0.95, 0.93, 0.88], 1.0, 0.0)
     } else {
@@ -87,16 +67,16 @@ fn picture(arguments: &Arguments) -> Picture {
         metallic: 0.0,
         roughness: 0.9,
     };
-    Picture {
+    GlbScene {
         parts: vec![sphere, ground],
         eye: [1.1, 1.3, 3.9],
         target: [0.05, -0.12, 0.0],
-        lamp: [2.6, 3.6, 3.2],
+        light: [2.6, 3.6, 3.2],
         intensity: 75.0,
     }
 }
 
-/// The sphere that `whit bench --sweep` measures too.
+/// Returns the sphere that `whit bench --sweep` measures too.
 fn sphere(triangles: u64) -> Mesh {
     let bumpy = whit::mesh::bumpy_sphere(triangles);
     let mut mesh = Mesh::default();
@@ -112,6 +92,7 @@ fn sphere(triangles: u64) -> Mesh {
     mesh
 }
 
+/// Returns the ground plane.
 fn ground() -> Mesh {
     let mut mesh = Mesh::default();
     for [x, z] in [[-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [1.0, -1.0]] {
@@ -121,4 +102,19 @@ fn ground() -> Mesh {
     mesh.push_triangle([0, 1, 2]);
     mesh.push_triangle([0, 2, 3]);
     mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn triangle_counts_have_limits_and_may_have_underscores() {
+        for (text, count) in [("12", 12), ("2_000_000", 2_000_000), ("150000000", 150_000_000)] {
+            assert_eq!(triangle_count(text), Ok(count));
+        }
+        for text in ["", "_", "11", "-12", "12.5", "150_000_001", "1e6"] {
+            assert!(triangle_count(text).is_err(), "{text}");
+        }
+    }
 }

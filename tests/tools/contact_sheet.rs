@@ -1,16 +1,11 @@
-//! Renders scenes small and lays the pictures out as one sheet: every scene of `scenes`, four in a row, by the names of
-//! the files; or the files that are named, three in a row, in the order given. Or a pair of pictures for each effect,
-//! with and without it, by the lines of `scenes/effects.md`.
+//! The subcommand `contact-sheet`: renders scenes at a small size and lays the images out on one sheet.
 //!
-//! ```text
-//! cargo run --release --example contact-sheet
-//! cargo run --release --example contact-sheet -- --effects
-//! cargo run --release --example contact-sheet -- --out sheet.png a.glb b.gltf c.toml
-//! ```
+//! Without arguments every scene of `scenes`, four in a row, in the order of the files' names; with `--out` the files that
+//! are named, three in a row, in the order given; with `--effects` a pair of images for each effect, with and without it,
+//! by the table of `scenes/effects.md`.
 
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 
 use image::RgbImage;
@@ -23,85 +18,89 @@ use whit::scene::picture::{DEFAULT_DEPTH, DEFAULT_WAVELENGTHS};
 use whit::scene::{EffectOverrides, Scene};
 use whit::scene_file::{self, Output};
 
-/// How pictures are laid out.
+/// Arguments of `contact-sheet`.
+#[derive(clap::Args)]
+#[command(after_long_help = "\
+Without arguments every scene of the folder scenes is rendered, and scenes/contact_sheet.png is written.
+
+Examples:
+  cargo run --release --example tools -- contact-sheet
+  cargo run --release --example tools -- contact-sheet --effects
+  cargo run --release --example tools -- contact-sheet --out sheet.png a.glb b.gltf c.toml")]
+pub(crate) struct Arguments {
+    /// Write the images of scenes/effects.md instead: each effect's scene with and without the effect
+    #[arg(long, conflicts_with_all = ["out", "scenes"])]
+    effects: bool,
+
+    /// Write a sheet of the named scenes into this PNG file instead
+    #[arg(long, value_name = "FILE", requires = "scenes")]
+    out: Option<PathBuf>,
+
+    /// The scenes on that sheet, in this order
+    #[arg(value_name = "SCENE", requires = "out")]
+    scenes: Vec<PathBuf>,
+}
+
+/// Size and arrangement of the images on a sheet.
 struct Layout {
-    /// Pixels of a picture.
-    picture: [u32; 2],
-    /// Pictures in a row.
+    /// Width and height of an image in pixels.
+    image: [u32; 2],
+    /// Images in a row.
     columns: u32,
 }
 
-/// Many pictures.
-const OVERVIEW: Layout = Layout {
-    picture: [320, 240],
+/// Layout of the sheet of all scenes.
+const ALL_SCENES: Layout = Layout {
+    image: [320, 240],
     columns: 4,
 };
-/// Few pictures, large enough to be looked at.
-const CLOSE: Layout = Layout {
-    picture: [400, 300],
+/// Layout of a sheet of named scenes, which are few: larger images.
+const NAMED_SCENES: Layout = Layout {
+    image: [400, 300],
     columns: 3,
 };
-/// An effect's scene with it, and without it.
-const PAIR: Layout = Layout {
-    picture: [104, 78],
+/// Layout of an effect's scene with the effect and without it.
+const EFFECT_PAIR: Layout = Layout {
+    image: [104, 78],
     columns: 2,
 };
-/// Pixels between pictures.
+/// Pixels between images.
 const GAP: u32 = 4;
-/// Samples a pixel: small pictures show their edges.
+/// Samples per pixel: enough for smooth edges, which small images show.
 const SPP: u32 = 16;
 
-fn main() -> ExitCode {
-    match run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(sentence) => {
-            eprintln!("{sentence}");
-            ExitCode::FAILURE
-        }
+/// Writes the sheet or the pairs that the arguments ask for.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
+    if let Some(target) = &arguments.out {
+        return sheet(&arguments.scenes, &NAMED_SCENES, target);
     }
-}
-
-fn run() -> Result<(), String> {
-    let arguments: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
-    match &arguments[..] {
-        [] => {
-            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-            sheet(
-                &scene_files(&folder)?,
-                &OVERVIEW,
-                &folder.join("contact_sheet.png"),
-            )
-        }
-        [flag, target, files @ ..] if flag == Path::new("--out") && !files.is_empty() => {
-            sheet(files, &CLOSE, target)
-        }
-        [flag] if flag == Path::new("--effects") => {
-            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-            effect_pairs(&folder)
-        }
-        _ => Err("give nothing, `--effects`, or `--out FILE` and the scenes that are to be on it".into()),
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    if arguments.effects {
+        return effect_pairs(&folder);
     }
+    let target = folder.join("contact_sheet.png");
+    sheet(&scene_files(&folder)?, &ALL_SCENES, &target)
 }
 
 /// Renders the scenes, prints their names in order, and writes the sheet.
 fn sheet(files: &[PathBuf], layout: &Layout, target: &Path) -> Result<(), String> {
     let rendered = |file: &PathBuf| {
-        let picture = picture(file, layout.picture, EffectOverrides::default());
+        let image = render_file(file, layout.image, EffectOverrides::default());
         println!("{}", name(file));
-        picture.map_err(|sentence| format!("{}: {sentence}", file.display()))
+        image.map_err(|sentence| format!("{}: {sentence}", file.display()))
     };
-    let pictures: Vec<RgbImage> = files.iter().map(rendered).collect::<Result<_, _>>()?;
-    write_sheet(&pictures, layout, target)
+    let images: Vec<RgbImage> = files.iter().map(rendered).collect::<Result<_, _>>()?;
+    write_sheet(&images, layout, target)
 }
 
-/// A line of `effects.md`: the effect's name, its picture and its scene.
+/// Row of the table in `effects.md`: the effect's name, the path of its image and that of its scene.
 struct EffectRow {
     name: String,
-    picture: PathBuf,
+    image: PathBuf,
     scene: PathBuf,
 }
 
-/// The lines of `effects.md` in `folder`.
+/// Reads the table of `effects.md` in `folder`.
 fn effect_rows(folder: &Path) -> Result<Vec<EffectRow>, String> {
     let path = folder.join("effects.md");
     let text =
@@ -109,48 +108,48 @@ fn effect_rows(folder: &Path) -> Result<Vec<EffectRow>, String> {
     let link = |cell: &str| Some(folder.join(cell.rsplit_once("](")?.1.trim_end_matches([')', ' '])));
     let row = |line: &str| {
         let cells: Vec<&str> = line.split(" | ").collect();
-        let [picture, effect, _, _, scene] = cells[..] else {
+        let [image, effect, _, _, scene] = cells[..] else {
             return None;
         };
         Some(EffectRow {
             name: effect.strip_prefix('`')?.strip_suffix('`')?.to_owned(),
-            picture: link(picture)?,
+            image: link(image)?,
             scene: link(scene.trim_end_matches(" |"))?,
         })
     };
     Ok(text.lines().filter_map(row).collect())
 }
 
-/// Writes a pair of pictures for each effect.
+/// Writes a pair of images for each effect and prints the effect's name.
 fn effect_pairs(folder: &Path) -> Result<(), String> {
     for row in effect_rows(folder)? {
         let without: EffectOverrides = format!("-{}", row.name).parse()?;
-        let pictures: Vec<RgbImage> = [EffectOverrides::default(), without]
+        let images: Vec<RgbImage> = [EffectOverrides::default(), without]
             .into_iter()
-            .map(|effects| picture(&row.scene, PAIR.picture, effects))
+            .map(|effects| render_file(&row.scene, EFFECT_PAIR.image, effects))
             .collect::<Result<_, _>>()
             .map_err(|sentence| format!("{}: {sentence}", row.scene.display()))?;
-        write_sheet(&pictures, &PAIR, &row.picture)?;
+        write_sheet(&images, &EFFECT_PAIR, &row.image)?;
         println!("{}", row.name);
     }
     Ok(())
 }
 
-/// Lays pictures out in rows.
-fn write_sheet(pictures: &[RgbImage], layout: &Layout, target: &Path) -> Result<(), String> {
-    let ([width, height], columns) = (layout.picture, layout.columns);
-    let rows = (pictures.len() as u32).div_ceil(columns);
+/// Lays images out in rows and writes them as one PNG.
+fn write_sheet(images: &[RgbImage], layout: &Layout, target: &Path) -> Result<(), String> {
+    let ([width, height], columns) = (layout.image, layout.columns);
+    let rows = (images.len() as u32).div_ceil(columns);
     let mut sheet = RgbImage::from_pixel(
         columns * (width + GAP) - GAP,
         rows * (height + GAP) - GAP,
         image::Rgb([255; 3]),
     );
-    for (number, picture) in (0..).zip(pictures) {
+    for (number, image) in (0..).zip(images) {
         let corner = [
             (number % columns) * (width + GAP),
             (number / columns) * (height + GAP),
         ];
-        image::imageops::replace(&mut sheet, picture, corner[0].into(), corner[1].into());
+        image::imageops::replace(&mut sheet, image, corner[0].into(), corner[1].into());
     }
     let unwritable =
         |error: &dyn std::error::Error| format!("{} cannot be written ({error})", target.display());
@@ -162,7 +161,7 @@ fn write_sheet(pictures: &[RgbImage], layout: &Layout, target: &Path) -> Result<
         .map_err(|error| unwritable(&error))
 }
 
-/// The scene files of `folder`, by name.
+/// Returns the scene files of `folder`, sorted by name.
 fn scene_files(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let unreadable = |error: std::io::Error| format!("{} cannot be read ({error})", folder.display());
     let mut files = Vec::new();
@@ -177,14 +176,15 @@ fn scene_files(folder: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(files)
 }
 
+/// Returns the name of a file without its folder.
 fn name(file: &Path) -> String {
     file.file_name()
         .map(|name| name.to_string_lossy().into_owned())
         .unwrap_or_default()
 }
 
-/// The picture that `whit render` makes of a file at this size, with these effects other than it calls for.
-fn picture(file: &Path, [width, height]: [u32; 2], effects: EffectOverrides) -> Result<RgbImage, String> {
+/// Returns the image that `whit render` makes of a file at this size with these effect overrides.
+fn render_file(file: &Path, [width, height]: [u32; 2], effects: EffectOverrides) -> Result<RgbImage, String> {
     let (scene, output) = load(file)?;
     let camera = scene.cameras.first().ok_or("it has no camera")?;
     let accel =
@@ -210,6 +210,7 @@ fn picture(file: &Path, [width, height]: [u32; 2], effects: EffectOverrides) -> 
     RgbImage::from_raw(width, height, tone.srgb_bytes(&rendering.image)).ok_or("its size is wrong".into())
 }
 
+/// Loads a scene file or a glTF file.
 fn load(file: &Path) -> Result<(Scene, Output), String> {
     let options = LoadOptions::default();
     if file.extension().is_some_and(|e| e == "toml") {
@@ -242,33 +243,33 @@ mod tests {
             assert!(at > last, "{} is out of order", name(file));
             last = at;
             if file.extension().is_some_and(|e| e == "toml") {
-                let told = readme[at + row.len()..].split(" |").next().unwrap();
-                assert_eq!(told, first_sentence(file));
+                let description = readme[at + row.len()..].split(" |").next().unwrap();
+                assert_eq!(description, first_sentence(file));
             }
         }
     }
 
     #[test]
-    fn every_effect_has_a_line_with_a_small_picture_and_a_scene_that_calls_for_it() {
-        const MOST_BYTES: u64 = 600_000;
+    fn every_effect_has_a_row_with_a_small_image_and_a_scene_that_uses_it() {
+        const MAX_BYTES: u64 = 600_000;
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
         let rows = effect_rows(&folder).unwrap();
         let names: Vec<&str> = rows.iter().map(|row| row.name.as_str()).collect();
         assert_eq!(names, Effect::ALL.map(Effect::name));
         let mut bytes = 0;
         for (row, effect) in rows.iter().zip(Effect::ALL) {
-            bytes += std::fs::metadata(&row.picture).unwrap().len();
-            let [width, height] = PAIR.picture;
-            let size = image::image_dimensions(&row.picture).unwrap();
+            bytes += std::fs::metadata(&row.image).unwrap().len();
+            let [width, height] = EFFECT_PAIR.image;
+            let size = image::image_dimensions(&row.image).unwrap();
             assert_eq!(size, (2 * width + GAP, height), "{effect}");
             let (scene, _) = load(&row.scene).unwrap();
             let plan = Plan::new(&scene, &scene.cameras[0], &EffectOverrides::default());
             assert!(plan.effects().has(effect), "{effect}: {}", row.scene.display());
         }
-        assert!(bytes < MOST_BYTES, "{bytes}");
+        assert!(bytes < MAX_BYTES, "{bytes}");
     }
 
-    /// What the file's opening comment says before it comes to the effects.
+    /// Returns the opening comment of the file up to its list of effects.
     fn first_sentence(file: &Path) -> String {
         let text = std::fs::read_to_string(file).unwrap();
         let lines = text.lines().skip_while(|line| line.starts_with("#:"));

@@ -1,59 +1,48 @@
-//! The tables of the README that tell what accuracy costs, from the reports that `whit cost --out` wrote: prices of half the
-//! error by knob, and prices of the ways to find hits. With `--into FILE` they replace what stands there between the lines
-//! `<!-- cost tables -->` and `<!-- end of cost tables -->`.
-//!
-//! ```text
-//! for scene in mirror_room textured; do whit cost scenes/$scene.toml --out costs/$scene; done
-//! cargo run --release --example cost-tables -- costs/*/report.json --into README.md
-//! ```
+//! The subcommand `cost-tables`: makes the README's tables of what accuracy costs, from the reports that `whit cost --out`
+//! wrote: the price of halving the error by each knob, and the relative times of the ways to find hits. With `--into FILE`
+//! the tables replace what stands there between the lines `<!-- cost tables -->` and `<!-- end of cost tables -->`.
 
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use whit::cost::{Interval, Knob, Study};
 
 const START: &str = "<!-- cost tables -->\n";
 const END: &str = "<!-- end of cost tables -->\n";
 
-fn main() -> ExitCode {
-    match run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(fault) => {
-            eprintln!("cost-tables: {fault}");
-            ExitCode::from(2)
-        }
-    }
+/// Arguments of `cost-tables`.
+#[derive(clap::Args)]
+#[command(after_long_help = "\
+Example:
+  for scene in mirror_room textured; do whit cost scenes/$scene.toml --out costs/$scene; done
+  cargo run --release --example tools -- cost-tables costs/*/report.json --into README.md")]
+pub(crate) struct Arguments {
+    /// Replace the tables in this file instead of printing them
+    #[arg(long, value_name = "FILE")]
+    into: Option<PathBuf>,
+
+    /// The files report.json that `whit cost --out` wrote
+    #[arg(value_name = "REPORT", required = true)]
+    reports: Vec<PathBuf>,
 }
 
-fn run() -> Result<(), String> {
-    let mut reports = Vec::new();
-    let mut into = None;
-    let mut words = std::env::args().skip(1);
-    while let Some(word) = words.next() {
-        if word == "--into" {
-            into = Some(PathBuf::from(words.next().ok_or("`--into` wants a file")?));
-        } else {
-            reports.push(PathBuf::from(word));
-        }
-    }
-    if reports.is_empty() {
-        return Err("name report.json files that `whit cost --out` wrote".to_owned());
-    }
-    let studies = reports
+/// Prints the tables or puts them into the file.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
+    let studies = arguments
+        .reports
         .iter()
         .map(|path| Ok((name(path), read(path)?)))
         .collect::<Result<Vec<(String, Study)>, String>>()?;
-    let tables = format!("{}\n{}", halves(&studies), paths(&studies));
-    match into {
+    let tables = format!("{}\n{}", error_halving_table(&studies), hit_path_table(&studies));
+    match &arguments.into {
         None => print!("{tables}"),
-        Some(file) => put(&file, &tables)?,
+        Some(file) => replace_tables(file, &tables)?,
     }
     Ok(())
 }
 
-/// A report's folder, without the ending that tells what it is.
+/// Returns the name of a report's folder without the ending `.cost`.
 fn name(report: &Path) -> String {
     let folder = report
         .parent()
@@ -62,35 +51,44 @@ fn name(report: &Path) -> String {
     folder.to_string_lossy().trim_end_matches(".cost").to_owned()
 }
 
+/// Reads a report.
 fn read(path: &Path) -> Result<Study, String> {
-    let fault = |words: String| format!("{} {words}", path.display());
-    let text = fs::read_to_string(path).map_err(|error| fault(format!("cannot be read: {error}")))?;
-    serde_json::from_str(&text).map_err(|error| fault(format!("is no report of `whit cost`: {error}")))
+    let sentence = |problem: String| format!("{} {problem}", path.display());
+    let text = fs::read_to_string(path).map_err(|error| sentence(format!("cannot be read: {error}")))?;
+    serde_json::from_str(&text).map_err(|error| sentence(format!("is not a report of `whit cost`: {error}")))
 }
 
-/// Replaces what stands between the lines of the file.
-fn put(file: &Path, tables: &str) -> Result<(), String> {
-    let fault = |words: String| format!("{} {words}", file.display());
-    let text = fs::read_to_string(file).map_err(|error| fault(format!("cannot be read: {error}")))?;
+/// Replaces what stands between the lines `START` and `END` of the file.
+fn replace_tables(file: &Path, tables: &str) -> Result<(), String> {
+    let sentence = |problem: String| format!("{} {problem}", file.display());
+    let text = fs::read_to_string(file).map_err(|error| sentence(format!("cannot be read: {error}")))?;
     let parts = text
         .split_once(START)
         .and_then(|(before, rest)| Some((before, rest.split_once(END)?.1)));
-    let (before, after) = parts.ok_or_else(|| fault("has no lines to put the tables between".to_owned()))?;
+    let (before, after) = parts.ok_or_else(|| {
+        let [start, end] = [START, END].map(str::trim_end);
+        sentence(format!(
+            "has no lines `{start}` and `{end}` to put the tables between"
+        ))
+    })?;
     fs::write(file, format!("{before}{START}\n{tables}\n{END}{after}"))
-        .map_err(|error| fault(format!("cannot be written: {error}")))
+        .map_err(|error| sentence(format!("cannot be written: {error}")))
 }
 
+/// Formats a number with two significant digits.
 fn digits(x: f64) -> String {
     let places = (2 - x.abs().log10().floor() as i32 - 1).clamp(0, 6) as usize;
     format!("{x:.places$}")
 }
 
-fn with_ends(of: Interval) -> String {
-    format!("{} ({} to {})", digits(of.value), digits(of.low), digits(of.high))
+/// Formats a value with the ends of its interval.
+fn with_ends(interval: Interval) -> String {
+    let [value, low, high] = [interval.value, interval.low, interval.high].map(digits);
+    format!("{value} ({low} to {high})")
 }
 
-/// What half the error costs by each knob that has a price on some scene.
-fn halves(studies: &[(String, Study)]) -> String {
+/// Returns the table of what halving the error costs by each knob that has a price on some scene.
+fn error_halving_table(studies: &[(String, Study)]) -> String {
     let price = |study: &Study, knob: Knob| {
         let curve = study.curves.iter().find(|curve| curve.knob == knob)?;
         study.price_of_half(curve)
@@ -127,8 +125,8 @@ fn halves(studies: &[(String, Study)]) -> String {
     table
 }
 
-/// Times of the other ways to find hits over the base's.
-fn paths(studies: &[(String, Study)]) -> String {
+/// Returns the table of times of the other ways to find hits, relative to the base's.
+fn hit_path_table(studies: &[(String, Study)]) -> String {
     let mut levels: Vec<&str> = Vec::new();
     for (_, study) in studies {
         for point in study

@@ -1,29 +1,28 @@
-//! Meshes, a lamp and a camera as a `.glb`, for the tools that write meshes to measure with.
-
-#![allow(dead_code, unreachable_pub, reason = "each tool uses a part of it")]
+//! Binary glTF: the container around a document, and files of meshes with a point light and a camera for the tools that
+//! write benchmark meshes.
 
 use std::fmt::Write as _;
 use std::fs;
 use std::io::Write as _;
 use std::path::Path;
 
-/// A place or a direction.
-pub type Vector = [f64; 3];
+/// A position or a direction.
+pub(crate) type Vector = [f64; 3];
 
 /// A mesh as the bytes of its accessors.
 #[derive(Default)]
-pub struct Mesh {
-    pub positions: Vec<u8>,
-    /// None, or one a vertex.
-    pub normals: Vec<u8>,
-    pub indices: Vec<u8>,
+pub(crate) struct Mesh {
+    positions: Vec<u8>,
+    /// None, or one per vertex.
+    normals: Vec<u8>,
+    indices: Vec<u8>,
     low: [f32; 3],
     high: [f32; 3],
 }
 
 impl Mesh {
-    /// Adds a vertex and says which it is.
-    pub fn push_vertex(&mut self, position: Vector) -> u32 {
+    /// Adds a vertex and returns its index.
+    pub(crate) fn push_vertex(&mut self, position: Vector) -> u32 {
         let position = position.map(|x| x as f32);
         if self.positions.is_empty() {
             (self.low, self.high) = (position, position);
@@ -33,132 +32,124 @@ impl Mesh {
             self.high[axis] = self.high[axis].max(position[axis]);
             self.positions.extend_from_slice(&position[axis].to_le_bytes());
         }
-        (self.positions.len() / 12 - 1) as u32
+        self.vertex_count() - 1
     }
 
-    /// Adds the normal of a vertex.
-    pub fn push_normal(&mut self, normal: Vector) {
+    /// Adds the normal of the next vertex that has none.
+    pub(crate) fn push_normal(&mut self, normal: Vector) {
         for x in normal {
             self.normals.extend_from_slice(&(x as f32).to_le_bytes());
         }
     }
 
-    /// Adds a triangle.
-    pub fn push_triangle(&mut self, triangle: [u32; 3]) {
+    /// Adds a triangle, given by the indices of its vertices.
+    pub(crate) fn push_triangle(&mut self, triangle: [u32; 3]) {
         for vertex in triangle {
             self.indices.extend_from_slice(&vertex.to_le_bytes());
         }
     }
 
-    /// How many triangles there are.
-    pub fn triangle_count(&self) -> usize {
+    /// Returns the number of vertices.
+    pub(crate) fn vertex_count(&self) -> u32 {
+        (self.positions.len() / 12) as u32
+    }
+
+    /// Returns the number of triangles.
+    pub(crate) fn triangle_count(&self) -> usize {
         self.indices.len() / 12
     }
 }
 
-/// A mesh and how it looks.
-pub struct Part {
-    pub name: &'static str,
-    pub mesh: Mesh,
-    pub color: [f64; 3],
-    pub metallic: f64,
-    pub roughness: f64,
+/// A mesh with its material.
+pub(crate) struct Part {
+    pub(crate) name: &'static str,
+    pub(crate) mesh: Mesh,
+    /// Linear RGB base colour.
+    pub(crate) color: [f64; 3],
+    pub(crate) metallic: f64,
+    pub(crate) roughness: f64,
 }
 
-/// What is seen, from where, in what light.
-pub struct Picture {
-    pub parts: Vec<Part>,
-    pub eye: Vector,
-    pub target: Vector,
-    /// Where a point light is.
-    pub lamp: Vector,
-    /// In candela.
-    pub intensity: f64,
+/// Meshes with a point light and a camera.
+pub(crate) struct GlbScene {
+    pub(crate) parts: Vec<Part>,
+    /// Position of the camera.
+    pub(crate) eye: Vector,
+    /// Point that the camera looks at.
+    pub(crate) target: Vector,
+    /// Position of the light.
+    pub(crate) light: Vector,
+    /// Intensity of the light in candela.
+    pub(crate) intensity: f64,
 }
 
-impl Picture {
-    /// The whole `.glb`.
-    pub fn container(&self) -> Vec<u8> {
+/// Range of bytes in the binary chunk.
+struct BufferView {
+    offset: usize,
+    length: usize,
+    /// OpenGL's number for vertex or index data.
+    target: u32,
+}
+
+/// OpenGL's `ARRAY_BUFFER`.
+const VERTEX_DATA: u32 = 34962;
+/// OpenGL's `ELEMENT_ARRAY_BUFFER`.
+const INDEX_DATA: u32 = 34963;
+
+impl GlbScene {
+    /// Writes the scene beside the target and renames it, so that the target is never an incomplete file.
+    pub(crate) fn write(&self, target: &Path) -> Result<(), String> {
+        write_atomically(target, &self.to_bytes()).map_err(|e| {
+            format!(
+                "{}: cannot be written ({e}): choose another place",
+                target.display()
+            )
+        })
+    }
+
+    /// Returns the whole `.glb`.
+    fn to_bytes(&self) -> Vec<u8> {
         let mut binary = Vec::new();
         let mut views = Vec::new();
         for Part { mesh, .. } in &self.parts {
-            let [positions, normals, indices] = [&mesh.positions, &mesh.normals, &mesh.indices];
-            for (bytes, target) in [(positions, 34962), (normals, 34962), (indices, 34963)] {
+            for (bytes, target) in [
+                (&mesh.positions, VERTEX_DATA),
+                (&mesh.normals, VERTEX_DATA),
+                (&mesh.indices, INDEX_DATA),
+            ] {
                 if !bytes.is_empty() {
-                    views.push((binary.len(), bytes.len(), target));
+                    views.push(BufferView {
+                        offset: binary.len(),
+                        length: bytes.len(),
+                        target,
+                    });
                     binary.extend_from_slice(bytes);
                 }
             }
         }
-        let mut json = self.document(&views);
-        json.push_str(&" ".repeat(json.len().next_multiple_of(4) - json.len()));
-        let total = 12 + 8 + json.len() + 8 + binary.len();
-        let mut glb = Vec::with_capacity(total);
-        let word = |glb: &mut Vec<u8>, n: usize| glb.extend_from_slice(&(n as u32).to_le_bytes());
-        glb.extend_from_slice(b"glTF");
-        word(&mut glb, 2);
-        word(&mut glb, total);
-        word(&mut glb, json.len());
-        glb.extend_from_slice(b"JSON");
-        glb.extend_from_slice(json.as_bytes());
-        word(&mut glb, binary.len());
-        glb.extend_from_slice(b"BIN\0");
-        glb.extend_from_slice(&binary);
-        glb
+        container(self.document(&views), &binary)
     }
 
-    fn document(&self, views: &[(usize, usize, u32)]) -> String {
-        let (mut nodes, mut accessors) = (Vec::new(), Vec::new());
-        let (mut materials, mut meshes) = (Vec::new(), Vec::new());
-        for (number, part) in self.parts.iter().enumerate() {
-            let Part {
-                name,
-                mesh,
-                color: [r, g, b],
-                metallic,
-                roughness,
-            } = part;
-            let count = mesh.positions.len() / 12;
-            let first = accessors.len();
-            let mut attributes = format!(r#""POSITION":{first}"#);
-            accessors.push(format!(
-                r#"{{"bufferView":{first},"componentType":5126,"count":{count},"type":"VEC3","min":{:?},"max":{:?}}}"#,
-                mesh.low, mesh.high
-            ));
-            if !mesh.normals.is_empty() {
-                let view = accessors.len();
-                // Writing into a string cannot fail.
-                let _ = write!(attributes, r#","NORMAL":{view}"#);
-                accessors.push(format!(
-                    r#"{{"bufferView":{view},"componentType":5126,"count":{count},"type":"VEC3"}}"#
-                ));
-            }
-            let view = accessors.len();
-            let index_count = mesh.indices.len() / 4;
-            accessors.push(format!(
-                r#"{{"bufferView":{view},"componentType":5125,"count":{index_count},"type":"SCALAR"}}"#
-            ));
-            nodes.push(format!(r#"{{"name":"{name}","mesh":{number}}}"#));
-            materials.push(format!(
-                r#"{{"name":"{name}","pbrMetallicRoughness":{{"baseColorFactor":[{r},{g},{b},1],"metallicFactor":{metallic},"roughnessFactor":{roughness}}}}}"#
-            ));
-            meshes.push(format!(
-                r#"{{"name":"{name}","primitives":[{{"attributes":{{{attributes}}},"indices":{view},"material":{number}}}]}}"#
-            ));
+    /// Returns the JSON document.
+    fn document(&self, views: &[BufferView]) -> String {
+        let mut lists = Lists::default();
+        for part in &self.parts {
+            lists.push_part(part);
         }
-        let [x, y, z] = self.lamp;
-        nodes.push(format!(
+        let [x, y, z] = self.light;
+        lists.nodes.push(format!(
             r#"{{"name":"lamp","translation":[{x},{y},{z}],"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}}"#
         ));
-        nodes.push(format!(
+        lists.nodes.push(format!(
             r#"{{"name":"camera","camera":0,"matrix":{}}}"#,
             look_at(self.eye, self.target)
         ));
-        let numbers: Vec<String> = (0..nodes.len()).map(|n| n.to_string()).collect();
-        let buffer_views = views.iter().map(|(offset, length, target)| {
+        let numbers: Vec<String> = (0..lists.nodes.len()).map(|n| n.to_string()).collect();
+        let buffer_views = views.iter().map(|view| {
+            let (offset, length, target) = (view.offset, view.length, view.target);
             format!(r#"{{"buffer":0,"byteOffset":{offset},"byteLength":{length},"target":{target}}}"#)
         });
-        let total: usize = views.iter().map(|(_, length, _)| length).sum();
+        let total: usize = views.iter().map(|view| view.length).sum();
         format!(
             r#"{{"asset":{{"version":"2.0","generator":"whit's tools"}},
 "extensionsUsed":["KHR_lights_punctual"],
@@ -173,30 +164,90 @@ impl Picture {
 "buffers":[{{"byteLength":{total}}}]}}"#,
             self.intensity,
             numbers.join(","),
-            nodes.join(",\n"),
-            materials.join(",\n"),
-            meshes.join(",\n"),
-            accessors.join(","),
+            lists.nodes.join(",\n"),
+            lists.materials.join(",\n"),
+            lists.meshes.join(",\n"),
+            lists.accessors.join(","),
             buffer_views.collect::<Vec<_>>().join(","),
         )
     }
+}
 
-    /// Writes the `.glb` beside the target and renames it, so that the target is never half a file.
-    ///
-    /// # Errors
-    ///
-    /// A sentence, where it cannot be written.
-    pub fn write(&self, target: &Path) -> Result<(), String> {
-        write_atomically(target, &self.container()).map_err(|e| {
-            format!(
-                "{}: cannot be written ({e}): choose another place",
-                target.display()
-            )
-        })
+/// Items of the document's lists, each as JSON.
+#[derive(Default)]
+struct Lists {
+    nodes: Vec<String>,
+    accessors: Vec<String>,
+    materials: Vec<String>,
+    meshes: Vec<String>,
+}
+
+impl Lists {
+    /// Adds a node with its mesh, material and accessors.
+    fn push_part(&mut self, part: &Part) {
+        let Part {
+            name,
+            mesh,
+            color: [r, g, b],
+            metallic,
+            roughness,
+        } = part;
+        let number = self.nodes.len();
+        let count = mesh.vertex_count();
+        let first = self.accessors.len();
+        let mut attributes = format!(r#""POSITION":{first}"#);
+        self.accessors.push(format!(
+            r#"{{"bufferView":{first},"componentType":5126,"count":{count},"type":"VEC3","min":{:?},"max":{:?}}}"#,
+            mesh.low, mesh.high
+        ));
+        if !mesh.normals.is_empty() {
+            let view = self.accessors.len();
+            // Writing into a string cannot fail.
+            let _ = write!(attributes, r#","NORMAL":{view}"#);
+            self.accessors.push(format!(
+                r#"{{"bufferView":{view},"componentType":5126,"count":{count},"type":"VEC3"}}"#
+            ));
+        }
+        let view = self.accessors.len();
+        let index_count = mesh.indices.len() / 4;
+        self.accessors.push(format!(
+            r#"{{"bufferView":{view},"componentType":5125,"count":{index_count},"type":"SCALAR"}}"#
+        ));
+        self.nodes.push(format!(r#"{{"name":"{name}","mesh":{number}}}"#));
+        self.materials.push(format!(
+            r#"{{"name":"{name}","pbrMetallicRoughness":{{"baseColorFactor":[{r},{g},{b},1],"metallicFactor":{metallic},"roughnessFactor":{roughness}}}}}"#
+        ));
+        self.meshes.push(format!(
+            r#"{{"name":"{name}","primitives":[{{"attributes":{{{attributes}}},"indices":{view},"material":{number}}}]}}"#
+        ));
     }
 }
 
-/// The column-major matrix of a camera at `eye` that looks at `target`.
+/// Returns the binary glTF container of a document and its binary buffer, each padded to a multiple of four bytes.
+pub(crate) fn container(mut json: String, binary: &[u8]) -> Vec<u8> {
+    json.push_str(&" ".repeat(json.len().next_multiple_of(4) - json.len()));
+    let binary_length = binary.len().next_multiple_of(4);
+    let total = 12 + 8 + json.len() + 8 + binary_length;
+    let mut glb = Vec::with_capacity(total);
+    glb.extend_from_slice(b"glTF");
+    push_word(&mut glb, 2);
+    push_word(&mut glb, total);
+    push_word(&mut glb, json.len());
+    glb.extend_from_slice(b"JSON");
+    glb.extend_from_slice(json.as_bytes());
+    push_word(&mut glb, binary_length);
+    glb.extend_from_slice(b"BIN\0");
+    glb.extend_from_slice(binary);
+    glb.resize(total, 0);
+    glb
+}
+
+/// Adds a number as a 32-bit word.
+fn push_word(glb: &mut Vec<u8>, number: usize) {
+    glb.extend_from_slice(&(number as u32).to_le_bytes());
+}
+
+/// Returns the column-major matrix of a camera at `eye` that looks at `target`, as JSON.
 fn look_at(eye: Vector, target: Vector) -> String {
     let back = normalized([0, 1, 2].map(|i| eye[i] - target[i]));
     let right = normalized(cross([0.0, 1.0, 0.0], back));
@@ -209,6 +260,7 @@ fn look_at(eye: Vector, target: Vector) -> String {
     format!("[{}]", words.join(","))
 }
 
+/// Writes a temporary file beside the target and renames it.
 fn write_atomically(target: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let name = target.file_name().ok_or(std::io::ErrorKind::InvalidInput)?;
     let mut temporary = name.to_owned();
@@ -224,11 +276,13 @@ fn write_atomically(target: &Path, bytes: &[u8]) -> std::io::Result<()> {
     written
 }
 
-pub fn dot(a: Vector, b: Vector) -> f64 {
+/// Returns the dot product.
+fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-pub fn cross(a: Vector, b: Vector) -> Vector {
+/// Returns the cross product.
+pub(crate) fn cross(a: Vector, b: Vector) -> Vector {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -236,7 +290,8 @@ pub fn cross(a: Vector, b: Vector) -> Vector {
     ]
 }
 
-pub fn normalized(a: Vector) -> Vector {
+/// Returns the vector of length 1 in the direction of `a`.
+pub(crate) fn normalized(a: Vector) -> Vector {
     let length = dot(a, a).sqrt();
     a.map(|x| x / length)
 }

@@ -1,28 +1,34 @@
-//! Draws the array of `scenes/scan.toml`: a head as a tomograph would see it, made of ellipsoids.
+//! The subcommand `scan-phantom`: writes the volume of `scenes/scan.toml`, a head as a tomograph would see it, made of
+//! ellipsoids: 64³ bytes as a NumPy array, indexed `[z, y, x]`.
 //!
-//! `cargo run --release --example scan-phantom -- scenes/volumes/head.npy` writes 64³ bytes as a NumPy array, indexed
-//! `[z, y, x]`. The ellipsoids are of our own choice, after the idea of L. Shepp and B. Logan's phantom ("The Fourier
-//! reconstruction of a head section", 1974).
+//! The ellipsoids are of our own choice, after the idea of L. Shepp and B. Logan's phantom ("The Fourier reconstruction of
+//! a head section", 1974).
 
 use std::fs;
+use std::path::PathBuf;
 
 use glam::DVec3;
 
-/// Samples a side.
+/// Voxels along each axis.
 const SIDE: usize = 64;
 
-/// What fills an ellipsoid.
+/// Ellipsoid of one density, in a cube from -1 to 1.
 struct Ellipsoid {
     center: [f64; 3],
     radii: [f64; 3],
-    value: f64,
+    density: f64,
 }
 
-const fn ellipsoid(center: [f64; 3], radii: [f64; 3], value: f64) -> Ellipsoid {
-    Ellipsoid { center, radii, value }
+/// Returns an ellipsoid.
+const fn ellipsoid(center: [f64; 3], radii: [f64; 3], density: f64) -> Ellipsoid {
+    Ellipsoid {
+        center,
+        radii,
+        density,
+    }
 }
 
-/// From the outside to the inside: later ones replace what was there.
+/// Parts of the head from the outside to the inside: where they overlap, the later one counts.
 const HEAD: [Ellipsoid; 16] = [
     ellipsoid([0.0, -0.8, -0.15], [0.36, 0.5, 0.36], 80.0),
     ellipsoid([0.0, -0.8, -0.2], [0.12, 0.5, 0.12], 220.0),
@@ -42,10 +48,63 @@ const HEAD: [Ellipsoid; 16] = [
     ellipsoid([0.3, 0.45, 0.15], [0.1, 0.1, 0.1], 150.0),
 ];
 
-/// Points a voxel and axis that its value is the mean of.
-const FINE: usize = 3;
+/// Points per axis of a voxel whose mean is its value.
+const POINTS: usize = 3;
+/// Length field of the array's header: with the ten bytes before it, the header ends at a multiple of 64 bytes.
+const HEADER_LENGTH: u16 = 118;
 
-fn value(p: DVec3) -> f64 {
+/// Arguments of `scan-phantom`.
+#[derive(clap::Args)]
+#[command(after_long_help = "\
+Example:
+  cargo run --release --example tools -- scan-phantom scenes/volumes/head.npy")]
+pub(crate) struct Arguments {
+    /// The .npy file to write
+    #[arg(value_name = "OUT.npy")]
+    output: PathBuf,
+}
+
+/// Writes the file.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
+    let path = &arguments.output;
+    fs::write(path, to_bytes()).map_err(|error| {
+        format!(
+            "{}: cannot be written ({error}): choose another place",
+            path.display()
+        )
+    })
+}
+
+/// Returns the array as a `.npy` file.
+fn to_bytes() -> Vec<u8> {
+    let description =
+        format!("{{'descr': '|u1', 'fortran_order': False, 'shape': ({SIDE}, {SIDE}, {SIDE}), }}");
+    // Magic number, version, length; the header ends with a line feed.
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend(HEADER_LENGTH.to_le_bytes());
+    let width = usize::from(HEADER_LENGTH) - 1;
+    bytes.extend(format!("{description:<width$}\n").bytes());
+    let voxel = |i: usize| [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
+    bytes.extend((0..SIDE * SIDE * SIDE).map(|i| voxel_mean(voxel(i))));
+    bytes
+}
+
+/// Returns the mean density over a voxel.
+fn voxel_mean(voxel: [usize; 3]) -> u8 {
+    let mut sum = 0.0;
+    for i in 0..POINTS * POINTS * POINTS {
+        let part = [i % POINTS, i / POINTS % POINTS, i / POINTS / POINTS];
+        let at = |axis: usize| {
+            let fine = (voxel[axis] * POINTS + part[axis]) as f64 + 0.5;
+            2.0 * fine / (SIDE * POINTS) as f64 - 1.0
+        };
+        sum += density(DVec3::new(at(0), at(1), at(2)));
+    }
+    (sum / (POINTS * POINTS * POINTS) as f64).round() as u8
+}
+
+/// Returns the density at a point.
+fn density(p: DVec3) -> f64 {
     if p.x > 0.0 && p.y > 0.25 && p.z > 0.0 {
         // Cut away, so that the inside is seen.
         return 0.0;
@@ -54,36 +113,5 @@ fn value(p: DVec3) -> f64 {
         let q = (p - DVec3::from_array(e.center)) / DVec3::from_array(e.radii);
         q.length_squared() < 1.0
     };
-    HEAD.iter().rev().find(holds).map_or(0.0, |e| e.value)
-}
-
-/// The mean over a voxel.
-fn mean(voxel: [usize; 3]) -> u8 {
-    let mut sum = 0.0;
-    for i in 0..FINE * FINE * FINE {
-        let part = [i % FINE, i / FINE % FINE, i / FINE / FINE];
-        let at = |axis: usize| {
-            let fine = (voxel[axis] * FINE + part[axis]) as f64 + 0.5;
-            2.0 * fine / (SIDE * FINE) as f64 - 1.0
-        };
-        sum += value(DVec3::new(at(0), at(1), at(2)));
-    }
-    (sum / (FINE * FINE * FINE) as f64).round() as u8
-}
-
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let path = std::env::args()
-        .nth(1)
-        .ok_or("give the path of the array to write")?;
-    let description =
-        format!("{{'descr': '|u1', 'fortran_order': False, 'shape': ({SIDE}, {SIDE}, {SIDE}), }}");
-    // Magic number, version, length; the header ends with a line feed at a multiple of 64 bytes.
-    let length = (10 + description.len() + 1).next_multiple_of(64) - 10;
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend(u16::try_from(length)?.to_le_bytes());
-    bytes.extend(format!("{description:<width$}\n", width = length - 1).bytes());
-    let voxel = |i: usize| [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
-    bytes.extend((0..SIDE * SIDE * SIDE).map(|i| mean(voxel(i))));
-    fs::write(path, bytes)?;
-    Ok(())
+    HEAD.iter().rev().find(holds).map_or(0.0, |e| e.density)
 }

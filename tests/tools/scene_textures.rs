@@ -1,39 +1,43 @@
-//! Draws the images that scenes refer to, each from a rule, into `scenes/textures`.
-//!
-//! ```text
-//! cargo run --release --example scene-textures -- scenes/textures
-//! ```
+//! The subcommand `scene-textures`: writes the images that scenes refer to, each computed from a rule, into a folder.
 
 use std::f32::consts::TAU;
-use std::path::Path;
-use std::process::ExitCode;
+use std::path::PathBuf;
 
 use image::{DynamicImage, Rgb, Rgb32FImage, Rgba, RgbaImage};
 
-fn main() -> ExitCode {
-    let Some(folder) = std::env::args().nth(1) else {
-        eprintln!("usage: scene-textures FOLDER");
-        return ExitCode::from(2);
-    };
-    for (name, picture) in [
+/// Arguments of `scene-textures`.
+#[derive(clap::Args)]
+#[command(after_long_help = "\
+Writes globe.png, leaves.png, lattice.png and sky.hdr.
+
+Example:
+  cargo run --release --example tools -- scene-textures scenes/textures")]
+pub(crate) struct Arguments {
+    /// The folder to write into
+    #[arg(value_name = "FOLDER")]
+    folder: PathBuf,
+}
+
+/// Writes all images.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
+    for (name, image) in [
         ("globe.png", DynamicImage::from(globe())),
         ("leaves.png", leaves().into()),
         ("lattice.png", lattice().into()),
         ("sky.hdr", sky().into()),
     ] {
-        let path = Path::new(&folder).join(name);
-        if let Err(error) = picture.save(&path) {
-            eprintln!(
+        let path = arguments.folder.join(name);
+        image.save(&path).map_err(|error| {
+            format!(
                 "{}: cannot be written ({error}): choose another folder",
                 path.display()
-            );
-            return ExitCode::from(2);
-        }
+            )
+        })?;
     }
-    ExitCode::SUCCESS
+    Ok(())
 }
 
-/// A planet in longitude and latitude: seas, land, deserts and ice, by the height of a few waves on the sphere.
+/// Returns a planet in longitude and latitude: seas, land, deserts and ice, by the height of a few waves on the sphere.
 fn globe() -> RgbaImage {
     RgbaImage::from_fn(256, 128, |x, y| {
         let (longitude, latitude) = (
@@ -58,8 +62,8 @@ fn globe() -> RgbaImage {
     })
 }
 
-/// A clear sky all around, brighter towards the horizon and the sun, over pale ground. The sun is a disk of 2 degrees,
-/// four times the true one's radius, so that it covers some pixels.
+/// Returns a clear sky in longitude and latitude, brighter towards the horizon and the sun, over pale ground. The sun is a
+/// disk of radius 2 degrees, larger than the true one, so that it covers some pixels.
 fn sky() -> Rgb32FImage {
     const SUN: [f32; 3] = [-0.62, 0.55, 0.56];
     let length = SUN.iter().map(|x| x * x).sum::<f32>().sqrt();
@@ -85,7 +89,7 @@ fn sky() -> Rgb32FImage {
     })
 }
 
-/// The height of the land at a point of the unit sphere: waves along seven directions, each shorter and lower.
+/// Returns the height of the land at a point of the unit sphere: waves along seven directions, each shorter and lower.
 fn height(p: [f32; 3]) -> f32 {
     let mut sum = -0.08;
     let (mut length, mut amplitude) = (1.9, 0.55);
@@ -100,7 +104,7 @@ fn height(p: [f32; 3]) -> f32 {
     sum
 }
 
-/// Leaves around a twig on nothing: coverage 1 on them, 0 elsewhere.
+/// Returns leaves around a twig, with alpha 1 on them and 0 elsewhere.
 fn leaves() -> RgbaImage {
     RgbaImage::from_fn(128, 128, |x, y| {
         let (px, py) = ((x as f32 + 0.5) / 64.0 - 1.0, 1.0 - (y as f32 + 0.5) / 64.0);
@@ -118,7 +122,7 @@ fn leaves() -> RgbaImage {
     })
 }
 
-/// Whether leaf number `leaf` covers the point, and if so whether it is a vein there.
+/// Returns `None` where leaf number `leaf` does not cover the point, else whether its vein does.
 fn leaf_at(px: f32, py: f32, leaf: u8) -> Option<bool> {
     let side = if leaf.is_multiple_of(2) { 1.0 } else { -1.0 };
     let stalk = -0.8 + 0.19 * f32::from(leaf);
@@ -140,7 +144,7 @@ fn leaf_at(px: f32, py: f32, leaf: u8) -> Option<bool> {
     ((0.0..1.0).contains(&s) && across.abs() < half_width).then_some(across.abs() < 0.012)
 }
 
-/// A wrought lattice: bars and rings, with holes between them.
+/// Returns a lattice of bars and rings, with alpha 0 between them.
 fn lattice() -> RgbaImage {
     RgbaImage::from_fn(128, 128, |x, y| {
         let (px, py) = ((x as f32 + 0.5) / 64.0 - 1.0, (y as f32 + 0.5) / 64.0 - 1.0);

@@ -14,8 +14,8 @@ use crate::shape::Sphere;
 /// Most spheres of a cluster.
 pub(super) const MEMBERS: usize = 8;
 /// What it costs Embree's walk to come to a cluster and to call, to ask about one more sphere, and to find its box under one
-/// more node: a ray is asked about all eight in a few vectors, so eight spheres to a call is best nearly everywhere (measured
-/// in `scene::speed`: anything from 0 to 0.15 for a member is within the noise).
+/// more node: a ray is asked about all eight in a few vectors, so eight spheres to a call is best nearly everywhere (by
+/// `cargo bench --bench timing -- spheres` anything from 0 to 0.15 for a member is within the noise).
 const COST: Cost = Cost {
     limit: MEMBERS as u32,
     visit: 1.0,

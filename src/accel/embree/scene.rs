@@ -1,8 +1,5 @@
 //! From a scene to Embree's scenes: triangles, scenes for placed meshes, their instances, and the user geometry.
 
-#[cfg(test)]
-mod speed;
-
 use std::collections::HashSet;
 use std::ffi::c_void;
 use std::marker::PhantomData;

@@ -145,8 +145,6 @@ fn add_exitance(kernel: &Kernel, r2: &[[f32; BATCH]; 3], power: &[[f32; BATCH]; 
 
 #[cfg(test)]
 mod tests {
-    use std::time::Instant;
-
     use rayon::prelude::*;
 
     use super::super::{
@@ -352,38 +350,5 @@ mod tests {
         for c in 0..3 {
             assert!((f64::from(found[c]) / exact[c] - 1.0).abs() <= 1e-5);
         }
-    }
-
-    /// Run with `cargo test --release --lib subsurface -- --ignored --nocapture`.
-    #[test]
-    #[ignore = "measures time"]
-    fn the_hierarchy_takes_a_tenth_of_the_time_of_brute_force_at_most() {
-        const COUNT: usize = 100_000;
-        let dipole = preset("marble");
-        let radius = radius_for(COUNT, &dipole);
-        let samples = lit_sphere(COUNT, radius, [1.0; 3]);
-        let start = Instant::now();
-        let tree = IrradianceTree::build(&samples, &dipole, DEFAULT_SOLID_ANGLE);
-        println!("built in {:.1?}, {} bytes", start.elapsed(), tree.byte_count());
-        let every = IrradianceTree::build(&samples, &dipole, 0.0);
-        let points: Vec<DVec3> = sphere_points(200).map(|n| CENTER + radius * n).collect();
-        let time = |tree: &IrradianceTree, repeats: usize| {
-            let start = Instant::now();
-            for p in points.iter().cycle().take(repeats * points.len()) {
-                std::hint::black_box(tree.radiant_exitance(*p));
-            }
-            1e6 * start.elapsed().as_secs_f64() / (repeats * points.len()) as f64
-        };
-        // Long enough each that an interruption does not decide.
-        let mut rounds: Vec<_> = (0..9).map(|_| [time(&tree, 50), time(&every, 1)]).collect();
-        rounds.sort_by(|a, b| (a[0] / a[1]).total_cmp(&(b[0] / b[1])));
-        for [hierarchical, brute] in &rounds {
-            println!(
-                "{hierarchical:.1} us a point of {brute:.0} by brute force: {:.4}",
-                hierarchical / brute
-            );
-        }
-        let [hierarchical, brute] = rounds[4];
-        assert!(hierarchical <= 0.1 * brute);
     }
 }

@@ -23,7 +23,7 @@
 //! hidden elsewhere. While its root mean square over the picture is more than the target, rounds go on.
 //!
 //! A thing smaller than a sixteenth of a pixel that has neither a larger neighbour nor its like elsewhere may be missed: no
-//! later round looks where the first saw nothing. `tests/sampling.rs` measures what all of this saves.
+//! later round looks where the first saw nothing. `tests/it/image/sampling.rs` measures what all of this saves.
 //!
 //! Between two rounds, and between two tiles of one, all that later ones need is in [`Rounds`]: whoever keeps that can go on
 //! at another time, to the same bits.

@@ -3,7 +3,7 @@
 //! Light may do many things, and most scenes need few of them. Every effect has triggers, necessary conditions that the
 //! scene's own data either meet or do not ([`TRIGGERS`]); an effect that none of its triggers asks for is off: no rays,
 //! no queue, no columns of memory, no code on the way of other effects but one test. What is off changes no bit of the
-//! picture, which `tests/plan.rs` proves by rendering with everything on (`--effects all`).
+//! picture, which `tests/it/scenes/effect_plan.rs` proves by rendering with everything on (`--effects all`).
 //!
 //! After the plan nobody asks the scene again whether it has some effect.
 

@@ -1,7 +1,7 @@
-//! A PNG without compression: the same bytes whatever a compressor may do.
+//! PNG files without compression, whose bytes do not depend on the version of a compressor.
 
-/// An RGB image, row by row from the top.
-pub(crate) fn png(width: usize, texels: &[[u8; 3]]) -> Vec<u8> {
+/// Returns the PNG file of an RGB image, given row by row from the top.
+pub(crate) fn encode(width: usize, texels: &[[u8; 3]]) -> Vec<u8> {
     let height = texels.len() / width;
     let mut rows = Vec::new();
     for row in texels.chunks(width) {
@@ -29,6 +29,7 @@ pub(crate) fn png(width: usize, texels: &[[u8; 3]]) -> Vec<u8> {
     png
 }
 
+/// Returns the checksum of RFC 1950.
 fn adler32(bytes: &[u8]) -> u32 {
     let (a, b) = bytes.iter().fold((1u32, 0u32), |(a, b), &byte| {
         let a = (a + u32::from(byte)) % 65521;
@@ -37,6 +38,7 @@ fn adler32(bytes: &[u8]) -> u32 {
     b << 16 | a
 }
 
+/// Returns the checksum of a PNG chunk.
 fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0u32, |crc, &byte| {
         (0..8).fold(crc ^ u32::from(byte), |crc, _| {

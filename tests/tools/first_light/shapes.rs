@@ -1,19 +1,20 @@
-//! Tessellated shapes of about unit size, closed where they can be.
+//! Tessellated shapes.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-/// Vertices and triangles; texture coordinates only where a texture is used.
+/// Vertices and triangles of a shape.
 #[derive(Default)]
 pub(crate) struct Tessellation {
     pub(crate) positions: Vec<DVec3>,
     pub(crate) normals: Vec<DVec3>,
+    /// One per vertex, or none where no texture is used.
     pub(crate) tex_coords: Vec<[f64; 2]>,
     pub(crate) triangles: Vec<[u16; 3]>,
 }
 
-/// A grid of `columns` by `rows` quads; `wraps` says whether the last column or row is the first again.
+/// Returns a grid of `columns` by `rows` quads; `wraps` says of each axis whether its end is joined to its beginning.
 fn grid(
     columns: u16,
     rows: u16,
@@ -41,7 +42,7 @@ fn grid(
     t
 }
 
-/// The unit sphere, closed: one vertex a pole and no seam.
+/// Returns the unit sphere, closed: one vertex at each pole and no seam.
 pub(crate) fn sphere() -> Tessellation {
     const COLUMNS: u16 = 48;
     const ROWS: u16 = 24;
@@ -78,7 +79,7 @@ pub(crate) fn sphere() -> Tessellation {
     t
 }
 
-/// The cube from -1 to 1, with sharp edges.
+/// Returns the cube from -1 to 1, with sharp edges.
 pub(crate) fn block() -> Tessellation {
     let mut t = Tessellation::default();
     for n in [
@@ -102,14 +103,14 @@ pub(crate) fn block() -> Tessellation {
     t
 }
 
-/// A closed tube of radius `thickness` around a closed curve.
+/// Returns a closed tube of radius `thickness` around a closed curve.
 pub(crate) fn tube(columns: u16, rows: u16, thickness: f64, curve: fn(f64) -> DVec3) -> Tessellation {
     const STEP: f64 = 1e-4;
     grid(columns, rows, [true, true], |u, v| {
         let (t, around) = (TAU * u, TAU * v);
         let (before, here, after) = (curve(t - STEP), curve(t), curve(t + STEP));
         let tangent = (after - before).normalize();
-        // No curve here points at the origin, so the frame never flips; it turns left-handed, as u and v ask.
+        // No curve here runs towards the origin, so this direction is never parallel to the tangent.
         let inward = -here;
         let side = tangent.cross(inward).normalize();
         let out = side.cross(tangent);
@@ -118,7 +119,7 @@ pub(crate) fn tube(columns: u16, rows: u16, thickness: f64, curve: fn(f64) -> DV
     })
 }
 
-/// The (2, 3) torus knot.
+/// Returns the point of the (2, 3) torus knot at `t` from 0 to 2 pi.
 pub(crate) fn trefoil(t: f64) -> DVec3 {
     let radius = 1.6 + 0.75 * (3.0 * t).cos();
     DVec3::new(
@@ -128,7 +129,7 @@ pub(crate) fn trefoil(t: f64) -> DVec3 {
     )
 }
 
-/// A square of 40 by 40 on which the checker of two by two repeats every two.
+/// Returns a square of 40 by 40 on which a texture repeats every 2.
 pub(crate) fn floor() -> Tessellation {
     grid(1, 1, [false, false], |u, v| {
         let (x, z) = (40.0 * u - 20.0, 20.0 - 40.0 * v);
@@ -136,7 +137,7 @@ pub(crate) fn floor() -> Tessellation {
     })
 }
 
-/// A dome from the zenith to a little under the horizon, seen from inside; v runs down.
+/// Returns a dome of radius 1 from the zenith to slightly below the horizon, seen from inside; v runs down.
 pub(crate) fn sky() -> Tessellation {
     const COLUMNS: u16 = 32;
     const ROWS: u16 = 10;

@@ -1,0 +1,39 @@
+//! Renders of scene files of which the ledger is kept, on one thread.
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::ThreadPool;
+use whit::accel::Accel;
+use whit::render::{Ledger, Monitor, RenderSettings, render};
+
+use crate::scene_folder::{self, FiledScene};
+
+static IS_CANCELLED: AtomicBool = AtomicBool::new(false);
+
+/// A monitor that is told nothing and cancels nothing.
+pub(crate) const MONITOR: Monitor = Monitor {
+    progress: &|_| {},
+    cancel: &IS_CANCELLED,
+    tiles: None,
+};
+
+/// Loads a scene file of the folder `scenes`, given without its ending.
+pub(crate) fn load(name: &str) -> FiledScene {
+    scene_folder::named(&format!("{name}.toml"))
+}
+
+/// Returns a pool of one thread, on which no second is anybody else's.
+pub(crate) fn one_thread() -> ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap()
+}
+
+/// Renders what the first camera sees and returns the ledger.
+pub(crate) fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Ledger {
+    let settings = RenderSettings {
+        ledger: true,
+        ..*settings
+    };
+    let camera = &filed.scene.cameras[0];
+    let rendering = render(&filed.scene, camera, accel, &settings, &MONITOR);
+    rendering.unwrap().ledger
+}

@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# Tells whether effects which a scene does not call for cost anything by being there: builds whit whole, without the code of
+# all effects but shadows and mirrors, and without that of all effects, and has tests/it/cli/disabled_effect_cost.rs count their instructions.
+# Needs valgrind.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+program=${CARGO_TARGET_DIR:-target}/release/whit
+builds=$(mktemp -d)
+trap 'rm -rf "$builds"' EXIT
+
+# In a folder of its own, where nobody finds a program that leaves effects out. What whit stands on is taken over.
+build() {
+    mkdir "$builds/$1.target"
+    cp -a "$(dirname "$program")" "$builds/$1.target"
+    WHIT_WITHOUT=$2 CARGO_TARGET_DIR="$builds/$1.target" cargo build --release --quiet
+    mv "$builds/$1.target/release/whit" "$builds/$1"
+    rm -rf "$builds/$1.target"
+}
+
+cargo build --release --quiet
+cp "$program" "$builds/whole"
+# The names as `whit info` prints them, all but those given.
+all=$("$builds/whole" info scenes/first_light.gltf | sed -n 's/^effect *\([a-z-]*\) .*/\1/p')
+# Side by side: the last step of each keeps one core busy.
+build bare "$(paste -sd, <<<"$all")" &
+bare=$!
+build mirrors "$(grep -vx -e shadow -e reflection <<<"$all" | paste -sd,)"
+wait "$bare"
+WHIT_WHOLE=$builds/whole WHIT_MIRRORS=$builds/mirrors WHIT_BARE=$builds/bare \
+    cargo test --test absence -- --nocapture

@@ -1,0 +1,14 @@
+//! The program's commands, run as users run them.
+
+mod ablation;
+mod bench;
+mod compare;
+mod compare_stats;
+mod disabled_effect_cost;
+mod info;
+mod output;
+mod progress;
+mod render;
+mod tev;
+mod verify;
+mod verify_scene;

@@ -1,0 +1,158 @@
+//! Flags of `whit render` that say how pictures are held by their files, and what the files say of themselves.
+
+use std::fs;
+use std::path::Path;
+
+use crate::support::cli_program::{self, first_light, names_in, whit};
+use whit::image::rows::{ExrRowsReader, SampleType};
+
+/// Renders a small picture to `out` with further `flags`.
+fn render(out: &Path, flags: &[&str]) -> cli_program::Run {
+    let scene = first_light();
+    let out = out.to_str().unwrap();
+    let fixed = [
+        "render",
+        &scene,
+        "-o",
+        out,
+        "--size",
+        "40x30",
+        "--spp",
+        "2",
+        "--backend",
+        "bsp",
+    ];
+    whit(&[&fixed[..], flags].concat())
+}
+
+fn types(path: &Path) -> Vec<(String, SampleType)> {
+    let reader = ExrRowsReader::open(path).unwrap();
+    let channels = reader.channels().iter();
+    channels
+        .map(|channel| (channel.name.clone(), channel.sample))
+        .collect()
+}
+
+#[test]
+fn halves_round_the_colours_and_leave_counts_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let [float, half] = ["float.exr", "half.exr"].map(|name| folder.path().join(name));
+    assert_eq!(render(&float, &["--aov", "samples"]).code, 0);
+    let run = render(
+        &half,
+        &["--aov", "samples", "--exr-type", "half", "--compression", "zip"],
+    );
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let channel = |name: &str, sample| (name.to_owned(), sample);
+    let expected = |color| {
+        [
+            channel("B", color),
+            channel("G", color),
+            channel("R", color),
+            channel("samples", SampleType::Float),
+            channel("variance", SampleType::Float),
+        ]
+    };
+    assert_eq!(types(&float), expected(SampleType::Float));
+    assert_eq!(types(&half), expected(SampleType::Half));
+    let [exact, rounded] = [&float, &half].map(|path| whit::image::read_exr(path).unwrap());
+    for (exact, rounded) in exact
+        .pixels
+        .as_flattened()
+        .iter()
+        .zip(rounded.pixels.as_flattened())
+    {
+        // Half a unit in the last of 11 places; the picture has no values that are too small for that.
+        assert!(
+            (exact - rounded).abs() <= exact.abs() / 2048.0,
+            "{exact} {rounded}"
+        );
+    }
+}
+
+#[test]
+fn packing_changes_the_size_of_a_file_and_no_pixel() {
+    let folder = tempfile::tempdir().unwrap();
+    let sizes = ["none", "rle", "zips", "zip", "piz"].map(|compression| {
+        let path = folder.path().join(format!("{compression}.exr"));
+        let run = render(&path, &["--compression", compression]);
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let plain = whit::image::read_exr(&folder.path().join("none.exr")).unwrap();
+        assert_eq!(whit::image::read_exr(&path).unwrap(), plain, "{compression}");
+        fs::metadata(path).unwrap().len()
+    });
+    assert!(sizes[3] < sizes[0], "{sizes:?}");
+}
+
+#[test]
+fn a_png_of_sixteen_bits_is_finer_than_one_of_eight() {
+    let folder = tempfile::tempdir().unwrap();
+    let [wide, narrow] = ["wide.png", "narrow.png"].map(|name| folder.path().join(name));
+    assert_eq!(render(&narrow, &[]).code, 0);
+    let run = render(&wide, &["--png-bits", "16"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let [wide, narrow] = [wide, narrow].map(|path| image::open(path).unwrap());
+    assert_eq!(wide.color(), image::ColorType::Rgb16);
+    let (wide, narrow) = (wide.into_rgb16(), narrow.into_rgb8());
+    assert!(wide.iter().any(|code| code % 257 != 0));
+    for (wide, narrow) in wide.iter().zip(narrow.iter()) {
+        // Half a code of either.
+        assert!((f64::from(*wide) / 257.0 - f64::from(*narrow)).abs() <= 0.5 + 0.5 / 257.0);
+    }
+}
+
+#[test]
+fn a_flag_that_no_file_is_for_is_refused_in_one_sentence_and_nothing_is_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = [
+        ("a.png", ["--exr-type", "half"], "write an .exr"),
+        ("a.png", ["--compression", "zip"], "write an .exr"),
+        ("a.exr", ["--png-bits", "16"], "write a .png"),
+    ];
+    for (name, flags, remedy) in refused {
+        let run = render(&folder.path().join(name), &flags);
+        assert_eq!(run.code, 2, "{}", run.stderr);
+        assert!(
+            run.stderr.contains(flags[0]) && run.stderr.contains(remedy),
+            "{}",
+            run.stderr
+        );
+        assert_eq!(run.stderr.trim_end().lines().count(), 1, "{}", run.stderr);
+    }
+    assert_eq!(names_in(folder.path()), Vec::<String>::new());
+}
+
+#[test]
+fn files_say_how_they_were_made_and_the_same_picture_has_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let [png, exr, again] = ["a.png", "a.exr", "b.exr"].map(|name| folder.path().join(name));
+    for (path, threads) in [(&png, "1"), (&exr, "1"), (&again, "2")] {
+        let run = render(path, &["--seed", "7", "--threads", threads]);
+        assert_eq!(run.code, 0, "{}", run.stderr);
+    }
+    assert_eq!(fs::read(&exr).unwrap(), fs::read(&again).unwrap());
+    let reader = ExrRowsReader::open(&exr).unwrap();
+    let plan = reader.note("whit.plan").unwrap();
+    assert!(plan.contains("shadow"), "{plan}");
+    let settings = reader.note("whit.settings").unwrap();
+    let made: serde_json::Value = serde_json::from_str(&settings).unwrap();
+    assert_eq!(made["size"], serde_json::json!([40, 30]));
+    assert_eq!(
+        (&made["seed"], &made["spp"], &made["backend"]),
+        (&7.into(), &2.into(), &"bsp".into())
+    );
+    assert_eq!(reader.note("whit.embree"), None);
+
+    let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(&png).unwrap()));
+    let reader = decoder.read_info().unwrap();
+    let text = |name: &str| {
+        let texts = &reader.info().uncompressed_latin1_text;
+        texts
+            .iter()
+            .find(|text| text.keyword == name)
+            .map(|text| text.text.clone())
+    };
+    assert_eq!(text("whit.settings").unwrap(), settings);
+    assert_eq!(text("whit.plan").unwrap(), plan);
+    assert!(text("Software").unwrap().starts_with("whit "));
+}

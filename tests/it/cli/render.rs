@@ -1,0 +1,576 @@
+//! `whit render` as its users meet it: the real program, its exit codes, its words, its files.
+
+use std::fs;
+use std::path::Path;
+
+use crate::support::cli_program::{fails_with, first_light, names_in, whit};
+
+#[test]
+fn a_scene_becomes_a_png_and_one_line_on_standard_output() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.png");
+    let run = whit(&[
+        "render",
+        &first_light(),
+        "-o",
+        path(&out),
+        "--size",
+        "40x30",
+        "--spp",
+        "1",
+    ]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(
+        run.stdout.starts_with(&format!("{}: 40x30, ", out.display())),
+        "{}",
+        run.stdout
+    );
+    assert_eq!(run.stdout.lines().count(), 1);
+    assert!(!run.stderr.contains("40x30"), "{}", run.stderr);
+    let image = image::open(&out).unwrap().into_rgb8();
+    assert_eq!((image.width(), image.height()), (40, 30));
+    let first = *image.get_pixel(0, 0);
+    assert!(image.pixels().any(|p| *p != first), "every pixel is {first:?}");
+    assert_eq!(names_in(folder.path()), ["a.png"]);
+}
+
+#[test]
+fn quiet_renders_say_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.exr");
+    let run = whit(&[
+        "render",
+        &first_light(),
+        "-o",
+        path(&out),
+        "--size",
+        "8x8",
+        "--quiet",
+    ]);
+    assert_eq!((run.code, &*run.stdout, &*run.stderr), (0, "", ""));
+    assert!(out.exists());
+}
+
+#[test]
+fn a_png_is_the_exr_through_exposure_and_the_srgb_curve() {
+    let folder = tempfile::tempdir().unwrap();
+    let (png, exr) = (folder.path().join("a.png"), folder.path().join("a.exr"));
+    for out in [&png, &exr] {
+        let args = ["--size", "64x48", "--spp", "4", "--exposure", "-0.5", "--quiet"];
+        let run = whit(&[&["render", &first_light(), "-o", path(out)], &args[..]].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+    }
+    let shown = image::open(&png).unwrap().into_rgb8();
+    let linear = whit::image::read_exr(&exr).unwrap();
+    assert_eq!((linear.width, linear.height), shown.dimensions());
+    let encode = |radiance: f32| {
+        let exposed = f64::from(radiance) * (-0.5f64).exp2();
+        let encoded = if exposed <= 0.003_130_8 {
+            12.92 * exposed
+        } else {
+            1.055 * exposed.powf(1.0 / 2.4) - 0.055
+        };
+        255.0 * encoded.clamp(0.0, 1.0)
+    };
+    for (pixel, radiance) in shown.pixels().zip(&linear.pixels) {
+        for channel in 0..3 {
+            // Half a code, and the rounding of the f32 gain (2^-24 of at most 255).
+            let difference = (f64::from(pixel[channel]) - encode(radiance[channel])).abs();
+            assert!(difference <= 0.5 + 2e-5, "{pixel:?} for {radiance:?}");
+        }
+    }
+}
+
+#[test]
+fn of_several_scenes_those_that_can_be_are_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let bad = folder.path().join("bad.glb");
+    fs::write(&bad, b"no scene").unwrap();
+    let pictures = folder.path().join("pictures");
+    fs::create_dir(&pictures).unwrap();
+    let stats = folder.path().join("stats.json");
+    let other = folder.path().join("other.gltf");
+    fs::copy(first_light(), &other).unwrap();
+    let scenes = [path(&bad), &first_light(), path(&other)].map(str::to_owned);
+    let flags = [
+        "--out",
+        path(&pictures),
+        "--size",
+        "8x8",
+        "--spp",
+        "1",
+        "--stats",
+        path(&stats),
+    ];
+    let run = whit(&[&["render", &scenes[0], &scenes[1], &scenes[2]], &flags[..]].concat());
+    assert_eq!(run.code, 1, "{}", run.stderr);
+    assert!(run.stderr.contains("bad.glb"), "{}", run.stderr);
+    assert!(
+        run.stderr.ends_with("whit: 1 of 3 scenes failed\n"),
+        "{}",
+        run.stderr
+    );
+    assert_eq!(names_in(&pictures), ["first_light.png", "other.png"]);
+    assert_eq!(run.stdout.lines().count(), 2);
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
+    assert_eq!(stats.as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn a_dash_for_the_statistics_prints_a_table_behind_the_images_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.png");
+    let flags = ["--size", "32x16", "--spp", "1", "--stats", "-"];
+    let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let lines: Vec<&str> = run.stdout.lines().collect();
+    assert!(lines[0].contains("a.png: 32x16"), "{}", run.stdout);
+    let camera = lines.iter().find(|line| line.starts_with("camera ")).unwrap();
+    assert_eq!(camera.split_whitespace().nth(1), Some("512"), "{camera}");
+    assert!(run.stdout.contains("readings of the clock"), "{}", run.stdout);
+    assert!(!Path::new("-").exists());
+}
+
+#[test]
+fn costs_of_pixels_become_channels_and_a_heat_map_where_they_are_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let [out, heat] = ["a.exr", "heat.png"].map(|name| folder.path().join(name));
+    let flags = [
+        "--size",
+        "32x16",
+        "--spp",
+        "1",
+        "--aov",
+        "rays,time",
+        "--heat",
+        path(&heat),
+    ];
+    let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stdout.contains("ns a pixel"), "{}", run.stdout);
+    let meta = exr::meta::MetaData::read_from_file(&out, true).unwrap();
+    let channels = &meta.headers[0].channels.list;
+    let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
+    for name in [
+        "rays",
+        "rays.camera",
+        "rays.shadow",
+        "time",
+        "time.camera",
+        "time.surface",
+    ] {
+        assert!(names.iter().any(|n| n == name), "{name} in {names:?}");
+    }
+    assert!(names.iter().all(|name| name != "rays.film"), "{names:?}");
+    let map = image::open(&heat).unwrap();
+    assert_eq!((map.width(), map.height()), (32, 16 + 1 + 8));
+    let args = ["render", &first_light(), "-o", path(&out), "--heat", "heat.exr"];
+    fails_with(2, "end the name heat.exr in .png", &args);
+}
+
+#[test]
+fn statistics_have_every_key_that_scripts_rely_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, stats) = (folder.path().join("a.png"), folder.path().join("a.json"));
+    let flags = [
+        "--size",
+        "32x16",
+        "--spp",
+        "2",
+        "--threads",
+        "2",
+        "--stats",
+        path(&stats),
+    ];
+    let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
+    for key in [
+        "triangles",
+        "shapes",
+        "instances",
+        "lights",
+        "textures",
+        "volumes",
+        "volume_bytes",
+    ] {
+        assert!(stats["scene"][key].is_u64(), "scene.{key} in {stats}");
+    }
+    for key in ["load", "build", "render", "write", "total", "trace"] {
+        assert!(stats["seconds"][key].is_f64(), "seconds.{key} in {stats}");
+    }
+    for effect in ["shadow", "reflection", "refraction"] {
+        assert!(stats["rays"][effect].is_u64(), "rays.{effect} in {stats}");
+        assert_eq!(stats["effects"][effect]["rays"], stats["rays"][effect]);
+        assert!(
+            stats["effects"][effect]["seconds"].is_f64(),
+            "effects.{effect} in {stats}"
+        );
+        assert!(
+            stats["effects"][effect]["reason"].is_string(),
+            "effects.{effect} in {stats}"
+        );
+    }
+    let ledger = &stats["ledger"];
+    let rays: u64 = ledger["accounts"]
+        .as_object()
+        .unwrap()
+        .values()
+        .map(|account| account["rays"].as_u64().unwrap())
+        .sum();
+    let sorts = ["camera", "shadow", "reflection", "refraction"];
+    let sum: u64 = sorts
+        .iter()
+        .map(|sort| stats["rays"][sort].as_u64().unwrap())
+        .sum();
+    assert_eq!(rays, sum + ledger["accounts"]["other"]["rays"].as_u64().unwrap());
+    assert!(ledger["clock_reads"].as_u64().unwrap() > 0, "{ledger}");
+    for key in ["thread_seconds", "clock_read_seconds", "seconds_of_measuring"] {
+        assert!(ledger[key].as_f64().unwrap() > 0.0, "ledger.{key} in {stats}");
+    }
+    assert_eq!(stats["version"], env!("CARGO_PKG_VERSION"));
+    assert_eq!(
+        (&stats["image"]["width"], &stats["image"]["height"]),
+        (&32.into(), &16.into())
+    );
+    assert_eq!((&stats["spp"], &stats["threads"]), (&2.into(), &2.into()));
+    assert_eq!(stats["rays"]["camera"], 32 * 16 * 2);
+    let cutoff = &stats["cutoff"];
+    for part in [cutoff, &cutoff["depth_limit"], &cutoff["weight_cutoff"]] {
+        assert!(part["rays"].is_u64(), "{cutoff}");
+        assert!(
+            part["mean_weight"].as_f64() <= part["max_weight"].as_f64(),
+            "{cutoff}"
+        );
+    }
+    assert_eq!(stats["samples"]["total"], 32 * 16 * 2);
+    assert_eq!(
+        (&stats["samples"]["mean"], &stats["samples"]["max"]),
+        (&2.0.into(), &2.into())
+    );
+    assert!(stats["precision"].is_string());
+    match stats["backend"].as_str() {
+        Some("embree") => {
+            assert!(
+                stats["embree"]["version"].is_string() && stats["embree"]["isa"].is_string(),
+                "{stats}"
+            );
+        }
+        Some("bsp") => assert!(stats["embree"].is_null(), "{stats}"),
+        other => panic!("backend {other:?}"),
+    }
+    if cfg!(target_os = "linux") {
+        assert!(stats["peak_memory_bytes"].as_u64().unwrap() > 1 << 20, "{stats}");
+    }
+}
+
+#[test]
+fn adaptive_samples_are_counted_in_the_statistics_and_in_channels_of_the_image() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, stats) = (folder.path().join("a.exr"), folder.path().join("a.json"));
+    let flags = [
+        "--size=64x48",
+        "--spp=64",
+        "--adaptive=0.01",
+        "--pattern=sobol",
+        "--aov=samples",
+        "--stats",
+        path(&stats),
+    ];
+    let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
+    let file = exr::prelude::read_first_flat_layer_from_file(&out).unwrap();
+    let channels = &file.layer_data.channel_data.list;
+    let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
+    assert_eq!(names, ["B", "G", "R", "samples", "variance"]);
+    let counts: Vec<f32> = channels[3].sample_data.values_as_f32().collect();
+    let total: f32 = counts.iter().sum();
+    assert_eq!(stats["samples"]["total"].as_f64().unwrap(), f64::from(total));
+    // One pixel in 8 x 8 is asked how wide rays are to be, sixteen rays at a time.
+    let asked = stats["rays"]["camera"].as_f64().unwrap() - f64::from(total);
+    let round = f64::from(16 * 64 / 8 * 48 / 8);
+    assert!(
+        asked >= 0.0 && asked <= 4.0 * round && asked % round == 0.0,
+        "{asked}"
+    );
+    assert_eq!(
+        (&stats["samples"]["max"], &stats["spp"]),
+        (&64.into(), &64.into())
+    );
+    assert!(counts.contains(&16.0) && counts.contains(&64.0));
+    assert_eq!(whit::image::read_exr(&out).unwrap().pixels.len(), 64 * 48);
+}
+
+#[test]
+fn the_ambient_radiance_is_what_a_ray_into_the_void_sees() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.exr");
+    let scene = folder.path().join("behind.gltf");
+    fs::write(&scene, TRIANGLE_BEHIND_THE_CAMERA).unwrap();
+    let run = whit(&[
+        "render",
+        path(&scene),
+        "-o",
+        path(&out),
+        "--size",
+        "4x4",
+        "--ambient",
+        "0.25,0.5,2",
+    ]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let image = whit::image::read_exr(&out).unwrap();
+    assert!(
+        image.pixels.iter().all(|p| *p == [0.25, 0.5, 2.0]),
+        "{:?}",
+        image.pixels
+    );
+}
+
+#[test]
+fn rough_rays_may_be_asked_for_in_place_of_the_materials_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("ball.toml");
+    let ball = "background = 1\n[material.m]\nmetal = 'gold'\nroughness = 0.4\nrough_rays = 3\n\
+                [[object]]\nshape = 'sphere'\nmaterial = 'm'\n";
+    fs::write(&scene, ball).unwrap();
+    let picture = |flags: &[&str]| {
+        let out = folder.path().join("a.exr");
+        let common = [
+            "render",
+            path(&scene),
+            "-o",
+            path(&out),
+            "--size",
+            "8x8",
+            "--spp",
+            "1",
+        ];
+        let run = whit(&[&common, flags].concat());
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        whit::image::read_exr(&out).unwrap().pixels
+    };
+    let own = picture(&[]);
+    assert!(own == picture(&["--rough-rays", "3"]));
+    let none = picture(&["--rough-rays", "0"]);
+    assert!(own != none && none == picture(&["--effects=-rough-reflection"]));
+}
+
+#[test]
+fn bad_scenes_end_in_one_sentence_and_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.png");
+    let garbage = folder.path().join("garbage.glb");
+    fs::write(&garbage, b"this is no scene").unwrap();
+    let missing = folder.path().join("missing.glb");
+    for scene in [&garbage, &missing, &folder.path().to_owned()] {
+        fails_with(2, path(scene), &["render", path(scene), "-o", path(&out)]);
+    }
+    assert_eq!(names_in(folder.path()), ["garbage.glb"]);
+}
+
+#[test]
+fn an_unknown_camera_is_answered_with_those_there_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.png");
+    fails_with(
+        2,
+        "has no camera `back`",
+        &["render", &first_light(), "-o", path(&out), "--camera", "back"],
+    );
+    assert_eq!(names_in(folder.path()), Vec::<String>::new());
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_told_before_the_scene_is_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    let there = |name: &str| folder.path().join(name).display().to_string();
+    let refused = |out: &str, words: &str| fails_with(2, words, &["render", "no-such-scene.glb", "-o", out]);
+    refused(&there("no/a.png"), "there is no folder");
+    refused(&there("a.jpg"), "end it in .png or .exr");
+    refused(&there("a"), "end it in .png or .exr");
+    fs::create_dir(there("b.png")).unwrap();
+    refused(&there("b.png"), "is a folder");
+    if Path::new("/sys/kernel").is_dir() {
+        // A folder that refuses new files even to root.
+        refused("/sys/kernel/a.png", "cannot write into the folder /sys/kernel");
+    }
+    let out = there("c.png");
+    let stats = there("no/c.json");
+    fails_with(
+        2,
+        "there is no folder",
+        &["render", "no-such-scene.glb", "-o", &out, "--stats", &stats],
+    );
+    fails_with(
+        2,
+        "there is no folder",
+        &["render", "no-such-scene.glb", "--out", &there("no")],
+    );
+    assert_eq!(names_in(folder.path()), ["b.png"]);
+}
+
+#[test]
+fn numbers_out_of_range_end_in_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.png");
+    for (flag, value, words) in [
+        ("--size", "0x480", "at least one pixel"),
+        ("--size", "640x0", "at least one pixel"),
+        ("--size", "640", "as in 640x480"),
+        ("--size", "70000x70000", "at most 2^31 pixels"),
+        ("--size", "99999999999999999999x1", "as in 640x480"),
+        ("--spp", "0", "1..=65536"),
+        ("--spp", "-3", "1..=65536"),
+        ("--spp", "many", "'many'"),
+        ("--depth", "256", "0..=255"),
+        ("--threads", "100000", "0..=1024"),
+        ("--filter-radius", "0.5", "a radius from 1 to 4"),
+        ("--adaptive", "0", "as in 0.004 for one 8-bit code"),
+        ("--adaptive", "nan", "as in 0.004 for one 8-bit code"),
+        ("--exposure", "nan", "stops from -100 to 100"),
+        ("--ambient", "-1", "zero or more"),
+        ("--rough-rays", "257", "0..=256"),
+    ] {
+        let flag_and_value = format!("{flag}={value}");
+        fails_with(
+            2,
+            words,
+            &["render", &first_light(), "-o", path(&out), &flag_and_value],
+        );
+    }
+    assert_eq!(names_in(folder.path()), Vec::<String>::new());
+}
+
+#[test]
+fn flags_that_do_not_fit_together_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, there) = (folder.path().join("a.png"), path(folder.path()));
+    let scene = first_light();
+    fails_with(2, "one image", &["render", &scene, &scene, "-o", path(&out)]);
+    fails_with(
+        2,
+        "would both become",
+        &["render", &scene, &scene, "--out", there],
+    );
+    fails_with(
+        2,
+        "`--isa` is for Embree",
+        &["render", &scene, "-o", path(&out), "--backend=bsp", "--isa=avx2"],
+    );
+    let render = ["render", &scene, "-o", path(&out)];
+    for (flags, words) in [
+        (&["--aov=samples"][..], "write an .exr"),
+        (&["--filter-radius=2"], "leave out `--filter-radius`"),
+        (&["--adaptive=0.01", "--filter=tent"], "leave out `--filter`"),
+        (
+            &["--adaptive=0.01", "--pattern=regular"],
+            "choose another `--pattern`",
+        ),
+    ] {
+        fails_with(2, words, &[&render, flags].concat());
+    }
+    if cfg!(not(feature = "embree")) {
+        fails_with(
+            2,
+            "without Embree",
+            &["render", &scene, "-o", path(&out), "--backend=embree"],
+        );
+    }
+    for args in [
+        &["render", &scene][..],
+        &["render", &scene, "-o", path(&out), "--no-such-flag"],
+        &["render", &scene, "-o", path(&out), "--out", there],
+        &["render", "-o", path(&out)],
+        &["paint", &scene],
+        &[],
+    ] {
+        let run = whit(args);
+        assert_eq!((run.code, &*run.stdout), (2, ""), "{args:?}: {}", run.stderr);
+    }
+    assert_eq!(names_in(folder.path()), Vec::<String>::new());
+}
+
+#[test]
+fn help_and_version_are_results() {
+    for args in [
+        &["--help"][..],
+        &["render", "--help"],
+        &["info", "--help"],
+        &["bench", "--help"],
+        &["--version"],
+    ] {
+        let run = whit(args);
+        assert_eq!((run.code, &*run.stderr), (0, ""), "{args:?}");
+        assert!(!run.stdout.is_empty());
+    }
+    let version = whit(&["--version"]).stdout;
+    let embree = if cfg!(feature = "embree") {
+        "(Embree "
+    } else {
+        "(without Embree)"
+    };
+    assert!(version.starts_with(concat!("whit ", env!("CARGO_PKG_VERSION"))) && version.contains(embree));
+    let help = whit(&["render", "--help"]).stdout;
+    for words in [
+        "Examples:",
+        "--pattern sobol --filter mitchell",
+        "--adaptive 0.005 --spp 1024 --aov samples",
+    ] {
+        assert!(help.contains(words), "{words} in {help}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_render_with_130_and_leaves_no_piece_of_it() {
+    use std::process::{Command, Stdio};
+    use std::thread::sleep;
+    use std::time::Duration;
+
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.png");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_whit"))
+        .args([
+            "render",
+            &first_light(),
+            "-o",
+            path(&out),
+            "--size",
+            "2048x2048",
+            "--spp",
+            "65536",
+        ])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    // Long enough to be rendering; the frame itself would take hours.
+    sleep(Duration::from_millis(700));
+    // The shell's own `kill`: the program of that name is not on every machine.
+    let kill = Command::new("sh")
+        .args(["-c", "kill -INT \"$0\"", &child.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(kill.success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(names_in(folder.path()), Vec::<String>::new());
+}
+
+/// One triangle in the plane z = 5, seen from the origin along -z.
+const TRIANGLE_BEHIND_THE_CAMERA: &str = r#"{
+    "asset": {"version": "2.0"},
+    "scene": 0,
+    "scenes": [{"nodes": [0, 1]}],
+    "nodes": [{"mesh": 0}, {"camera": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "cameras": [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.01}}],
+    "buffers": [{"byteLength": 36, "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAKBAAACAPwAAAAAAAKBAAAAAAAAAgD8AAKBA"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+        "min": [0, 0, 5], "max": [1, 1, 5]}]
+}"#;
+
+fn path(path: &Path) -> &str {
+    path.to_str().unwrap()
+}

@@ -1,0 +1,194 @@
+//! The suite of hard cases: that it holds, that careless code does not get through it, and the program's own command.
+
+use std::collections::BTreeSet;
+use std::fs;
+
+use crate::support::cli_program::{fails_with, whit};
+use crate::support::naive;
+use whit::accel::{self, AccelOptions, Backend};
+use whit::verify::{Build, Formulas, Judged, PATHS, Subject, Verdict, cases, check};
+
+/// Enough to meet what happens to one ray in a hundred, and over in seconds without optimisation.
+const RAYS: u64 = 2000;
+
+#[test]
+fn nothing_is_wrong_on_any_path_that_promises_better() {
+    let mut failures = Vec::new();
+    for case in cases() {
+        let judged = Judged::default();
+        for path in PATHS.iter().filter(|p| case.applies_to(p) && p.is_built_in()) {
+            let outcome = check((case, RAYS), path, None, &judged).unwrap();
+            let tally = outcome.tally;
+            if outcome.verdict == Verdict::Fails || tally.rays == 0 {
+                failures.push(format!("{} on {}: {tally:?}", case.id, path.name));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn every_case_catches_careless_code() {
+    let naive: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
+    let ours: &Build = &|scene| accel::build(scene, Backend::Bsp, &AccelOptions::default());
+    let fat: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::fat(scene)));
+    let fickle: &Build = &|scene| Ok(Box::new(naive::FickleAccel(naive::NaiveAccel::new(scene))));
+    let careless = [
+        ("a textbook's structure and formulas", naive, naive::FORMULAS),
+        ("starts on the surface", ours, naive::FORMULAS),
+        ("starts a fixed distance off", ours, naive::FIXED_EPSILON),
+        ("refraction in f32", ours, naive::SINGLE),
+        ("larger triangles", fat, Formulas::OURS),
+        ("answers that change", fickle, Formulas::OURS),
+    ];
+    let mut failures = Vec::new();
+    for case in cases() {
+        let caught = careless.iter().find(|&&(_, build, formulas)| {
+            let judged = &Judged::default();
+            let subject = Subject {
+                build,
+                formulas,
+                judged,
+            };
+            let tally = case.ask(RAYS / 2, &subject).unwrap();
+            assert_eq!(tally.wrong > 0, tally.example.is_some(), "{}", case.id);
+            tally.wrong > 0
+        });
+        match caught {
+            Some((by, ..)) => println!("{}: catches {by}", case.id),
+            None => failures.push(case.id),
+        }
+    }
+    assert!(failures.is_empty(), "careless code gets through {failures:?}");
+}
+
+#[test]
+fn any_number_of_threads_counts_the_same() {
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        let case = cases().into_iter().find(|case| case.id == "H36").unwrap();
+        let build: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
+        let subject = Subject {
+            build,
+            formulas: Formulas::OURS,
+            judged: &Judged::default(),
+        };
+        pool.install(|| case.ask(20_000, &subject).unwrap())
+    };
+    assert_eq!(on(1), on(3));
+}
+
+#[test]
+fn what_other_paths_were_told_changes_no_verdict() {
+    let naive: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
+    let ours: &Build = &|scene| accel::build(scene, Backend::Bsp, &AccelOptions::default());
+    for case in cases()
+        .into_iter()
+        .filter(|case| ["H05", "H11", "H17", "H26"].contains(&case.id))
+    {
+        let ask = |build, judged| {
+            let subject = Subject {
+                build,
+                formulas: Formulas::OURS,
+                judged,
+            };
+            case.ask(5000, &subject).unwrap()
+        };
+        let judged = Judged::default();
+        let first = ask(naive, &judged);
+        assert_eq!(first, ask(naive, &judged), "{}", case.id);
+        assert_eq!(ask(ours, &judged), ask(ours, &Judged::default()), "{}", case.id);
+    }
+}
+
+#[test]
+fn the_table_names_every_case_and_path_and_the_json_holds_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let json = folder.path().join("verify.json").display().to_string();
+    let run = whit(&[
+        "verify", "--rays", "500", "--case", "H11", "--case", "h35", "--json", &json,
+    ]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    for words in [
+        "H11 vertex leaks",
+        "H35 critical angle",
+        "bsp single",
+        "formulas",
+        "holds",
+    ] {
+        assert!(run.stdout.contains(words), "{words} in {}", run.stdout);
+    }
+    let rows: serde_json::Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    let mut named = BTreeSet::new();
+    for row in rows.as_array().unwrap() {
+        for key in [
+            "id",
+            "title",
+            "construction",
+            "oracle",
+            "bound",
+            "path",
+            "verdict",
+        ] {
+            assert!(row[key].is_string(), "{key} in {row}");
+        }
+        for key in ["rays", "wrong", "ties"] {
+            assert!(row[key].is_u64(), "{key} in {row}");
+        }
+        assert!(row["seconds"].as_f64().unwrap() > 0.0, "{row}");
+        let path = row["path"].as_str().unwrap();
+        assert_eq!(row["embree"].is_object(), path.starts_with("embree"), "{row}");
+        named.insert(format!("{} {path}", row["id"].as_str().unwrap()));
+    }
+    for name in ["H11 bsp", "H11 bsp single", "H35 formulas"] {
+        assert!(named.contains(name), "{name} in {named:?}");
+    }
+    assert_eq!(named.contains("H11 embree robust"), cfg!(feature = "embree"));
+}
+
+#[test]
+fn the_list_tells_what_every_case_does_and_which_are_missing() {
+    let run = whit(&["verify", "--list"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    for case in cases() {
+        assert!(run.stdout.contains(&format!("{} {}", case.id, case.title)));
+        assert!(run.stdout.contains(case.construction));
+    }
+    let is_there = |number: u32| cases().iter().any(|case| case.id == format!("H{number:02}"));
+    let is_whole = (1..=48).all(is_there);
+    assert_eq!(
+        run.stdout.contains("not in this suite"),
+        !is_whole,
+        "{}",
+        run.stdout
+    );
+}
+
+#[cfg(feature = "embree")]
+#[test]
+fn embree_is_held_to_each_instruction_set_in_turn() {
+    let run = whit(&["verify", "--rays", "64", "--case", "H01", "--isa", "all"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stdout.contains("sse2"), "{}", run.stdout);
+    let lines = |path: &str| run.stdout.lines().filter(|l| l.trim().starts_with(path)).count();
+    assert!(lines("embree fast") >= 1);
+    assert_eq!(lines("bsp single"), 1);
+    let one = whit(&["verify", "--rays", "64", "--case", "H01", "--isa", "sse2"]);
+    assert!(one.stdout.contains("sse2") && !one.stdout.contains("avx"));
+}
+
+#[test]
+fn what_cannot_be_run_is_refused_in_one_sentence() {
+    fails_with(2, "there is no case `H99`", &["verify", "--case", "H99"]);
+    fails_with(2, "--rays", &["verify", "--rays", "0"]);
+    fails_with(
+        2,
+        "no-such-folder",
+        &["verify", "--json", "/no-such-folder/a.json"],
+    );
+    #[cfg(not(feature = "embree"))]
+    fails_with(2, "built without Embree", &["verify", "--isa", "sse2"]);
+}

@@ -1,0 +1,172 @@
+//! Adaptive sampling in many goes: the bits of one.
+
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use crate::support::scene_folder;
+use whit::accel::{self, Accel, AccelOptions, Backend};
+use whit::render::{
+    Adaptive, Checkpoints, FinishedTile, Monitor, Pattern, RenderSettings, Rendering, Rounds, render_on,
+};
+use whit::scene::Scene;
+
+/// Beyond this number of goes something begins anew.
+const MOST_GOES: usize = 1000;
+
+fn settings(size: [u32; 2], spp: u32) -> RenderSettings {
+    RenderSettings {
+        width: size[0],
+        height: size[1],
+        spp,
+        pattern: Pattern::Sobol,
+        adaptive: Some(Adaptive {
+            error: 0.01,
+            gain: 1.0,
+        }),
+        sample_aovs: true,
+        ..RenderSettings::default()
+    }
+}
+
+fn by(
+    scene: &Scene,
+    accel: &dyn Accel,
+    settings: &RenderSettings,
+    checkpoints: Option<&mut Checkpoints>,
+) -> Option<Rendering> {
+    let monitor = Monitor {
+        progress: &|part| assert!((0.0..=1.0).contains(&part), "{part}"),
+        cancel: &AtomicBool::new(false),
+        tiles: None,
+    };
+    render_on(scene, &scene.cameras[0], accel, settings, &monitor, checkpoints)
+}
+
+/// What comes back of what is written down.
+fn written(rounds: &Rounds, [width, height]: [usize; 2]) -> Rounds {
+    let mut read = Rounds::new([width, height]);
+    read.set_rest(&rounds.rest()).unwrap();
+    let rows = 0..height;
+    let words = rounds.words(&rows);
+    let planes: Vec<&[u32]> = words.iter().map(|plane| &plane[..]).collect();
+    read.set_words(&rows, &planes).unwrap();
+    read
+}
+
+fn bits(rendering: &Rendering) -> Vec<u32> {
+    let colors = rendering.image.pixels.iter().flatten();
+    let aovs = rendering.aovs.as_ref().unwrap();
+    let aovs = aovs.samples.iter().chain(&aovs.variance);
+    colors.chain(aovs).map(|value| value.to_bits()).collect()
+}
+
+#[test]
+fn a_picture_in_many_goes_has_the_bits_of_one_go_and_nothing_is_done_twice() {
+    for (name, spp) in [
+        ("whitted_1980.toml", 128),
+        ("textured.toml", 64),
+        ("soft_shadows.toml", 64),
+    ] {
+        let scene = scene_folder::named(name).scene;
+        let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+        let settings = settings([90, 70], spp);
+        let whole = by(&scene, &*accel, &settings, None).unwrap();
+        assert!(whole.samples.mean > 16.0, "{name}: one round only");
+        let mut start = None;
+        let mut goes = 0;
+        let last = loop {
+            goes += 1;
+            assert!(goes < MOST_GOES, "{name}");
+            // Every go knows of one more look at what is to be kept than the one before.
+            let mut kept = None;
+            let mut keep = |rounds: &Rounds| {
+                kept = Some(written(rounds, [90, 70]));
+                ControlFlow::Break(())
+            };
+            let mut checkpoints = Checkpoints {
+                start: start.take(),
+                seconds: 0.0,
+                keep: &mut keep,
+            };
+            let made = by(&scene, &*accel, &settings, Some(&mut checkpoints));
+            match made {
+                Some(rendering) => break rendering,
+                None => start = kept,
+            }
+        };
+        assert!(goes > 2, "{name}: {goes} goes");
+        assert_eq!(bits(&last), bits(&whole), "{name}");
+        let [rest, all] = [&last, &whole].map(|rendering| rendering.ledger.camera_rays());
+        assert!(
+            rest < all / 2,
+            "{name}: the last go took {rest} camera rays of {all}"
+        );
+    }
+}
+
+#[test]
+fn a_render_that_is_cancelled_keeps_what_it_has() {
+    let scene = scene_folder::named("whitted_1980.toml").scene;
+    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let settings = settings([200, 150], 64);
+    let cancel = AtomicBool::new(false);
+    // As soon as the tiles that come first are through.
+    let seen = AtomicUsize::new(0);
+    let tiles = |_: FinishedTile| {
+        if seen.fetch_add(1, Ordering::Relaxed) == 3 {
+            cancel.store(true, Ordering::Relaxed);
+        }
+    };
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &cancel,
+        tiles: Some(&tiles),
+    };
+    let mut kept = None;
+    let mut keep = |rounds: &Rounds| {
+        kept = Some(rounds.clone());
+        ControlFlow::Continue(())
+    };
+    let mut checkpoints = Checkpoints {
+        start: None,
+        seconds: 1e6,
+        keep: &mut keep,
+    };
+    let camera = &scene.cameras[0];
+    let ended = render_on(
+        &scene,
+        camera,
+        &*accel,
+        &settings,
+        &monitor,
+        Some(&mut checkpoints),
+    );
+    assert!(ended.is_none());
+    let start = kept.expect("what was finished is kept");
+    let mut keep = |_: &Rounds| ControlFlow::Continue(());
+    let mut checkpoints = Checkpoints {
+        start: Some(start),
+        seconds: 1e6,
+        keep: &mut keep,
+    };
+    let gone_on = by(&scene, &*accel, &settings, Some(&mut checkpoints)).unwrap();
+    let whole = by(&scene, &*accel, &settings, None).unwrap();
+    assert_eq!(bits(&gone_on), bits(&whole));
+    assert!(gone_on.ledger.camera_rays() < whole.ledger.camera_rays());
+}
+
+#[test]
+fn what_is_of_another_picture_is_begun_anew() {
+    let scene = scene_folder::named("whitted_1980.toml").scene;
+    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let settings = settings([48, 40], 64);
+    let whole = by(&scene, &*accel, &settings, None).unwrap();
+    let mut keep = |_: &Rounds| ControlFlow::Continue(());
+    let mut checkpoints = Checkpoints {
+        start: Some(Rounds::new([40, 48])),
+        seconds: 0.0,
+        keep: &mut keep,
+    };
+    let made = by(&scene, &*accel, &settings, Some(&mut checkpoints)).unwrap();
+    assert_eq!(bits(&made), bits(&whole));
+}

@@ -1,0 +1,10 @@
+//! What an image is made of: samples, layers, regions and checkpoints.
+
+mod aovs;
+mod checkpoints;
+mod cryptomatte;
+mod light_groups;
+mod patch_sampling;
+mod regions;
+mod sampling;
+mod truncation_bound;

@@ -1,0 +1,77 @@
+//! Pieces of a picture tell what the whole of it is.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::support::sampling_scenes::{first_light, mostly_empty};
+use whit::accel::{self, AccelOptions, Backend};
+use whit::render::{
+    Adaptive, FilterKind, Monitor, Mosaic, Pattern, PixelFilter, RenderSettings, Rendering, render,
+    render_mosaic,
+};
+use whit::scene::Scene;
+
+fn settings(spp: u32) -> RenderSettings {
+    RenderSettings {
+        width: 100,
+        height: 70,
+        spp,
+        ..RenderSettings::default()
+    }
+}
+
+/// The whole picture and a mosaic of about so many pixels.
+fn both(scene: &Scene, settings: &RenderSettings, pixels: f64) -> (Rendering, Rendering, Mosaic) {
+    let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &AtomicBool::new(false),
+        tiles: None,
+    };
+    let camera = &scene.cameras[0];
+    let mosaic = Mosaic::of(settings, pixels).unwrap();
+    let whole = render(scene, camera, &*accel, settings, &monitor).unwrap();
+    let pieces = render_mosaic((scene, camera), &*accel, settings, mosaic, &monitor).unwrap();
+    (whole, pieces, mosaic)
+}
+
+#[test]
+fn pieces_have_the_bits_of_the_whole_picture() {
+    let scene = first_light();
+    let mitchell = PixelFilter::of_kind(FilterKind::Mitchell);
+    for (filter, side) in [(PixelFilter::default(), 16), (mitchell, 12)] {
+        let settings = RenderSettings {
+            filter,
+            ..settings(4)
+        };
+        let (whole, pieces, mosaic) = both(&scene, &settings, 1600.0);
+        assert_eq!(
+            mosaic.size(&settings),
+            [mosaic.columns * side, mosaic.rows * side]
+        );
+        assert_eq!([pieces.image.width, pieces.image.height], mosaic.size(&settings));
+        let bits =
+            |pixels: &[[f32; 3]]| -> Vec<u32> { pixels.iter().flatten().map(|x| x.to_bits()).collect() };
+        let cut = mosaic.of_picture(&settings, &whole.image);
+        assert_eq!(bits(&cut.pixels), bits(&pieces.image.pixels));
+        assert!(cut.pixels.iter().any(|pixel| pixel[1] > 0.0));
+    }
+}
+
+#[test]
+fn adaptive_sampling_takes_as_many_samples_on_pieces_as_on_the_whole() {
+    for (name, scene) in [("first light", first_light()), ("mostly empty", mostly_empty())] {
+        let settings = RenderSettings {
+            pattern: Pattern::Sobol,
+            adaptive: Some(Adaptive {
+                error: 0.01,
+                gain: 1.0,
+            }),
+            ..settings(256)
+        };
+        // All but the edges: four columns of four rows, of six of four.
+        let (whole, pieces, _) = both(&scene, &settings, 5400.0);
+        let ratio = pieces.samples.mean / whole.samples.mean;
+        assert!((0.8..1.25).contains(&ratio), "{name}: {ratio}");
+        assert!(pieces.image.pixels.iter().flatten().all(|x| x.is_finite()));
+    }
+}

@@ -1,0 +1,143 @@
+//! Parts of pictures are, bit by bit, what the whole pictures show there; shares of samples add up to the same bits
+//! whoever made them.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::support::scene_folder;
+use whit::accel::{self, Accel, AccelOptions, Backend};
+use whit::render::{
+    FilterKind, Monitor, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering, Share, Sums, render,
+};
+use whit::scene::Scene;
+
+static GO_ON: AtomicBool = AtomicBool::new(false);
+
+const MONITOR: Monitor = Monitor {
+    progress: &|_| (),
+    cancel: &GO_ON,
+    tiles: None,
+};
+
+fn tree(scene: &Scene) -> Box<dyn Accel + '_> {
+    accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap()
+}
+
+/// Neither side is a multiple of a tile's.
+fn settings(spp: u32, filter: FilterKind) -> RenderSettings {
+    RenderSettings {
+        width: 75,
+        height: 101,
+        spp,
+        pattern: Pattern::Sobol,
+        filter: PixelFilter::of_kind(filter),
+        sample_aovs: true,
+        depth: 4,
+        ..RenderSettings::default()
+    }
+}
+
+fn cut<T: Copy>(values: &[T], width: u32, region: &Region) -> Vec<T> {
+    let rows = values.chunks(width as usize).skip(region.y as usize);
+    rows.take(region.height as usize)
+        .flat_map(|row| &row[region.x as usize..(region.x + region.width) as usize])
+        .copied()
+        .collect()
+}
+
+fn assert_shows(part: &Rendering, whole: &Rendering, region: &Region) {
+    let width = whole.image.width;
+    assert_eq!(
+        [part.image.width, part.image.height],
+        [region.width, region.height]
+    );
+    assert_eq!(
+        part.image.pixels,
+        cut(&whole.image.pixels, width, region),
+        "{region:?}"
+    );
+    let (aovs, all) = (part.aovs.as_ref().unwrap(), whole.aovs.as_ref().unwrap());
+    assert_eq!(aovs.variance, cut(&all.variance, width, region), "{region:?}");
+    assert_eq!(
+        part.samples.total,
+        region.pixel_count() * u64::from(whole.samples.max)
+    );
+}
+
+#[test]
+fn a_region_has_the_bits_of_the_whole_picture() {
+    let regions = [
+        [0, 0, 75, 101],
+        [0, 32, 75, 32],
+        [0, 40, 75, 7],
+        [74, 100, 1, 1],
+        [30, 63, 5, 3],
+    ];
+    for (name, spp, filter) in [
+        ("mirror_room.toml", 3, FilterKind::Box),
+        ("whitted_1980.toml", 16, FilterKind::Mitchell),
+        ("soft_shadows.toml", 20, FilterKind::Tent),
+    ] {
+        let scene = scene_folder::named(name).scene;
+        let accel = tree(&scene);
+        let settings = settings(spp, filter);
+        let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &MONITOR).unwrap();
+        let mut parts = Parts::new((&scene, &scene.cameras[0]), &*accel, &settings, &MONITOR).unwrap();
+        for [x, y, width, height] in regions {
+            let region = Region { x, y, width, height };
+            let part = parts.region(&region, &MONITOR).unwrap();
+            assert_shows(&part, &whole, &region);
+        }
+    }
+}
+
+/// The shares of a picture's rows, made in this order of shares, added in order of their numbers.
+fn added(parts: &mut Parts, rows: &Region, count: u32) -> Sums {
+    let mut made: Vec<(u32, Sums)> = (0..count)
+        .rev()
+        .map(|index| {
+            let share = Share { index, count };
+            (index, parts.sums(rows, share, &MONITOR).unwrap().0)
+        })
+        .collect();
+    made.sort_by_key(|(index, _)| *index);
+    let mut sums = made.remove(0).1;
+    made.iter().for_each(|(_, next)| sums.add(next));
+    sums
+}
+
+#[test]
+fn shares_add_up_to_the_picture_and_one_share_to_its_very_bits() {
+    for filter in [FilterKind::Box, FilterKind::Mitchell] {
+        let scene = scene_folder::named("soft_shadows.toml").scene;
+        let accel = tree(&scene);
+        // Four packets, the last of which is not full.
+        let settings = settings(60, filter);
+        let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &MONITOR).unwrap();
+        let mut parts = Parts::new((&scene, &scene.cameras[0]), &*accel, &settings, &MONITOR).unwrap();
+        let all = Region::whole(&settings);
+        let one = added(&mut parts, &all, 1);
+        assert_eq!((one.samples, one.pixels()), (60, whole.image.pixels.clone()));
+        assert_eq!(one.aovs(), whole.aovs);
+        let three = added(&mut parts, &all, 3);
+        assert_eq!(three.samples, 60);
+        // Sums in another order: f64 is off by some 2^-53 of the largest term each, f32 by one rounding.
+        for (made, whole) in three.pixels().iter().zip(&whole.image.pixels) {
+            for channel in 0..3 {
+                let off = (made[channel] - whole[channel]).abs();
+                assert!(
+                    off <= whole[channel].abs() * f32::EPSILON,
+                    "{made:?} for {whole:?}"
+                );
+            }
+        }
+        // By rows: the same bits as by the whole.
+        let rows = Region::of_rows(&settings, 32..64);
+        let band = added(&mut parts, &rows, 3);
+        assert_eq!(band.pixels(), cut(&three.pixels(), settings.width, &rows));
+    }
+}
+
+#[test]
+fn there_may_be_as_many_shares_as_packets() {
+    assert_eq!([1, 3, 4, 15, 16, 17, 64].map(Share::most), [1, 3, 1, 4, 1, 2, 4]);
+}

@@ -1,0 +1,366 @@
+//! What patterns, filters and adaptive sampling promise, on whole pictures.
+//!
+//! The measurements that defaults rest on are in the slow tier: `tests/ci/slow sampling --nocapture`.
+
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use crate::support::picture_error::{Comparison, Judge};
+use crate::support::sampling_scenes::{self, scenes};
+use crate::support::scene_folder;
+use clap::ValueEnum;
+use whit::accel::{self, AccelOptions, Backend};
+use whit::render::{Adaptive, FilterKind, Monitor, Pattern, PixelFilter, RenderSettings, Rendering, render};
+use whit::scene::Scene;
+
+const SIZE: (u32, u32) = (96, 72);
+/// Of the references of measurements: 45² and 45 · 46 samples.
+const REFERENCE_SIDE: u32 = 45;
+
+fn settings(spp: u32) -> RenderSettings {
+    RenderSettings {
+        width: SIZE.0,
+        height: SIZE.1,
+        spp,
+        ..RenderSettings::default()
+    }
+}
+
+fn adaptive(error: f64, spp: u32) -> RenderSettings {
+    RenderSettings {
+        adaptive: Some(Adaptive { error, gain: 1.0 }),
+        ..settings(spp)
+    }
+}
+
+/// The same picture, all pixels with one number of samples.
+fn uniform(settings: RenderSettings) -> RenderSettings {
+    RenderSettings {
+        adaptive: None,
+        ..settings
+    }
+}
+
+fn rendered(scene: &Scene, settings: RenderSettings) -> Rendering {
+    let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let monitor = Monitor {
+        progress: &|_| {},
+        cancel: &AtomicBool::new(false),
+        tiles: None,
+    };
+    render(scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap()
+}
+
+/// All bits of a picture and of its sample counts.
+fn bits(rendering: &Rendering) -> Vec<u32> {
+    let aovs = rendering
+        .aovs
+        .iter()
+        .flat_map(|a| a.samples.iter().chain(&a.variance));
+    let values = rendering.image.pixels.as_flattened().iter().chain(aovs);
+    values.map(|value| value.to_bits()).collect()
+}
+
+#[test]
+fn patterns_filters_and_adaptive_rounds_give_the_same_bits_with_any_number_of_threads() {
+    let scene = sampling_scenes::mirrored_spheres();
+    let filtered = |kind| RenderSettings {
+        filter: PixelFilter::of_kind(kind),
+        pattern: Pattern::Jittered,
+        ..settings(5)
+    };
+    let mut variants: Vec<RenderSettings> = FilterKind::value_variants()
+        .iter()
+        .copied()
+        .map(filtered)
+        .collect();
+    variants.extend(Pattern::value_variants().iter().map(|&pattern| RenderSettings {
+        pattern,
+        ..settings(3)
+    }));
+    for pattern in [Pattern::R2, Pattern::Jittered, Pattern::Sobol] {
+        variants.push(RenderSettings {
+            pattern,
+            ..adaptive(0.01, 100)
+        });
+    }
+    for settings in variants {
+        let settings = RenderSettings {
+            sample_aovs: true,
+            ..settings
+        };
+        let mut first = None;
+        for threads in [1, 2, 7] {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            let bits = bits(&pool.install(|| rendered(&scene, settings)));
+            assert!(
+                *first.get_or_insert_with(|| bits.clone()) == bits,
+                "{threads} threads, {settings:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn every_pixel_gets_the_least_number_of_samples_and_none_more_than_the_most() {
+    for spp in [17, 40, 100] {
+        let settings = RenderSettings {
+            sample_aovs: true,
+            ..adaptive(0.004, spp)
+        };
+        let rendering = rendered(&sampling_scenes::mirrored_spheres(), settings);
+        let counts = rendering.aovs.unwrap().samples;
+        let whole_rounds = |count: f32| count % 16.0 == 0.0 || count == spp as f32;
+        assert!(
+            counts
+                .iter()
+                .all(|&count| (16.0..=spp as f32).contains(&count) && whole_rounds(count))
+        );
+        let total: f64 = counts.iter().copied().map(f64::from).sum();
+        assert_eq!(rendering.samples.total as f64, total);
+        assert_eq!(rendering.ledger.camera_rays(), rendering.samples.total);
+        assert_eq!(rendering.samples.max, spp);
+        let mean = total / counts.len() as f64;
+        assert!((rendering.samples.mean - mean).abs() < 1e-9 && mean > 16.0 && mean < f64::from(spp));
+    }
+}
+
+#[test]
+fn pixels_that_tell_how_wide_rays_are_to_be_are_a_few_more_samples_and_the_same_with_any_number_of_threads() {
+    let is_sought = |file: &PathBuf| file.ends_with("lecture_lighting.toml");
+    let filed = scene_folder::load(&scene_folder::files().into_iter().find(is_sought).unwrap());
+    let settings = RenderSettings {
+        spp: 256,
+        adaptive: adaptive(0.01, 256).adaptive,
+        sample_aovs: true,
+        ..filed.settings(48, 1)
+    };
+    let mut first = None;
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        let rendering = pool.install(|| rendered(&filed.scene, settings));
+        // A sixty-fourth of the pixels, or a few more where blocks are cut, at most four times sixteen.
+        let blocks = u64::from(settings.width.div_ceil(8) * settings.height.div_ceil(8));
+        let more = rendering.ledger.camera_rays() - rendering.samples.total;
+        assert!(
+            more > 0 && more % (16 * blocks) == 0 && more <= 4 * 16 * blocks,
+            "{more}"
+        );
+        assert!(rendering.samples.mean > 16.0 && rendering.samples.mean < 256.0);
+        let bits = bits(&rendering);
+        assert!(
+            *first.get_or_insert_with(|| bits.clone()) == bits,
+            "{threads} threads"
+        );
+    }
+}
+
+#[test]
+fn a_picture_without_edges_gets_no_more_than_the_least() {
+    let mut scene = sampling_scenes::mostly_empty();
+    // All balls behind the camera.
+    scene.cameras[0].world_from_camera.translation.z = -9.0;
+    let rendering = rendered(&scene, adaptive(1e-6, 1024));
+    assert_eq!((rendering.samples.mean, rendering.samples.max), (16.0, 16));
+    assert!(rendering.image.pixels.iter().all(|&pixel| pixel == scene.ambient));
+}
+
+#[test]
+fn up_to_sixteen_samples_there_is_nothing_to_adapt() {
+    let scene = sampling_scenes::mirrored_spheres();
+    for spp in [1, 5, 16] {
+        let uniform = rendered(&scene, settings(spp)).image;
+        assert_eq!(rendered(&scene, adaptive(0.01, spp)).image, uniform);
+    }
+}
+
+#[test]
+fn sample_channels_change_no_bit_of_the_picture() {
+    let scene = sampling_scenes::mirrored_spheres();
+    for settings in [settings(1), settings(5), settings(33), adaptive(0.01, 48)] {
+        let plain = rendered(&scene, settings);
+        assert!(plain.aovs.is_none());
+        let told = rendered(
+            &scene,
+            RenderSettings {
+                sample_aovs: true,
+                ..settings
+            },
+        );
+        assert_eq!(plain.image, told.image);
+        assert_eq!(plain.samples, told.samples);
+    }
+}
+
+#[test]
+fn a_constant_picture_stays_constant_under_every_filter_and_pattern() {
+    let mut scene = sampling_scenes::mostly_empty();
+    scene.cameras[0].world_from_camera.translation.z = -9.0;
+    for kind in FilterKind::value_variants() {
+        for pattern in Pattern::value_variants() {
+            let filter = PixelFilter::of_kind(*kind);
+            let settings = RenderSettings {
+                filter,
+                pattern: *pattern,
+                ..settings(6)
+            };
+            for pixel in rendered(&scene, settings).image.pixels {
+                for channel in 0..3 {
+                    // The mean in f64 is constant to 1e-12 (see the filters' own tests); one rounding to f32 remains.
+                    let relative = f64::from(pixel[channel]) / f64::from(scene.ambient[channel]) - 1.0;
+                    assert!(relative.abs() < 1.2e-7, "{kind:?} {pattern:?} {pixel:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn adaptive_sampling_needs_two_fifths_of_the_samples_where_edges_are_few() {
+    for scene in [
+        sampling_scenes::mostly_empty(),
+        sampling_scenes::mirrored_spheres(),
+    ] {
+        let sobol = RenderSettings {
+            pattern: Pattern::Sobol,
+            ..adaptive(0.005, 256)
+        };
+        let mut judge = Judge::new(&scene, Backend::Bsp, uniform(sobol), 22);
+        let Comparison {
+            samples: mean,
+            error,
+            uniform,
+            ..
+        } = judge.compare(sobol);
+        println!("{mean:.1} samples a pixel, error {error:.5}, as of {uniform:.1} uniform ones");
+        assert!(mean <= SAVING * uniform);
+    }
+}
+
+#[test]
+fn adaptive_sampling_costs_nothing_where_nothing_can_be_saved() {
+    for scene in [sampling_scenes::noise(), sampling_scenes::dust()] {
+        let sobol = RenderSettings {
+            width: 48,
+            height: 36,
+            pattern: Pattern::Sobol,
+            ..adaptive(0.005, 256)
+        };
+        let mut judge = Judge::new(&scene, Backend::Bsp, uniform(sobol), 24);
+        let Comparison {
+            samples: mean,
+            error,
+            uniform,
+            ..
+        } = judge.compare(sobol);
+        println!("{mean:.1} samples a pixel, error {error:.5}, as of {uniform:.1} uniform ones");
+        assert!(mean <= COST * uniform);
+    }
+}
+
+#[test]
+#[ignore = "slow: a measurement of some minutes"]
+fn errors_of_the_patterns() {
+    println!("sRGB error in thousandths; jittered references of 4095 samples together");
+    for (name, scene) in scenes() {
+        let judge = Judge::new(&scene, Backend::Bsp, settings(1), REFERENCE_SIDE);
+        for spp in [4, 16, 64, 256] {
+            print!("{name:17} {spp:4} spp:");
+            for pattern in Pattern::value_variants() {
+                let settings = RenderSettings {
+                    pattern: *pattern,
+                    ..settings(spp)
+                };
+                let error = judge.error(&judge.rendered(settings).image)[0];
+                print!("  {pattern:?} {:.3}", 1e3 * error);
+            }
+            println!();
+        }
+    }
+}
+
+/// All scenes that adaptive sampling is measured on, with their settings for Sobol points.
+fn measured_scenes() -> Vec<(String, Scene, RenderSettings)> {
+    let mut all: Vec<_> = scenes()
+        .into_iter()
+        .map(|(name, scene)| (name.to_owned(), scene, settings(1)))
+        .collect();
+    for file in scene_folder::files() {
+        let filed = scene_folder::load(&file);
+        // It is among those above.
+        if filed.name != "first_light" {
+            let settings = filed.settings(SIZE.0, 1);
+            all.push((filed.name, filed.scene, settings));
+        }
+    }
+    for (_, _, settings) in &mut all {
+        settings.pattern = Pattern::Sobol;
+    }
+    all
+}
+
+/// What adaptive sampling takes of the samples that uniform sampling needs for the same error, on scenes where most is
+/// even, with a target of about one 8-bit code.
+const SAVING: f64 = 0.4;
+/// What it takes at most, on any, with any target.
+const COST: f64 = 1.05;
+/// How uncertain the square of an error may be to count. Highlights of mirrors in mirrors, brighter than a thousand samples
+/// of white, make pictures whose error no reference tells.
+const TOLD: f64 = 0.1;
+/// Targets: two and a half 8-bit codes, one and a bit, less than one.
+const TARGETS: [f64; 3] = [0.01, 0.005, 0.0025];
+
+#[test]
+#[ignore = "slow: a measurement of some minutes"]
+fn adaptive_sampling_takes_fewer_samples_for_the_same_error() {
+    let (mut savings, mut misses) = (0, Vec::new());
+    // The names of some alone, with commas between.
+    let some = std::env::var("WHIT_SCENES").ok();
+    let scenes = measured_scenes();
+    let is_measured = |name: &str| {
+        some.as_ref()
+            .is_none_or(|some| some.split(',').any(|one| one == name))
+    };
+    for (name, scene, settings) in scenes.iter().filter(|(name, ..)| is_measured(name)) {
+        let mut judge = Judge::new(scene, Backend::default(), *settings, REFERENCE_SIDE);
+        let mut ratios = Vec::new();
+        for error in TARGETS {
+            let Comparison {
+                samples,
+                error: found,
+                uncertainty,
+                uniform,
+            } = judge.compare(RenderSettings {
+                adaptive: Some(Adaptive { error, gain: 1.0 }),
+                spp: 1024,
+                ..*settings
+            });
+            let ratio = samples / uniform;
+            println!(
+                "{name:20} target {error:<6}: {samples:5.1} samples a pixel, sRGB error {:.3} thousandths (its square to \
+                 {:.1} %), as of {uniform:.1} uniform ones: {ratio:.2}",
+                1e3 * found,
+                1e2 * uncertainty,
+            );
+            if !(uncertainty < TOLD) {
+                println!("    which the references cannot tell");
+                ratios.push(f64::NAN);
+                continue;
+            }
+            if ratio > COST {
+                misses.push((name, error, ratio));
+            }
+            ratios.push(ratio);
+        }
+        savings += usize::from(ratios[1] <= SAVING);
+    }
+    println!("{savings} scenes at {SAVING} or less");
+    assert!(misses.is_empty(), "{misses:?}");
+    assert!(savings >= 3 || some.is_some(), "{savings} scenes");
+}

@@ -1,0 +1,12 @@
+//! Light and materials against closed forms and published formulas.
+
+mod area_light_render;
+mod area_light_sampling;
+mod camera_formula;
+mod emissive_objects;
+mod mip_filtering;
+mod motion_render;
+mod optics_render;
+mod rough_render;
+mod subsurface_render;
+mod volumes;

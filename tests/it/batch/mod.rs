@@ -1,5 +1,5 @@
 //! Batches of frames: interrupted, resumed, divided among processes, and made from what earlier frames left.
 
-mod batch;
+mod frames;
 mod huge_frame;
 mod reuse;

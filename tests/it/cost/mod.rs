@@ -1,6 +1,6 @@
 //! What accuracy costs: predictions, error estimates, and the settings chosen by them.
 
-mod cost;
 mod forecast;
 mod parameters;
 mod statistics;
+mod studies;

@@ -11,9 +11,9 @@
 //! 3. [`render::render`] sends waves of packets through it, tile by tile, and sums what comes back.
 //! 4. [`image`] writes the picture.
 //!
-//! Rooms know only those before them: [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`] [`image`] · [`scene`] ·
-//! [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`] [`cost`] [`verify`] [`watch`] ·
-//! [`report`] · [`cli`].
+//! Rooms know only those before them: `parallel` · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`] [`image`] ·
+//! [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`] [`cost`] [`verify`]
+//! [`watch`] · [`report`] · [`cli`].
 //!
 //! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one
 //! function of `gltf/map.rs` that maps a file into memory.
@@ -51,6 +51,7 @@ pub mod jobs;
 pub mod mesh;
 pub mod numeric;
 pub mod optics;
+mod parallel;
 pub mod render;
 pub mod report;
 pub mod scene;

@@ -8,10 +8,10 @@
 mod cuts;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use self::cuts::{centers, cut, part};
 use crate::numeric::morton::{Curve, PLACE_DIGITS};
+use crate::parallel;
 
 /// What it costs to ask a ray's question.
 #[derive(Clone, Copy, Debug)]
@@ -50,9 +50,9 @@ impl Clusters {
     /// The same whatever the number of threads.
     pub(super) fn of(count: usize, bounds: impl Fn(u32) -> [Vec3; 2] + Sync, cost: &Cost) -> Clusters {
         let of_index = |index: u32| Item::new(index, bounds(index));
-        let unsorted: Vec<Item> = (0..count as u32).into_par_iter().map(of_index).collect();
+        let unsorted = parallel::generate(count, |index| of_index(index as u32));
         let curve = Curve::around(&centers(&unsorted).bounds());
-        let mut keys: Vec<Key> = unsorted.par_iter().map(|item| Key::new(item, &curve)).collect();
+        let mut keys = parallel::generate(count, |index| Key::new(&unsorted[index], &curve));
         // Zeros that nobody writes.
         let mut items: Vec<Item> = bytemuck::zeroed_vec(count);
         if count > 0 {
@@ -138,7 +138,7 @@ impl Item {
 }
 
 /// The cell of an octree that a box is in.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, bytemuck::Zeroable)]
 struct Key {
     /// The first [`KEY_DIGITS`] of its place along the curve.
     cell: u32,
@@ -171,7 +171,7 @@ fn divide_cell(items: &mut [Item], (keys, all): (&mut [Key], &[Item]), digits: u
         return divide_cell(items, (keys, all), digits, cost);
     }
     let ((low, high), (low_keys, high_keys)) = (items.split_at_mut(cut), keys.split_at_mut(cut));
-    rayon::join(
+    parallel::join(
         || divide_cell(low, (low_keys, all), digits, cost),
         || divide_cell(high, (high_keys, all), digits, cost),
     );
@@ -189,7 +189,7 @@ fn divide(items: &mut [Item], cost: &Cost, cuts: u32) {
     let (low, high) = items.split_at_mut(cut);
     let cuts = cuts.saturating_sub(1);
     if is_large {
-        rayon::join(|| divide(low, cost, cuts), || divide(high, cost, cuts));
+        parallel::join(|| divide(low, cost, cuts), || divide(high, cost, cuts));
     } else {
         divide(low, cost, cuts);
         divide(high, cost, cuts);

@@ -4,10 +4,9 @@ use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
-use rayon::prelude::*;
-
 use crate::accel::agreement::Agreement;
 use crate::accel::{self, Accel, AccelOptions, Backend, Instancing};
+use crate::parallel;
 use crate::scene::{EffectSet, Scene};
 use crate::verify::{self, Difference, PATHS, RaysFile, Reply, ask_again, describe_ray};
 
@@ -26,7 +25,7 @@ pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
         return Err(Failure::Input("name the scene that the rays are of".into()));
     };
     let pool = Tracing::of_threads(args.threads).pool()?;
-    let loaded = pool.install(|| scene::load((path, &[], None), EffectSet::NONE))?;
+    let loaded = parallel::install(&pool, || scene::load((path, &[], None), EffectSet::NONE))?;
     let found = holds(&loaded.scene);
     if found != rays.holds {
         return Err(Failure::Input(format!(
@@ -40,7 +39,7 @@ pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
             found[1]
         )));
     }
-    let heard = pool.install(|| ask_all(&loaded.scene, &rays.rays, args.isa.as_deref()))?;
+    let heard = parallel::install(&pool, || ask_all(&loaded.scene, &rays.rays, args.isa.as_deref()))?;
     output::print(&told(&rays, &heard))
 }
 
@@ -62,10 +61,9 @@ fn ask_all(scene: &Scene, rays: &[Difference], isa: Option<&str>) -> Result<Vec<
     let brute = accel::build(scene, Backend::Brute, &AccelOptions::default())?;
     let ask = |name, accel: &dyn Accel, instancing| Heard {
         name,
-        replies: rays
-            .par_iter()
-            .map(|ray| ask_again(scene, [&*brute, accel], ray, instancing))
-            .collect(),
+        replies: parallel::map(rays.len(), &|index| {
+            ask_again(scene, [&*brute, accel], &rays[index], instancing)
+        }),
     };
     let mut heard = Vec::new();
     for path in PATHS.iter().filter(|path| path.is_built_in()) {

@@ -22,6 +22,7 @@ use std::path::Path;
 use std::{fs, io};
 
 use crate::batch::{Lock, LockError, Manifest, MergeError, PieceFolder, Shard};
+use crate::parallel;
 
 use super::args::{BatchArgs, MergeArgs};
 use super::failure::Failure;
@@ -41,10 +42,10 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
     }
     let pool = Tracing::of_threads(args.threads).pool()?;
     if let Some(script) = &args.slurm {
-        return pool.install(|| dry_run::write_script(args, script, &plans));
+        return parallel::install(&pool, || dry_run::write_script(args, script, &plans));
     }
     if args.dry_run {
-        return pool.install(|| dry_run::list(args, &plans));
+        return parallel::install(&pool, || dry_run::list(args, &plans));
     }
     let viewer = Viewer::connect(args.watching.tev.as_deref())?;
     let lock = lock(args)?;

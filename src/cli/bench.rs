@@ -12,6 +12,7 @@ use serde::Serialize;
 use crate::accel::{AccelError, Instancing, RayPacket};
 use crate::image::check_writable;
 use crate::numeric::LANES;
+use crate::parallel;
 use crate::render::RenderSettings;
 use crate::report::bench::{BenchRow, BenchTable, Scaled, ScaledBuild, Spread};
 use crate::report::{bench_page, crossing, memory};
@@ -211,7 +212,7 @@ pub(super) fn measure_scenes<Row>(
             break;
         }
         progress.phase(&name, "load");
-        let (scene, output) = pool.install(|| subject.scene())?;
+        let (scene, output) = parallel::install(&pool, || subject.scene())?;
         let path = Path::new(&name);
         let bench_scene = BenchScene {
             path,

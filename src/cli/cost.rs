@@ -12,6 +12,7 @@ use crate::cost::{
 };
 use crate::image::metrics::{self, Viewing};
 use crate::image::{ImageFormat, ToneMap, check_writable, write, write_atomically};
+use crate::parallel;
 use crate::render::RenderSettings;
 use crate::report::cost::{CostText, points_csv};
 use crate::report::{cost_page, difference, memory};
@@ -62,7 +63,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     };
     let spent = unfinished.as_ref().map_or(0.0, Unfinished::spent);
     let start = start.checked_sub(Duration::from_secs_f64(spent)).unwrap_or(start);
-    let findings = tracing.pool()?.install(|| {
+    let findings = parallel::install(&tracing.pool()?, || {
         measure(
             args,
             (&tracing, backend, folder.as_ref()),

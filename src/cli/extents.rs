@@ -10,6 +10,7 @@ use crate::accel::extents::{
 };
 use crate::accel::{Accel, AccelError, AccelOptions, LANES, RayPacket};
 use crate::image::check_writable;
+use crate::parallel;
 use crate::render::{self, RenderSettings};
 use crate::report::bench::{Mode, RayKind, Spread};
 use crate::report::extents::{ExtentRow, ExtentTable};
@@ -59,12 +60,12 @@ fn bench_scene(
         threads: job.tracing.threads,
         ..AccelOptions::default()
     };
-    let trees = pool.install(|| {
+    let trees = parallel::install(pool, || {
         let build = |spheres| BspAccel::build_with_spheres(scene, &options, spheres);
         Ok::<_, AccelError>([build(Spheres::Never)?, build(Spheres::Always)?])
     })?;
     let [bare, with_spheres] = &trees;
-    let lists = pool.install(|| ExtentKind::ALL.map(|kind| ListAccel::new(scene, kind)));
+    let lists = parallel::install(pool, || ExtentKind::ALL.map(|kind| ListAccel::new(scene, kind)));
     let view = camera.view(settings.width, settings.height);
     let project = |inner, kind, limits| ProjectedAccel::new(scene, &view, inner, kind, limits);
     let projected = [

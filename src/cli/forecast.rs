@@ -4,6 +4,7 @@
 //! it is left out, and the list says so.
 
 use crate::accel::{self, AccelOptions};
+use crate::parallel;
 use crate::render::{self, Monitor};
 use crate::report::forecast::Forecast;
 use crate::scene::Scene;
@@ -43,7 +44,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> 
         threads: tracing.threads,
         ..AccelOptions::default()
     };
-    tracing.pool()?.install(|| {
+    parallel::install(&tracing.pool()?, || {
         let accel = match accel::build(scene, backend, &options) {
             Ok(accel) => accel,
             // The scene can be told all the same.

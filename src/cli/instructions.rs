@@ -4,9 +4,8 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use rayon::prelude::*;
-
 use crate::cost::{Configuration, Findings, Settings, SettingsFile};
+use crate::parallel;
 
 use super::args::CostArgs;
 use super::failure::Failure;
@@ -35,18 +34,14 @@ pub(super) fn count(args: &CostArgs, findings: &mut Findings, progress: &Progres
         .map_err(|error| Failure::Work(format!("cannot make a folder for settings: {error}")))?;
     progress.phase(&args.scene.display().to_string(), "instructions");
     let (done, all) = (AtomicUsize::new(0), findings.configurations.len());
-    let counts: Result<Vec<f64>, Failure> = findings
-        .configurations
-        .par_iter()
-        .enumerate()
-        .map(|(number, configuration)| {
-            let file = folder.path().join(format!("{number}.toml"));
-            let counted = of_pixel(args, configuration, &file)?;
-            progress.fraction((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / all as f64);
-            Ok(counted)
-        })
-        .collect();
-    for (point, counted) in findings.study.points.iter_mut().zip(counts?) {
+    let configurations = &findings.configurations;
+    let counts = parallel::try_map(all, &|number| {
+        let file = folder.path().join(format!("{number}.toml"));
+        let counted = of_pixel(args, &configurations[number], &file)?;
+        progress.fraction((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / all as f64);
+        Ok::<_, Failure>(counted)
+    })?;
+    for (point, counted) in findings.study.points.iter_mut().zip(counts) {
         point.instructions = Some(counted);
     }
     Ok(())

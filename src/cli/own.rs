@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::accel::{self, Accel, AccelOptions, Backend, Precision};
 use crate::image::{self, ImageFormat, LinearImage, ToneMap, check_writable};
+use crate::parallel;
 use crate::render::{self, Monitor, RenderSettings};
 use crate::report::own::OwnReport;
 use crate::report::{overlay, own_page};
@@ -40,12 +41,11 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         interrupt::check()?;
         let name = path.display().to_string();
         progress.phase(&name, "load");
-        let done = pool
-            .install(|| scene::load((path, &[], None), EffectSet::NONE))
-            .and_then(|file| {
-                progress.phase(&name, "compare");
-                pool.install(|| check(path, &file, args, &options))
-            });
+        let load = || scene::load((path, &[], None), EffectSet::NONE);
+        let done = parallel::install(&pool, load).and_then(|file| {
+            progress.phase(&name, "compare");
+            parallel::install(&pool, || check(path, &file, args, &options))
+        });
         match done {
             Ok(done) => {
                 progress.suspend(|| output::print(&done.report.text()))?;

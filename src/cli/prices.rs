@@ -10,6 +10,7 @@ use std::time::Instant;
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::image::ToneMap;
 use crate::image::metrics::{Tally, Viewing};
+use crate::parallel;
 use crate::render::{Monitor, Plan, RenderSettings, TileSample, render_sample, tile_count};
 use crate::report::bench::Spread;
 use crate::report::prices::{LEAST_RUNS, Price, PriceList, TimeChange};
@@ -81,7 +82,7 @@ impl<'a> PriceJob<'a> {
     /// Measures on the threads that were asked for.
     pub(super) fn run(&self, loaded: &SceneFile) -> Result<PriceList, Failure> {
         let progress = Progress::new(Verbosity::Normal);
-        let list = self.tracing.pool()?.install(|| self.measure(loaded, &progress));
+        let list = parallel::install(&self.tracing.pool()?, || self.measure(loaded, &progress));
         progress.clear();
         list
     }

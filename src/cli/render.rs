@@ -9,6 +9,7 @@ use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::cost::{Findings, Settings};
 use crate::gltf::Pose;
 use crate::image::{self, ExtraChannel, ImageFormat, Note, PngEncoding, ToneMap};
+use crate::parallel;
 use crate::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
 use crate::report::cost::AimText;
 use crate::report::stats::{
@@ -53,16 +54,15 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut finished = Vec::with_capacity(job.targets.len());
     let mut failed = 0;
     for target in &job.targets {
-        let result = pool
-            .install(|| render_one(&job, target, viewer.as_ref(), &progress))
-            .and_then(|(stats, reached)| {
-                let verdict = check_finite(&stats).and_then(|()| check_reached(reached));
-                let seconds = stats.seconds.total;
-                finished.push(stats);
-                // After each image, so that later trouble loses nothing.
-                write_stats(&job, &finished, &progress)?;
-                verdict.map(|()| seconds)
-            });
+        let render = || render_one(&job, target, viewer.as_ref(), &progress);
+        let result = parallel::install(&pool, render).and_then(|(stats, reached)| {
+            let verdict = check_finite(&stats).and_then(|()| check_reached(reached));
+            let seconds = stats.seconds.total;
+            finished.push(stats);
+            // After each image, so that later trouble loses nothing.
+            write_stats(&job, &finished, &progress)?;
+            verdict.map(|()| seconds)
+        });
         live::warn_if_gone(viewer.as_ref(), &progress);
         match result {
             Ok(seconds) => progress.done(seconds),

@@ -5,11 +5,11 @@ use std::time::Instant;
 
 use glam::DVec3;
 use rayon::ThreadPool;
-use rayon::prelude::*;
 
 use crate::accel::agreement::{self, Agreement};
 use crate::accel::{Accel, Hit, LANES, RayOrder, RayPacket};
 use crate::numeric::{Bounds, Random, Ray};
+use crate::parallel;
 use crate::report::bench::{Mode, RayKind};
 use crate::scene::Scene;
 
@@ -175,11 +175,12 @@ pub(super) fn replay_seconds(engine: Engine, set: &RaySet, mode: Mode) -> f64 {
 pub(super) fn shared_replay_seconds(pool: &ThreadPool, engine: Engine, set: &RaySet, mode: Mode) -> f64 {
     // So few that each thread takes one anew often enough, however fast the others are.
     let share = (set.packets.len() / (SHARES * pool.current_num_threads())).max(BATCH_PACKETS);
-    pool.install(|| {
+    let shares: Vec<&[RayPacket]> = set.packets.chunks(share).collect();
+    parallel::install(pool, || {
         let start = Instant::now();
-        set.packets
-            .par_chunks(share)
-            .for_each(|packets| replay(engine, set, packets, &mut scratch(mode)));
+        parallel::for_each(shares.len(), &|index| {
+            replay(engine, set, shares[index], &mut scratch(mode));
+        });
         start.elapsed().as_secs_f64()
     })
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::accel::AccelError;
 use crate::image::check_writable;
+use crate::parallel;
 use crate::report::verify::{VerifyRow, case_list, table};
 use crate::report::verify_page;
 use crate::verify::{self, Case, Judged, PATHS, Path, Verdict};
@@ -38,7 +39,10 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     }
     let pool = Tracing::of_threads(args.threads).pool()?;
     let progress = Progress::new(Verbosity::Normal);
-    let runs = runs(&cases, &pool.install(|| instruction_sets(args.isa.as_deref())));
+    let runs = runs(
+        &cases,
+        &parallel::install(&pool, || instruction_sets(args.isa.as_deref())),
+    );
     let mut rows = Vec::with_capacity(runs.len());
     let mut judged = ("", Judged::default());
     for (number, (case, path, isa)) in runs.iter().enumerate() {
@@ -53,7 +57,9 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         if judged.0 != case.id {
             judged = (case.id, Judged::default());
         }
-        let outcome = pool.install(|| check((case, args.rays), path, isa.as_deref(), &judged.1))?;
+        let outcome = parallel::install(&pool, || {
+            check((case, args.rays), path, isa.as_deref(), &judged.1)
+        })?;
         rows.push(VerifyRow::new(case, path, outcome));
     }
     progress.clear();

@@ -3,8 +3,6 @@
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
-use rayon::prelude::*;
-
 use super::blocks::{Blocks, Protocol};
 use super::layout::{Layout, widest};
 use super::reference::{Halved, checks, stricter, strictest};
@@ -17,6 +15,7 @@ use super::{
 use crate::accel::{AccelError, EmbreeIdentity};
 use crate::image::metrics::{Metrics, Tally, Viewing};
 use crate::image::{LinearImage, ToneMap};
+use crate::parallel;
 use crate::render::{Plan, RenderSettings, Rendering};
 use crate::scene::{Camera, Scene};
 
@@ -332,15 +331,12 @@ impl Stage<'_, '_> {
             tone: self.experiment.tone,
             ..Viewing::default()
         };
-        let metrics: Vec<Metrics> = pictures
-            .par_iter()
-            .map(|picture| {
-                let mut tally = Tally::default();
-                // Sizes are equal.
-                let _ = tally.add(&mean, &picture.image, &viewing);
-                tally.metrics()
-            })
-            .collect();
+        let metrics: Vec<Metrics> = parallel::map(pictures.len(), &|place| {
+            let mut tally = Tally::default();
+            // Sizes are equal.
+            let _ = tally.add(&mean, &pictures[place].image, &viewing);
+            tally.metrics()
+        });
         let mut points: Vec<Point> = layout
             .contestants
             .iter()

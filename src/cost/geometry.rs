@@ -8,7 +8,6 @@
 
 use std::time::{Duration, Instant};
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::layout::{Layout, area};
@@ -16,6 +15,7 @@ use super::stage::Stage;
 use super::{Configuration, HitPath, Interval, Knob, Point};
 use crate::accel::{Accel, LANES, RayOrder, RayPacket};
 use crate::numeric::{Ray, SpawnPolicy};
+use crate::parallel;
 use crate::render::{HitPoint, LayerSet, LightLayers, RecordedRays, RenderSettings, record};
 use crate::scene::Effect;
 
@@ -123,11 +123,11 @@ impl<'a> Answered<'a> {
     /// By `reference`, whatever it answers.
     pub fn by(reference: &'a dyn Accel, rays: &'a RecordedRays) -> Answered<'a> {
         let (camera, shadow) = (&rays.camera[..], &rays.shadow[..]);
-        let met = camera.par_chunks(CHUNK);
-        let blocked = shadow.par_chunks(CHUNK);
+        let met = parallel::map_chunks(camera, CHUNK, &|_, chunk| hits(reference, chunk));
+        let blocked = parallel::map_chunks(shadow, CHUNK, &|_, chunk| shadows(reference, chunk));
         Answered {
-            met: met.flat_map_iter(|chunk| hits(reference, chunk)).collect(),
-            blocked: blocked.flat_map_iter(|chunk| shadows(reference, chunk)).collect(),
+            met: met.concat(),
+            blocked: blocked.concat(),
             reference,
             camera,
             shadow,
@@ -138,13 +138,13 @@ impl<'a> Answered<'a> {
     /// `shadow`, which go to the same places from where another rule lets them start; where they are not the same in
     /// number, nothing is said of shadows.
     pub fn errors(&self, accel: &dyn Accel, shadow: &[RayPacket], deadline: Instant) -> GeometricErrors {
-        let camera = self.by_chunks(self.camera.len(), deadline, |at| self.camera_chunk(accel, at));
+        let camera = self.by_chunks(self.camera.len(), deadline, &|at| self.camera_chunk(accel, at));
         let shadow_count = if shadow.len() == self.shadow.len() {
             shadow.len()
         } else {
             0
         };
-        let shadow = self.by_chunks(shadow_count, deadline, |at| self.shadow_chunk(accel, shadow, at));
+        let shadow = self.by_chunks(shadow_count, deadline, &|at| self.shadow_chunk(accel, shadow, at));
         camera.with(shadow)
     }
 
@@ -152,10 +152,10 @@ impl<'a> Answered<'a> {
         &self,
         packet_count: usize,
         deadline: Instant,
-        errors: impl Fn(std::ops::Range<usize>) -> GeometricErrors + Sync,
+        errors: &(dyn Fn(std::ops::Range<usize>) -> GeometricErrors + Sync),
     ) -> GeometricErrors {
         let chunk_count = packet_count.div_ceil(CHUNK);
-        let asked = (0..chunk_count).into_par_iter().map(|turn| {
+        let asked = parallel::map(chunk_count, &|turn| {
             // The first of all is answered whatever the time is.
             if turn > 0 && Instant::now() > deadline {
                 return GeometricErrors::default();
@@ -168,7 +168,9 @@ impl<'a> Answered<'a> {
             let start = chunk * CHUNK;
             errors(start..(start + CHUNK).min(packet_count))
         });
-        asked.reduce(GeometricErrors::default, GeometricErrors::with)
+        asked
+            .into_iter()
+            .fold(GeometricErrors::default(), GeometricErrors::with)
     }
 
     fn camera_chunk(&self, accel: &dyn Accel, at: std::ops::Range<usize>) -> GeometricErrors {

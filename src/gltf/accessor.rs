@@ -5,13 +5,13 @@
 
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
-use rayon::prelude::*;
 
 use super::GltfError;
 use super::buffer::Window;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 use crate::mesh::Slab;
+use crate::parallel;
 
 /// Elements that an accessor without a buffer view may have at most: no byte of the file backs their number.
 const MOST_UNBACKED: usize = 1 << 22;
@@ -138,14 +138,11 @@ impl<'a> Accessor<'a> {
         }
         let mut values = vec![[0f32; N]; self.count];
         if let Some(window) = &self.base {
-            values
-                .par_chunks_mut(CHUNK)
-                .enumerate()
-                .for_each(|(chunk, values)| {
-                    for (i, value) in values.iter_mut().enumerate() {
-                        *value = self.decode(&window.bytes[(chunk * CHUNK + i) * self.stride..]);
-                    }
-                });
+            parallel::for_each_chunk_mut(&mut values, CHUNK, &|chunk, values| {
+                for (i, value) in values.iter_mut().enumerate() {
+                    *value = self.decode(&window.bytes[(chunk * CHUNK + i) * self.stride..]);
+                }
+            });
         }
         if let Some(sparse) = &self.sparse {
             let size = N * component_size(self.component);
@@ -176,14 +173,11 @@ impl<'a> Accessor<'a> {
         }
         let mut values = vec![0u32; self.count];
         if let Some(window) = &self.base {
-            values
-                .par_chunks_mut(CHUNK)
-                .enumerate()
-                .for_each(|(chunk, values)| {
-                    for (i, value) in values.iter_mut().enumerate() {
-                        *value = unsigned(self.component, &window.bytes[(chunk * CHUNK + i) * self.stride..]);
-                    }
-                });
+            parallel::for_each_chunk_mut(&mut values, CHUNK, &|chunk, values| {
+                for (i, value) in values.iter_mut().enumerate() {
+                    *value = unsigned(self.component, &window.bytes[(chunk * CHUNK + i) * self.stride..]);
+                }
+            });
         }
         if let Some(sparse) = &self.sparse {
             let size = component_size(self.component);

@@ -9,7 +9,6 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 use gltf::json;
-use rayon::prelude::*;
 
 use super::GltfError;
 use super::animation::Moved;
@@ -20,6 +19,7 @@ use super::primitive::PrimitiveId;
 use super::skin::Joints;
 use crate::mesh::Slab;
 use crate::numeric;
+use crate::parallel;
 
 /// What is done to the vertices of a mesh.
 #[derive(Debug)]
@@ -257,9 +257,5 @@ fn displaced(displacements: &[Displacement], vertex: usize, vector: [f32; 3]) ->
 
 /// Every element mapped, in parallel.
 fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(usize, T) -> T + Sync) -> Slab<T> {
-    let mapped = elements
-        .par_iter()
-        .enumerate()
-        .map(|(i, &element)| map(i, element));
-    Slab::from(mapped.collect::<Vec<T>>())
+    Slab::from(parallel::generate(elements.len(), |i| map(i, elements[i])))
 }

@@ -4,11 +4,11 @@ use std::collections::HashSet;
 use std::io::Cursor;
 
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
-use rayon::prelude::*;
 
 use super::buffer::Bytes;
 use super::document::Document;
 use super::{GltfError, LoadOptions};
+use crate::parallel;
 use crate::scene::{Image, KeptImage, Larder, Texels};
 
 impl Document {
@@ -40,7 +40,8 @@ impl Document {
                 return Err(self.fault(self.image_item(number), fault, "make the image smaller"));
             }
         }
-        let read = |(index, (&number, source)): (usize, (&usize, &ImageBytes))| {
+        let read = |index: usize| {
+            let (number, source) = (numbers[index], &sources[index]);
             let (width, height) = sizes[index];
             match is_wanted(index) {
                 true => self.decode_image(number, source, &options.larder),
@@ -52,14 +53,7 @@ impl Document {
                 }),
             }
         };
-        numbers
-            .par_iter()
-            .zip(&sources)
-            .enumerate()
-            .map(read)
-            .collect::<Vec<_>>()
-            .into_iter()
-            .collect()
+        parallel::try_map(numbers.len(), &read)
     }
 
     fn decode_image(&self, number: usize, source: &ImageBytes, larder: &Larder) -> Result<Image, GltfError> {

@@ -36,7 +36,6 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use glam::DMat3;
-use rayon::prelude::*;
 
 pub use animation::Pose;
 pub use error::GltfError;
@@ -44,6 +43,7 @@ pub(crate) use primitive::dropped_sentence;
 pub(crate) use view::framing_camera;
 
 use crate::numeric::Bounds;
+use crate::parallel;
 use crate::scene::{Background, EffectSet, Geometry, Instance, Larder, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
 use deformation::Deformation;
@@ -148,15 +148,8 @@ impl Document {
         }
         ids.sort_unstable();
         ids.dedup();
-        let read: Vec<Result<ReadPrimitive, GltfError>> = ids
-            .par_iter()
-            .map(|&id| self.read_primitive(id, deformations))
-            .collect();
-        // In order, so that of several faults always the same one is named.
-        ids.into_iter()
-            .zip(read)
-            .map(|(id, read)| Ok((id, read?)))
-            .collect()
+        let read = parallel::try_map(ids.len(), &|index| self.read_primitive(ids[index], deformations))?;
+        Ok(ids.into_iter().zip(read).collect())
     }
 
     /// The primitives of a node's mesh.

@@ -3,7 +3,6 @@
 use gltf::json;
 use json::mesh::{Mode, Semantic};
 use json::validation::Checked;
-use rayon::prelude::*;
 
 use super::GltfError;
 use super::deformation::{Deformation, Deformer};
@@ -11,6 +10,7 @@ use super::document::Document;
 use super::error::EXPORT_AGAIN;
 use crate::mesh::{Mesh, Slab};
 use crate::numeric::Bounds;
+use crate::parallel;
 use crate::scene::survey::{self, Dropped};
 
 /// A primitive made ready: a mesh without bad indices or unusable triangles, perhaps an empty one.
@@ -227,8 +227,9 @@ impl Reader<'_> {
         }
         let colors = self.vectors::<3>(accessor, vertex_count, "colours")?;
         let colors = self.finite(colors, "colours");
-        let opaque = |&[r, g, b]: &[f32; 3]| [r, g, b, 1.0];
-        Ok(Slab::from(colors.par_iter().map(opaque).collect::<Vec<_>>()))
+        let opaque = |[r, g, b]: [f32; 3]| [r, g, b, 1.0];
+        let opaque = parallel::generate(colors.len(), |vertex| opaque(colors[vertex]));
+        Ok(Slab::from(opaque))
     }
 
     /// An attribute with one value a vertex.
@@ -264,14 +265,11 @@ impl Reader<'_> {
 
     /// Normals of unit length; `None`, for flat shading, where a triangle uses one without a direction.
     fn unit_normals(&mut self, normals: Slab<[f32; 3]>, triangles: &[[u32; 3]]) -> Option<Slab<[f32; 3]>> {
-        if normals
-            .par_iter()
-            .with_min_len(1 << 14)
-            .all(|&n| is_nearly_unit(n))
-        {
+        let chunks: Vec<&[[f32; 3]]> = normals.chunks(CHUNK).collect();
+        if parallel::all(chunks.len(), &|i| chunks[i].iter().all(|&n| is_nearly_unit(n))) {
             return Some(normals);
         }
-        let unit: Vec<[f32; 3]> = normals.par_iter().map(|&n| unit_or_zero(n)).collect();
+        let unit = parallel::generate(normals.len(), |vertex| unit_or_zero(normals[vertex]));
         let is_bad = |v: &u32| unit[*v as usize] == [0.0; 3];
         if triangles.iter().flatten().any(is_bad) {
             self.warn("has normals without a direction: shaded flat");
@@ -283,14 +281,16 @@ impl Reader<'_> {
     /// Tangents of unit length with a handedness of 1 or -1; `None` where a triangle uses one without a direction.
     fn unit_tangents(&mut self, tangents: Slab<[f32; 4]>, triangles: &[[u32; 3]]) -> Option<Slab<[f32; 4]>> {
         let is_sound = |&[x, y, z, w]: &[f32; 4]| is_nearly_unit([x, y, z]) && w.abs() == 1.0;
-        if tangents.par_iter().with_min_len(1 << 14).all(is_sound) {
+        let chunks: Vec<&[[f32; 4]]> = tangents.chunks(CHUNK).collect();
+        if parallel::all(chunks.len(), &|i| chunks[i].iter().all(is_sound)) {
             return Some(tangents);
         }
-        let unit = |&[x, y, z, w]: &[f32; 4]| {
+        let unit = |vertex: usize| {
+            let [x, y, z, w] = tangents[vertex];
             let [x, y, z] = unit_or_zero([x, y, z]);
             [x, y, z, if w.is_nan() { 0.0 } else { w.signum() }]
         };
-        let unit: Vec<[f32; 4]> = tangents.par_iter().map(unit).collect();
+        let unit = parallel::generate(tangents.len(), unit);
         let is_bad = |v: &u32| unit[*v as usize][..3] == [0.0; 3] || unit[*v as usize][3] == 0.0;
         if triangles.iter().flatten().any(is_bad) {
             self.warn("has tangents without a direction: made afresh");
@@ -316,6 +316,9 @@ impl Reader<'_> {
             .fault(self.document.primitive_item(self.id), fault, EXPORT_AGAIN)
     }
 }
+
+/// Directions that a thread checks at once.
+const CHUNK: usize = 1 << 14;
 
 /// Whether a direction may stay as it is: interpolation normalises again, so the rounding of 8-bit directions may stay.
 fn is_nearly_unit(n: [f32; 3]) -> bool {
@@ -357,11 +360,7 @@ fn assemble(mode: Mode, index_count: usize, index: impl Fn(usize) -> u32 + Sync)
         Mode::TriangleFan => [i + 1, i + 2, 0],
         _ => [3 * i, 3 * i + 1, 3 * i + 2],
     };
-    let triangles: Vec<[u32; 3]> = (0..count)
-        .into_par_iter()
-        .map(|i| corners(i).map(&index))
-        .collect();
-    Slab::from(triangles)
+    Slab::from(parallel::generate(count, |i| corners(i).map(&index)))
 }
 
 #[cfg(test)]

@@ -9,13 +9,16 @@ use glam::{DAffine3, DMat3, DVec3};
 use gltf::json;
 use json::mesh::Semantic;
 use json::validation::Checked;
-use rayon::prelude::*;
 
 use super::GltfError;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 use super::primitive::PrimitiveId;
 use crate::mesh::Slab;
+use crate::parallel;
+
+/// Vertices that a thread takes at once.
+const CHUNK: usize = 1 << 12;
 
 /// The joints of a skin at a moment.
 #[derive(Debug, PartialEq)]
@@ -99,20 +102,18 @@ impl Document {
         vertex_count: usize,
     ) -> Result<Vec<DAffine3>, GltfError> {
         let sets = self.influences(id, vertex_count)?;
-        let maps: Vec<Result<DAffine3, String>> = (0..vertex_count)
-            .into_par_iter()
-            .map(|vertex| joints.mean_map(&sets, vertex))
-            .collect();
-        // In order, so that of several faults always the same one is named.
-        maps.into_iter()
-            .enumerate()
-            .map(|(vertex, map)| {
-                map.map_err(|fault| {
-                    let fault = format!("has at vertex {vertex} {fault}");
-                    self.fault(self.primitive_item(id), fault, EXPORT_AGAIN)
-                })
+        let map = |vertex: usize| {
+            let map = joints.mean_map(&sets, vertex);
+            map.map_err(|fault| {
+                let fault = format!("has at vertex {vertex} {fault}");
+                self.fault(self.primitive_item(id), fault, EXPORT_AGAIN)
             })
-            .collect()
+        };
+        let in_chunk = |chunk: usize| -> Result<Vec<DAffine3>, GltfError> {
+            let first = chunk * CHUNK;
+            (first..vertex_count.min(first + CHUNK)).map(map).collect()
+        };
+        Ok(parallel::try_map(vertex_count.div_ceil(CHUNK), &in_chunk)?.concat())
     }
 
     /// All sets of joints and weights of a primitive: at least one.

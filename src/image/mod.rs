@@ -17,6 +17,8 @@ mod tone;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use crate::parallel;
+
 pub use self::exr::ExrEncoding;
 pub use self::png::{PngBits, PngEncoding};
 pub use atomic::{check_writable, write_atomically};
@@ -56,12 +58,11 @@ impl LinearImage {
 
     /// How many pixels hold a NaN or an infinity: 0 in a sound picture.
     pub fn non_finite_count(&self) -> usize {
-        use rayon::prelude::*;
         const CHUNK: usize = 1 << 14;
-        self.pixels
-            .par_chunks(CHUNK)
-            .map(|chunk| chunk.iter().filter(|p| !p.iter().all(|c| c.is_finite())).count())
-            .sum()
+        let counts = parallel::map_chunks(&self.pixels, CHUNK, &|_, chunk| {
+            chunk.iter().filter(|p| !p.iter().all(|c| c.is_finite())).count()
+        });
+        counts.iter().sum()
     }
 }
 

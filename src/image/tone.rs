@@ -6,9 +6,8 @@
 
 use std::sync::LazyLock;
 
-use rayon::prelude::*;
-
 use super::LinearImage;
+use crate::parallel;
 
 /// How radiance becomes what a screen shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -30,14 +29,12 @@ impl ToneMap {
         let gain = self.exposure_ev.exp2();
         let curve = &*CURVE;
         let mut bytes = vec![0; 3 * pixels.len()];
-        bytes
-            .par_chunks_mut(3 * CHUNK)
-            .zip(pixels.par_chunks(CHUNK))
-            .for_each(|(bytes, pixels)| {
-                for (byte, &value) in bytes.iter_mut().zip(pixels.as_flattened()) {
-                    *byte = curve.code(value * gain);
-                }
-            });
+        let values = pixels.as_flattened();
+        parallel::for_each_chunk_mut(&mut bytes, CHUNK, &|chunk, bytes| {
+            for (byte, &value) in bytes.iter_mut().zip(&values[chunk * CHUNK..]) {
+                *byte = curve.code(value * gain);
+            }
+        });
         bytes
     }
 
@@ -45,20 +42,18 @@ impl ToneMap {
     pub(super) fn srgb_wide_codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
         let gain = self.exposure_ev.exp2();
         let mut bytes = vec![[0; 2]; 3 * pixels.len()];
-        bytes
-            .par_chunks_mut(3 * CHUNK)
-            .zip(pixels.par_chunks(CHUNK))
-            .for_each(|(bytes, pixels)| {
-                for (code, &value) in bytes.iter_mut().zip(pixels.as_flattened()) {
-                    *code = wide_code(value * gain).to_be_bytes();
-                }
-            });
+        let values = pixels.as_flattened();
+        parallel::for_each_chunk_mut(&mut bytes, CHUNK, &|chunk, codes| {
+            for (code, &value) in codes.iter_mut().zip(&values[chunk * CHUNK..]) {
+                *code = wide_code(value * gain).to_be_bytes();
+            }
+        });
         bytes.into_flattened()
     }
 }
 
-/// Pixels that a thread takes at once.
-const CHUNK: usize = 1 << 14;
+/// Values of pixels that a thread takes at once.
+const CHUNK: usize = 3 << 14;
 
 /// The nearest of 65535 steps; NaN is black.
 fn wide_code(radiance: f32) -> u16 {

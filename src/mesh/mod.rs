@@ -9,6 +9,7 @@ pub mod triangle;
 use glam::{DVec3, Vec3};
 
 use crate::numeric::Bounds;
+use crate::parallel;
 pub use bumpy::bumpy_sphere;
 pub use slab::Slab;
 
@@ -48,24 +49,21 @@ impl Mesh {
 
     /// The smallest box around all vertices that a triangle uses.
     pub fn bounds(&self) -> Bounds {
-        use rayon::prelude::*;
         const CHUNK: usize = 1 << 14;
-        self.triangles
-            .par_chunks(CHUNK)
-            .map(|triangles| {
-                let mut low = Vec3::INFINITY;
-                let mut high = Vec3::NEG_INFINITY;
-                for &v in triangles.iter().flatten() {
-                    let p = Vec3::from(self.positions[v as usize]);
-                    low = low.min(p);
-                    high = high.max(p);
-                }
-                Bounds {
-                    min: low.as_dvec3(),
-                    max: high.as_dvec3(),
-                }
-            })
-            .reduce(|| Bounds::EMPTY, Bounds::union)
+        let chunks = parallel::map_chunks(&self.triangles, CHUNK, &|_, triangles| {
+            let mut low = Vec3::INFINITY;
+            let mut high = Vec3::NEG_INFINITY;
+            for &v in triangles.iter().flatten() {
+                let p = Vec3::from(self.positions[v as usize]);
+                low = low.min(p);
+                high = high.max(p);
+            }
+            Bounds {
+                min: low.as_dvec3(),
+                max: high.as_dvec3(),
+            }
+        });
+        chunks.into_iter().fold(Bounds::EMPTY, Bounds::union)
     }
 
     /// Bytes of all arrays, mapped or owned.

@@ -13,9 +13,9 @@ use std::collections::HashMap;
 use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
 use bytemuck::Pod;
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::{Mesh, Slab};
+use crate::parallel;
 
 /// The most triangles around a vertex, which the recursion may be deep: a quarter of a megabyte of stack.
 const MOST_AROUND: u64 = 1024;
@@ -41,10 +41,9 @@ impl Mesh {
         if !corners.is_crowded() && generate_tangents(&mut corners).is_err() {
             corners.tangents.fill([[0.0; 4]; 3]);
         }
-        let filled: Vec<[[f32; 4]; 3]> = (0..self.triangles.len())
-            .into_par_iter()
-            .map(|face| std::array::from_fn(|corner| corners.sound_tangent(face, corner)))
-            .collect();
+        let filled: Vec<[[f32; 4]; 3]> = parallel::generate(self.triangles.len(), |face| {
+            std::array::from_fn(|corner| corners.sound_tangent(face, corner))
+        });
         self.split(&filled)
     }
 
@@ -109,8 +108,10 @@ fn extended<T: Pod>(values: &Slab<T>, copied: &[u32]) -> Slab<T> {
 
 /// The power of two that brings the largest value near 1, so that products of f32 neither overflow nor vanish.
 fn scale_to_one(values: &[f32]) -> f64 {
-    let largest = values.par_iter().with_min_len(1 << 16).map(|x| x.abs());
-    let largest = f64::from(largest.reduce(|| 0.0, f32::max));
+    const CHUNK: usize = 1 << 16;
+    let largest_of = |values: &[f32]| values.iter().map(|x| x.abs()).fold(0.0, f32::max);
+    let largest = parallel::map_chunks(values, CHUNK, &|_, chunk| largest_of(chunk));
+    let largest = f64::from(largest_of(&largest));
     if largest > 0.0 && largest < f64::INFINITY {
         2f64.powi(-largest.log2().floor() as i32)
     } else {

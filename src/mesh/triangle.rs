@@ -56,7 +56,7 @@ pub struct LaneHits<const N: usize> {
 
 /// Eight triangles, structure of arrays. A lane of NaN is never hit.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
 pub struct TrianglePack {
     /// By corner, axis, lane.
     pub corners: [[[f32; PACK]; 3]; 3],

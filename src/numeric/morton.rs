@@ -4,6 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Bounds;
+use crate::parallel;
 
 /// Binary digits of each coordinate.
 const DIGITS: u32 = 21;
@@ -45,13 +46,15 @@ impl Curve {
 ///
 /// The same for any number of threads. `count` is below 2^32, positions are finite.
 pub(crate) fn sorted_keys(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> (Bounds, Vec<Key>) {
-    let bounds = (0..count)
-        .into_par_iter()
-        .map(|i| Bounds::of_points([position(i)]))
-        .reduce(|| Bounds::EMPTY, Bounds::union);
+    const CHUNK: usize = 1 << 14;
+    let in_chunk = |chunk: usize| {
+        let first = chunk * CHUNK;
+        Bounds::of_points((first..count.min(first + CHUNK)).map(&position))
+    };
+    let bounds = parallel::map(count.div_ceil(CHUNK), &in_chunk);
+    let bounds = bounds.into_iter().fold(Bounds::EMPTY, Bounds::union);
     let curve = Curve::around(&bounds);
-    let key = |i: usize| (curve.place(position(i)), i as u32);
-    let mut keys: Vec<Key> = (0..count).into_par_iter().map(key).collect();
+    let mut keys: Vec<Key> = parallel::generate(count, |i| (curve.place(position(i)), i as u32));
     keys.par_sort_unstable();
     (bounds, keys)
 }

@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use multiversion::multiversion;
-use rayon::prelude::*;
 
 use super::RenderSettings;
 use super::estimate::Estimate;
@@ -12,6 +11,7 @@ use super::memory::Memory;
 use super::samples::{SampleFilm, pixel_of};
 use super::wave::{TilePicture, Visit};
 use crate::numeric::{LANES, Lanes, Lanes3, sum_of_lanes};
+use crate::parallel;
 
 /// Side of a tile in pixels: its film (24 KB) stays in the second-level cache, and there are enough tiles to share out.
 pub(super) const TILE: u32 = 32;
@@ -237,21 +237,19 @@ pub(super) fn assemble<T: Copy + Default + Send + Sync>(
     width: u32,
     height: u32,
     tiles: &[(Tile, TilePicture)],
-    part: impl Fn(&TilePicture) -> &Vec<T> + Sync,
+    part: &(dyn Fn(&TilePicture) -> &Vec<T> + Sync),
 ) -> Vec<T> {
     let width_in_tiles = width.div_ceil(TILE) as usize;
     let mut pixels = vec![T::default(); width as usize * height as usize];
-    pixels
-        .par_chunks_mut(width as usize * TILE as usize)
-        .zip(tiles.par_chunks(width_in_tiles))
-        .for_each(|(band, tiles)| {
-            for (tile, picture) in tiles {
-                for (row, part) in part(picture).chunks(tile.width as usize).enumerate() {
-                    let start = row * width as usize + tile.x as usize;
-                    band[start..start + part.len()].copy_from_slice(part);
-                }
+    let rows_of_tiles: Vec<&[(Tile, TilePicture)]> = tiles.chunks(width_in_tiles).collect();
+    parallel::for_each_chunk_mut(&mut pixels, width as usize * TILE as usize, &|index, band| {
+        for (tile, picture) in rows_of_tiles[index] {
+            for (row, part) in part(picture).chunks(tile.width as usize).enumerate() {
+                let start = row * width as usize + tile.x as usize;
+                band[start..start + part.len()].copy_from_slice(part);
             }
-        });
+        }
+    });
     pixels
 }
 

@@ -8,10 +8,9 @@
 //! places instead (filter importance sampling) has no answer to negative lobes, and takes neighbours' samples for
 //! noise.
 
-use rayon::prelude::*;
-
 use super::film::{TILE, Tile};
 use super::wave::TilePicture;
+use crate::parallel;
 use crate::scene::picture::{FilterKind, MAX_FILTER_RADIUS, MIN_FILTER_RADIUS};
 
 /// How samples become pixels.
@@ -168,16 +167,13 @@ impl Splat {
 pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, TilePicture)]) {
     let width = width as usize;
     let bands = Bands::of(width, tiles);
-    means
-        .par_chunks_mut(width * TILE as usize)
-        .enumerate()
-        .for_each(|(index, band)| {
-            let mut sums = vec![[0.0; 4]; band.len()];
-            bands.add_to(index, &mut sums);
-            for (pixel, sums) in band.iter_mut().zip(sums) {
-                *pixel = weighted_mean(sums).unwrap_or(*pixel);
-            }
-        });
+    parallel::for_each_chunk_mut(means, width * TILE as usize, &|index, band| {
+        let mut sums = vec![[0.0; 4]; band.len()];
+        bands.add_to(index, &mut sums);
+        for (pixel, sums) in band.iter_mut().zip(sums) {
+            *pixel = weighted_mean(sums).unwrap_or(*pixel);
+        }
+    });
 }
 
 /// The weighted sums and weights of the pixels of tiles that come in that order, in pictures of `width` and `height`.
@@ -185,9 +181,9 @@ pub(super) fn sums(width: u32, height: u32, tiles: &[(Tile, TilePicture)]) -> Ve
     let width = width as usize;
     let bands = Bands::of(width, tiles);
     let mut sums = vec![[0.0; 4]; width * height as usize];
-    sums.par_chunks_mut(width * TILE as usize)
-        .enumerate()
-        .for_each(|(index, band)| bands.add_to(index, band));
+    parallel::for_each_chunk_mut(&mut sums, width * TILE as usize, &|index, band| {
+        bands.add_to(index, band);
+    });
     sums
 }
 

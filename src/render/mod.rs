@@ -54,7 +54,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 pub use adaptive::{Adaptive, Checkpoints, MIN_ADAPTIVE_ERROR, Rounds};
 pub use costs::PixelCosts;
@@ -83,6 +82,7 @@ use crate::accel::{Accel, RayOrder, RayPacket};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes, Ray, SpawnPolicy};
 use crate::optics::{Body, MediaStack, SpectralSampler};
+use crate::parallel;
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
 use crate::scene::{
     Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, LensView, Scene, Shutter,
@@ -91,7 +91,6 @@ use crate::shading::ray_cone::Cone;
 use crate::volume::SkipEmpty;
 use adaptive::ROUND;
 use costs::CostSheet;
-use estimate::Estimate;
 use film::Tile;
 use lamps::SoftLight;
 use lens::MovingCamera;
@@ -108,10 +107,7 @@ use subsurface::Bodies;
 use surface::{SurfaceScene, Surfaces};
 use surroundings::Environment;
 use texturing::Widths;
-use wave::{TilePicture, Wave, Waves};
-
-/// Most tiles that one thread takes in a row: few enough that no thread is left with much when the others are done.
-const RUN: usize = 16;
+use wave::{TilePicture, Waves};
 
 /// Surfaces that are looked through for the bodies around the camera.
 const MOST_BOUNDARIES: usize = 4096;
@@ -341,12 +337,12 @@ fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option
     let tiles = cover.placed(tiles);
     let [width, height] = cover.size();
     let mut meter = Meter::new(settings);
-    let mut pixels = film::assemble(width, height, &tiles, |picture| &picture.means);
+    let mut pixels = film::assemble(width, height, &tiles, &|picture| &picture.means);
     if !settings.filter.is_box() {
         filter::assemble(width, &mut pixels, &tiles);
     }
     let aovs = || {
-        SampleAovs::of(&cover.cut(film::assemble(width, height, &tiles, |picture| {
+        SampleAovs::of(&cover.cut(film::assemble(width, height, &tiles, &|picture| {
             &picture.estimates
         })))
     };
@@ -374,23 +370,19 @@ fn render_tiles(
     monitor: &Monitor,
 ) -> Option<(Vec<(Tile, TilePicture)>, Ledger)> {
     let finished = AtomicUsize::new(0);
-    let render_tile = |wave: &mut Wave, tile: Tile| {
+    let waves = Waves::new(frame);
+    let render_tile = |index: usize| {
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
         }
-        let (picture, ledger) = wave.render_tile(tile, planes);
+        let tile = tiles[index];
+        let (picture, ledger) = waves.lend().render_tile(tile, planes);
         monitor.show(tile, &picture.means);
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / tiles.len() as f64);
         Some(((tile, picture), ledger))
     };
-    let waves = Waves::new(frame);
-    // Into a place of its own each, which no list of options that ends at the first `None` would do.
-    let rendered: Vec<Option<_>> = tiles
-        .par_iter()
-        .with_max_len(RUN)
-        .map_init(|| waves.lend(), |wave, &tile| render_tile(wave, tile))
-        .collect();
+    let rendered = parallel::map(tiles.len(), &render_tile);
     drop(waves);
     let mut ledger = Ledger::default();
     let mut finished_tiles = Vec::with_capacity(tiles.len());
@@ -412,11 +404,11 @@ fn render_adaptively(
     let canvas = Canvas::whole(&frame.settings);
     let (estimates, ledger) = adaptive::render(frame, target, &canvas, monitor, checkpoints)?;
     let settings = &frame.settings;
-    let to_pixel = |estimate: &Estimate| estimate.mean().map(|channel| channel as f32);
+    let to_pixel = |index: usize| estimates[index].mean().map(|channel| channel as f32);
     let image = LinearImage {
         width: settings.width,
         height: settings.height,
-        pixels: estimates.par_iter().map(to_pixel).collect(),
+        pixels: parallel::generate(estimates.len(), to_pixel),
     };
     Some(Rendering {
         aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::{Monitor, RenderSettings, render};
 use crate::accel::{Accel, AccelReport, RayOrder, RayPacket};
+use crate::parallel;
 use crate::scene::{Camera, Scene};
 
 /// The rays of one frame, as they were asked.
@@ -34,7 +35,7 @@ pub fn record(scene: &Scene, camera: &Camera, accel: &dyn Accel, settings: &Rend
     let render_all = || render(scene, camera, &recorder, settings, &monitor);
     // One thread takes the tiles from first to last. Without a pool of its own the rays are the same in another order.
     match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
-        Ok(pool) => pool.install(render_all),
+        Ok(pool) => parallel::install(&pool, render_all),
         Err(_) => render_all(),
     };
     recorder

@@ -299,12 +299,12 @@ impl Cover {
         let [width, height] = self.size();
         let settings = &frame.settings;
         let squares = || {
-            let estimates = film::assemble(width, height, tiles, |picture| &picture.estimates);
+            let estimates = film::assemble(width, height, tiles, &|picture| &picture.estimates);
             self.cut(estimates).iter().map(Estimate::squares).collect()
         };
         Sums {
             samples: frame.samples_taken(),
-            radiance: self.cut(film::assemble(width, height, tiles, |picture| &picture.sums)),
+            radiance: self.cut(film::assemble(width, height, tiles, &|picture| &picture.sums)),
             weighted: (!settings.filter.is_box()).then(|| self.cut(filter::sums(width, height, tiles))),
             squares: settings.sample_aovs.then(squares),
         }

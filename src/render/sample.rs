@@ -7,13 +7,12 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use rayon::prelude::*;
-
 use super::film::{TILE, Tile, tiles};
-use super::wave::{TilePicture, Wave, Waves};
+use super::wave::{TilePicture, Waves};
 use super::{Frame, LayerSet, Ledger, LightLayers, Monitor, Plan, RenderSettings, filter};
 use crate::accel::Accel;
 use crate::image::LinearImage;
+use crate::parallel;
 use crate::scene::{Camera, Scene};
 
 /// A part of a picture.
@@ -77,10 +76,12 @@ pub fn render_sample(
     frame.scatter(monitor)?;
     let chosen = chosen_tiles(&settings, count);
     let finished = AtomicUsize::new(0);
-    let render = |wave: &mut Wave, tile: Tile| {
+    let waves = Waves::new(&frame);
+    let render = |index: usize| {
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
         }
+        let (tile, mut wave) = (chosen[index], waves.lend());
         let start = thread_seconds();
         let (picture, ledger) = wave.render_tile(tile, None);
         let seconds = thread_seconds() - start;
@@ -95,11 +96,7 @@ pub fn render_sample(
         };
         Some((sampled, ledger))
     };
-    let waves = Waves::new(&frame);
-    let rendered: Option<Vec<_>> = chosen
-        .par_iter()
-        .map_init(|| waves.lend(), |wave, &tile| render(wave, tile))
-        .collect();
+    let rendered: Option<Vec<_>> = parallel::map(chosen.len(), &render).into_iter().collect();
     let (tiles, ledgers): (Vec<_>, Vec<_>) = rendered?.into_iter().unzip();
     let mut ledger = Ledger::default();
     ledgers.into_iter().for_each(|of_tile| ledger += of_tile);

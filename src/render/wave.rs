@@ -285,9 +285,9 @@ impl<'f, 's> Wave<'f, 's> {
     }
 }
 
-/// The waves of a render: as many as ever worked at the same time, each lent to whoever has tiles to render.
+/// The waves of a render: as many as ever worked at the same time, each lent to whoever has a tile to render.
 ///
-/// A run of tiles is short, and a wave's queues have grown by its end: the next run takes them over as they are.
+/// A wave's queues have grown by the end of a tile: the next one takes them over as they are.
 pub(super) struct Waves<'f, 's> {
     frame: &'f Frame<'s>,
     idle: Mutex<Vec<Wave<'f, 's>>>,
@@ -301,7 +301,7 @@ impl<'f, 's> Waves<'f, 's> {
         }
     }
 
-    /// A wave for a run of tiles; it comes back when it is dropped.
+    /// A wave for a tile; it comes back when it is dropped.
     pub(super) fn lend(&self) -> Lent<'_, 'f, 's> {
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
         Lent {

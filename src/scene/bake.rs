@@ -3,45 +3,40 @@
 //! Every vertex is mapped in f64 and rounded to f32 once.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::survey::{self, Dropped};
 use super::{Geometry, Material, Scene, Space, Texture};
 use crate::mesh::{Mesh, Slab};
 use crate::numeric;
+use crate::parallel;
 
 /// The mesh moved by `map`: normals stay outside, and a mirroring map swaps the windings so that front stays front.
 /// Tangents move along; their handedness is turned by a mirroring map, because the normals are not.
 pub(crate) fn bake_mesh(mesh: &Mesh, map: &DAffine3) -> Mesh {
-    let normal = |n: &[f32; 3]| {
-        numeric::transform_normal(&map.matrix3, Vec3::from(*n).as_dvec3())
+    let normal = |n: [f32; 3]| {
+        numeric::transform_normal(&map.matrix3, Vec3::from(n).as_dvec3())
             .as_vec3()
             .to_array()
     };
     let is_mirrored = map.matrix3.determinant() < 0.0;
     let handedness = if is_mirrored { -1.0 } else { 1.0 };
-    let tangent = |&[x, y, z, w]: &[f32; 4]| {
+    let tangent = |[x, y, z, w]: [f32; 4]| {
         let t = Vec3::new(x, y, z).as_dvec3();
         let moved = (map.matrix3 * t).try_normalize().unwrap_or(t);
         moved.as_vec3().extend(w * handedness).to_array()
     };
     Mesh {
         triangles: if is_mirrored {
-            let swapped = |&[a, b, c]: &[u32; 3]| [a, c, b];
-            Slab::from(mesh.triangles.par_iter().map(swapped).collect::<Vec<_>>())
+            mapped(&mesh.triangles, |[a, b, c]| [a, c, b])
         } else {
             mesh.triangles.clone()
         },
         normals: match &mesh.normals {
-            Some(normals) if !is_scaling(&map.matrix3) => {
-                Some(Slab::from(normals.par_iter().map(normal).collect::<Vec<_>>()))
-            }
+            Some(normals) if !is_scaling(&map.matrix3) => Some(mapped(normals, normal)),
             kept => kept.clone(),
         },
         tangents: match &mesh.tangents {
-            Some(tangents) if !is_scaling(&map.matrix3) => {
-                Some(Slab::from(tangents.par_iter().map(tangent).collect::<Vec<_>>()))
-            }
+            Some(tangents) if !is_scaling(&map.matrix3) => Some(mapped(tangents, tangent)),
             kept => kept.clone(),
         },
         ..with_positions(mesh, |p| map.transform_point3(p))
@@ -56,11 +51,16 @@ fn is_scaling(map: &DMat3) -> bool {
 
 /// The mesh with other positions and everything else shared.
 pub(crate) fn with_positions(mesh: &Mesh, moved: impl Fn(DVec3) -> DVec3 + Sync) -> Mesh {
-    let position = |p: &[f32; 3]| moved(Vec3::from(*p).as_dvec3()).as_vec3().to_array();
+    let position = |p: [f32; 3]| moved(Vec3::from(p).as_dvec3()).as_vec3().to_array();
     Mesh {
-        positions: Slab::from(mesh.positions.par_iter().map(position).collect::<Vec<_>>()),
+        positions: mapped(&mesh.positions, position),
         ..mesh.clone()
     }
+}
+
+/// Returns what `map` makes of every element, by several threads.
+fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(T) -> T + Sync) -> Slab<T> {
+    Slab::from(parallel::generate(elements.len(), |i| map(elements[i])))
 }
 
 /// Whether the object space of what has this material is seen, by a pattern that it is carved from.

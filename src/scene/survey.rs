@@ -6,10 +6,10 @@
 //! tolerance: needles stay, lines and points go.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use crate::mesh::{Mesh, Slab};
 use crate::numeric::Bounds;
+use crate::parallel;
 
 /// Triangles a task: large enough to hide the cost of a task, small enough to balance.
 const CHUNK: usize = 1 << 14;
@@ -40,11 +40,9 @@ pub(crate) struct Dropped {
 /// Looks at every triangle once.
 pub(crate) fn survey(mesh: &Mesh) -> Result<Survey, BadIndex> {
     let (positions, triangles) = (&mesh.positions[..], &mesh.triangles[..]);
-    let chunks: Vec<Result<Survey, BadIndex>> = triangles
-        .par_chunks(CHUNK)
-        .enumerate()
-        .map(|(chunk, triangles)| survey_chunk(positions, triangles, chunk * CHUNK))
-        .collect();
+    let chunks = parallel::map_chunks(triangles, CHUNK, &|chunk, triangles| {
+        survey_chunk(positions, triangles, chunk * CHUNK)
+    });
     let nothing = Survey {
         bounds: Bounds::EMPTY,
         unusable: 0,
@@ -63,9 +61,9 @@ pub(crate) fn survey(mesh: &Mesh) -> Result<Survey, BadIndex> {
 pub(crate) fn all_finite(values: &[f32]) -> bool {
     const VALUES: usize = 1 << 16;
     // A product with zero is zero for finite values and NaN for others; unlike a chain of tests it runs on all lanes.
-    values
-        .par_chunks(VALUES)
-        .all(|chunk| chunk.iter().fold(true, |finite, x| finite & (x * 0.0 == 0.0)))
+    let is_finite = |chunk: &[f32]| chunk.iter().fold(true, |finite, x| finite & (x * 0.0 == 0.0));
+    let chunks: Vec<&[f32]> = values.chunks(VALUES).collect();
+    parallel::all(chunks.len(), &|i| is_finite(chunks[i]))
 }
 
 /// Removes the triangles that a survey found unusable, and makes what was not finite and is now unused zero.

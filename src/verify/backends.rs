@@ -35,7 +35,7 @@ fn against_each_other(trial: &Trial) -> Result<Tally, AccelError> {
     } else {
         (Backend::Brute, SHARE)
     };
-    trial.over_parts(worlds::COUNT, |number, trial| {
+    trial.over_parts(worlds::COUNT, &|number, trial| {
         let scene = world(number);
         let options = AccelOptions {
             threads: rayon::current_num_threads(),
@@ -52,7 +52,7 @@ fn compare(trial: &Trial, scene: &Scene, referee: &Engine) -> Result<Tally, Acce
     let bounds = scene.bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
     let moves = scene.instances.iter().any(|instance| instance.is_moving());
-    let tally = trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(&|random, count| {
         let camera: Vec<Ray> = (0..count.div_ceil(3))
             .map(|_| {
                 let origin = (center + 1.5 * reach * random.direction()).as_vec3();

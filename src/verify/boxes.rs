@@ -66,7 +66,7 @@ fn cubes(shift: f64) -> Scene {
 const SHIFTS: [f64; 3] = [0.0, 1.0, -1.0];
 
 fn at_cube(trial: &Trial, components: &[f32]) -> Result<Tally, AccelError> {
-    trial.over_parts(SHIFTS.len(), |number, trial| {
+    trial.over_parts(SHIFTS.len(), &|number, trial| {
         let shift = SHIFTS[number];
         let scene = cubes(shift);
         let centers: Vec<DVec3> = scene
@@ -86,7 +86,7 @@ fn at_cube(trial: &Trial, components: &[f32]) -> Result<Tally, AccelError> {
             Ray::new(origin, direction)
         };
         let judge = |ray: &Ray, hit, tally: &mut Tally| judge(&centers, ray, hit, tally);
-        Ok(trial.nearest(&engine, ray, judge))
+        Ok(trial.nearest(&engine, &ray, &judge))
     })
 }
 

@@ -82,7 +82,7 @@ fn powers_of_two(trial: &Trial) -> Result<Tally, AccelError> {
     let powers = if trial.rays < MANY { 1 } else { EXPONENTS.len() };
     let count = worlds::COUNT * powers;
     let normalise = trial.subject.formulas.normalise;
-    trial.over_parts(count, |part, trial| {
+    trial.over_parts(count, &|part, trial| {
         let mut plain = world(part / powers);
         let mut large = plain.clone();
         // Each scene begins with another, so that all are met where there is one for each.
@@ -106,7 +106,7 @@ fn scaled_hits(trial: &Trial, scenes: [&Scene; 2], factor: f32) -> Result<Tally,
     let [plain, large] = scenes;
     let [engine, other] = [trial.engine(plain)?, trial.engine(large)?];
     let ray = rays_about(plain);
-    let tally = trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(&|random, count| {
         let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
         let carried: Vec<Ray> = rays
             .iter()
@@ -203,7 +203,7 @@ fn turned(trial: &Trial) -> Result<Tally, AccelError> {
     let scene = turnable();
     let engine = trial.engine(&scene)?;
     let turns: Vec<DMat3> = rotations().collect();
-    trial.over_parts(turns.len(), |number, trial| {
+    trial.over_parts(turns.len(), &|number, trial| {
         let turned = turned_scene(&scene, &turns[number]);
         let other = trial.engine(&turned)?;
         Ok(turned_hits(&trial, &scene, [&engine, &other], &turns[number]))
@@ -213,7 +213,7 @@ fn turned(trial: &Trial) -> Result<Tally, AccelError> {
 fn turned_hits(trial: &Trial, scene: &Scene, [engine, other]: [&Engine; 2], turn: &DMat3) -> Tally {
     let ray = rays_about(scene);
     let carry = |v: Vec3| (*turn * v.as_dvec3()).as_vec3();
-    let tally = trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(&|random, count| {
         let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
         let carried: Vec<Ray> = rays
             .iter()

@@ -100,7 +100,7 @@ fn among_boxes(trial: &Trial, ray: impl Fn(&mut Random) -> Ray + Sync) -> Result
     let scene = scene(vec![Geometry::Mesh(boxes())]);
     let engine = trial.engine(&scene)?;
     let referee = Referee::new(&scene);
-    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+    Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         compared(&scene, ray, referee.nearest(ray), hit)
     }))
 }

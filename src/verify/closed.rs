@@ -125,7 +125,7 @@ fn closed_meshes(
     aimed: impl Fn(&Closed, &mut Random) -> Ray + Sync,
 ) -> Result<Tally, AccelError> {
     let meshes = meshes();
-    trial.over_parts(meshes.len(), |number, trial| {
+    trial.over_parts(meshes.len(), &|number, trial| {
         let closed = &meshes[number];
         leaks(&trial, &closed.mesh, |random| aimed(closed, random))
     })
@@ -135,7 +135,7 @@ fn closed_meshes(
 fn leaks(trial: &Trial, mesh: &Mesh, ray: impl Fn(&mut Random) -> Ray + Sync) -> Result<Tally, AccelError> {
     let scene = scene(vec![Geometry::Mesh(mesh.clone())]);
     let engine = trial.engine(&scene)?;
-    Ok(trial.nearest(&engine, ray, |_, hit, _| Answer::wrong_if(hit.is_none())))
+    Ok(trial.nearest(&engine, &ray, &|_, hit, _| Answer::wrong_if(hit.is_none())))
 }
 
 fn far_away(trial: &Trial) -> Result<Tally, AccelError> {
@@ -146,7 +146,7 @@ fn far_away(trial: &Trial) -> Result<Tally, AccelError> {
         // Its edges are some roundings of a coordinate long.
         (25, DVec3::new(1e6, -1e6, 1e6)),
     ];
-    trial.over_parts(balls.len(), |number, trial| {
+    trial.over_parts(balls.len(), &|number, trial| {
         let (ring_count, center) = balls[number];
         let closed = Closed {
             mesh: rings(ring_count, center, |_, _| 2.0),

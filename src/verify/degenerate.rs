@@ -205,7 +205,7 @@ fn triangles(random: &mut Random) -> Mesh {
 
 fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MOST_MESHES);
-    trial.over_parts(mesh_count as usize, |number, part| {
+    trial.over_parts(mesh_count as usize, &|number, part| {
         let mut random = Random::new(0xde6e, number as u64);
         let fault = &FAULTS[number % FAULTS.len()];
         let mut scene = Scene {
@@ -259,7 +259,7 @@ fn hits_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
         let target = (a + b + c) / 3.0 + 0.1 * reach * random.in_cube();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
-    Ok(trial.nearest(&engine, ray, |ray, hit, tally| {
+    Ok(trial.nearest(&engine, &ray, &|ray, hit, tally| {
         if hit.is_some_and(|hit| !(hit.t.is_finite() && hit.u.is_finite() && hit.v.is_finite())) {
             tally.note(f64::INFINITY);
             return Answer::Wrong;

@@ -100,8 +100,8 @@ fn glancing(trial: &Trial) -> Result<Tally, AccelError> {
     let engine = trial.engine(&scene)?;
     Ok(trial.nearest(
         &engine,
-        |random| at_a_glance(&triangles, random),
-        |ray, hit, _| {
+        &|random| at_a_glance(&triangles, random),
+        &|ray, hit, _| {
             let exact = exact_nearest(&triangles, ray, |_| true).map(|(first, _)| first);
             compared(&scene, ray, exact, hit)
         },
@@ -121,7 +121,7 @@ fn huge_box(width: f64) -> Mesh {
 }
 
 fn huge_boxes(trial: &Trial) -> Result<Tally, AccelError> {
-    trial.over_parts(2 * WIDTHS.len(), |number, trial| {
+    trial.over_parts(2 * WIDTHS.len(), &|number, trial| {
         let (width, is_normal) = (WIDTHS[number / 2], number % 2 == 1);
         let mut scene = Scene {
             materials: vec![Material::default()],
@@ -146,7 +146,7 @@ fn huge_box_of(trial: &Trial, scene: &Scene, width: f64) -> Result<Tally, AccelE
         let mut zero = || random.pick(&[0.0, -0.0]);
         Ray::new(origin.as_vec3(), Vec3::new(zero(), zero(), -1.0))
     };
-    Ok(trial.nearest(&engine, ray, |_, hit, tally| {
+    Ok(trial.nearest(&engine, &ray, &|_, hit, tally| {
         let Some(hit) = hit else {
             return Answer::Wrong;
         };
@@ -209,5 +209,5 @@ fn beside(trial: &Trial) -> Result<Tally, AccelError> {
     let scene = scene(vec![Geometry::Mesh(soup(&triangles))]);
     let engine = trial.engine(&scene)?;
     let judge = |_: &Ray, hit: Option<Hit>, _: &mut Tally| Answer::wrong_if(hit.is_some());
-    Ok(trial.nearest(&engine, |random| segment(&triangles, random), judge))
+    Ok(trial.nearest(&engine, &|random| segment(&triangles, random), &judge))
 }

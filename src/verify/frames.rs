@@ -9,6 +9,7 @@ use super::meshes::{icosphere, scene};
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{Accel, AccelError};
+use crate::parallel;
 use crate::render::{Monitor, RenderSettings, render};
 use crate::scene::{Background, Camera, Geometry, Instance, Light, LightKind, Material, Scene};
 use crate::shape::{Shape, Sphere};
@@ -86,7 +87,9 @@ fn bits(scene: &Scene, accel: &dyn Accel, thread_count: usize) -> Option<Vec<[u3
         .num_threads(thread_count)
         .build()
         .ok()?;
-    let rendering = pool.install(|| render(scene, &Camera::default(), accel, &settings, &monitor))?;
+    let rendering = parallel::install(&pool, || {
+        render(scene, &Camera::default(), accel, &settings, &monitor)
+    })?;
     Some(
         rendering
             .image

@@ -128,7 +128,7 @@ fn nested_cylinders(trial: &Trial) -> Result<Tally, AccelError> {
         }
         Ray::new(origin, vertex - origin)
     };
-    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+    Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         let Some(number) = around(ray.origin.as_dvec3()) else {
             return Answer::Right;
         };
@@ -201,11 +201,11 @@ fn shared_edges(trial: &Trial) -> Result<Tally, AccelError> {
     }
     let scene = scene(vec![Geometry::Mesh(mesh(&corners, faces))]);
     let engine = trial.engine(&scene)?;
-    Ok(trial.nearest(
-        &engine,
-        |random| at_shared_edge(&pairs, random),
-        |_, hit, _| Answer::wrong_if(hit.is_none()),
-    ))
+    Ok(
+        trial.nearest(&engine, &|random| at_shared_edge(&pairs, random), &|_, hit, _| {
+            Answer::wrong_if(hit.is_none())
+        }),
+    )
 }
 
 /// Squares along a side of a terrain.
@@ -253,7 +253,7 @@ fn height_at(x: f64, z: f64) -> f64 {
 }
 
 fn terrains(trial: &Trial) -> Result<Tally, AccelError> {
-    trial.over_parts(3, |axis, trial| {
+    trial.over_parts(3, &|axis, trial| {
         let scene = scene(vec![Geometry::Mesh(terrain(axis))]);
         let engine = trial.engine(&scene)?;
         let ray = |random: &mut Random| {
@@ -267,7 +267,7 @@ fn terrains(trial: &Trial) -> Result<Tally, AccelError> {
             let t = ABOVE - height_at(x, z);
             Answer::wrong_if(hit.is_none_or(|hit| !((f64::from(hit.t) - t).abs() <= 1.0 / 1024.0)))
         };
-        Ok(trial.nearest(&engine, ray, judge))
+        Ok(trial.nearest(&engine, &ray, &judge))
     })
 }
 
@@ -303,7 +303,7 @@ fn snapped(trial: &Trial) -> Result<Tally, AccelError> {
         }
         Ray::new(origin, direction)
     };
-    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+    Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         // From above, what is met below the middle is the other side.
         let last = if ray.origin.y > RADIUS as f32 {
             ray.origin.y

@@ -21,7 +21,7 @@ pub(super) const CASES: &[Case] = &[
         unit: "ulp",
         asks: Asks::Formulas,
         required: Closes::Vertices,
-        run: |trial| Ok(trial.in_chunks(|random, count| critical(trial, random, count))),
+        run: |trial| Ok(trial.in_chunks(&|random, count| critical(trial, random, count))),
     },
     Case {
         id: "H36",
@@ -32,7 +32,7 @@ pub(super) const CASES: &[Case] = &[
         unit: "ulp",
         asks: Asks::Formulas,
         required: Closes::Vertices,
-        run: |trial| Ok(trial.in_chunks(|random, count| fresnel(trial, random, count))),
+        run: |trial| Ok(trial.in_chunks(&|random, count| fresnel(trial, random, count))),
     },
     Case {
         id: "H37",
@@ -43,7 +43,7 @@ pub(super) const CASES: &[Case] = &[
         unit: "of the bound",
         asks: Asks::Formulas,
         required: Closes::Vertices,
-        run: |trial| Ok(trial.in_chunks(|random, count| round_trips(trial, random, count))),
+        run: |trial| Ok(trial.in_chunks(&|random, count| round_trips(trial, random, count))),
     },
 ];
 

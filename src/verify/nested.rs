@@ -231,7 +231,7 @@ impl Layer {
 fn nested(trial: &Trial) -> Result<Tally, AccelError> {
     let stack_count = trial.rays.div_ceil(RAYS_A_PICTURE).min(MOST_STACKS);
     let size = (trial.rays / (FOLLOWED * stack_count)).isqrt().max(4) as u32;
-    trial.over_parts(stack_count as usize, |number, _| {
+    trial.over_parts(stack_count as usize, &|number, _| {
         let mut tally = Tally::default();
         let stack = Stack::any(&mut Random::new(0x38, number as u64));
         let scene = stack.scene();

@@ -51,7 +51,9 @@ fn any_bits(trial: &Trial) -> Result<Tally, AccelError> {
     ]);
     let engine = trial.engine(&scene)?;
     let referee = Referee::new(&scene);
-    Ok(trial.nearest(&engine, odd_ray, |ray, hit, _| judge(&scene, &referee, ray, hit)))
+    Ok(trial.nearest(&engine, &odd_ray, &|ray, hit, _| {
+        judge(&scene, &referee, ray, hit)
+    }))
 }
 
 /// Every other ray is sound; of the others a number or more are odd.

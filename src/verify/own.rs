@@ -7,7 +7,6 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::place::{Place, place};
@@ -15,6 +14,7 @@ use super::trial::describe_ray;
 use crate::accel::agreement::{self, Agreement};
 use crate::accel::{Accel, Hit, Instancing, LANES, RayOrder, RayPacket};
 use crate::numeric::Ray;
+use crate::parallel;
 use crate::scene::Scene;
 
 /// What a scene's rays are sent for.
@@ -204,10 +204,9 @@ pub fn compare_all(
     packets: &[RayPacket],
     kind: RayKind,
 ) -> Comparison {
-    let chunks: Vec<Comparison> = packets
-        .par_chunks(CHUNK)
-        .map(|chunk| compare_chunk(scene, accels, chunk, kind))
-        .collect();
+    let chunks = parallel::map_chunks(packets, CHUNK, &|_, chunk| {
+        compare_chunk(scene, accels, chunk, kind)
+    });
     chunks.into_iter().fold(Comparison::default(), Comparison::with)
 }
 

@@ -106,7 +106,7 @@ fn expect(
 ) -> Result<Tally, AccelError> {
     let engine = trial.engine(scene)?;
     let departures = Departures::new(scene);
-    let tally = trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(&|random, count| {
         // A passage takes a question for each surface, and one that meets nothing.
         let rays: Vec<Ray> = (0..count.div_ceil(expected.len() + 1))
             .map(|_| ray(random))
@@ -151,7 +151,7 @@ fn sheets(distance: f64) -> Scene {
 
 fn through_sheets(trial: &Trial) -> Result<Tally, AccelError> {
     let expected: Vec<u32> = (0..SHEETS).collect();
-    trial.over_parts(DISTANCES.len(), |number, trial| {
+    trial.over_parts(DISTANCES.len(), &|number, trial| {
         let distance = DISTANCES[number];
         let scene = sheets(distance);
         let ray = |random: &mut Random| {
@@ -180,7 +180,7 @@ fn between_ends(trial: &Trial, scene: &Scene, distance: f64) -> Result<Tally, Ac
             ..Ray::new(Vec3::ZERO, Vec3::new(aside(), aside(), 1.0))
         }
     };
-    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+    Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         let is_between = |hit: Hit| ray.t_near <= hit.t && hit.t <= ray.t_far;
         Answer::wrong_if(hit.is_some_and(|hit| !is_between(hit)))
     }))
@@ -206,7 +206,7 @@ fn triangles(size: f64) -> Mesh {
 }
 
 fn along_normals(trial: &Trial) -> Result<Tally, AccelError> {
-    trial.over_parts(SCALES.count(), |number, trial| {
+    trial.over_parts(SCALES.count(), &|number, trial| {
         let size = 10f64.powi(SCALES.start() + number as i32);
         let mesh = triangles(size);
         let scene = solid(scene(vec![Geometry::Mesh(mesh.clone())]));
@@ -217,7 +217,7 @@ fn along_normals(trial: &Trial) -> Result<Tally, AccelError> {
 fn along_normals_of(trial: &Trial, scene: &Scene, mesh: &Mesh) -> Result<Tally, AccelError> {
     let engine = trial.engine(scene)?;
     let departures = Departures::new(scene);
-    let tally = trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(&|random, count| {
         let rays: Vec<Ray> = (0..count).map(|_| at_a_triangle(mesh, random)).collect();
         let packets = engine.traced(&rays, order(random));
         let met = packets.iter().flat_map(|packet| departures.of(packet));
@@ -272,7 +272,7 @@ fn through_shells(trial: &Trial) -> Result<Tally, AccelError> {
         let target = 0.9 / 3f64.sqrt() * random.in_cube();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
-    trial.over_parts(scenes.len(), |number, trial| {
+    trial.over_parts(scenes.len(), &|number, trial| {
         expect(&trial, &scenes[number], ray, &[0, 1, 1, 0])
     })
 }

@@ -62,7 +62,7 @@ fn placement(random: &mut Random) -> DAffine3 {
 
 fn leaving(trial: &Trial, way: Way) -> Result<Tally, AccelError> {
     let solids = convex_solids();
-    trial.over_parts(solids.len() * PLACEMENTS, |number, trial| {
+    trial.over_parts(solids.len() * PLACEMENTS, &|number, trial| {
         let shape = solids[number / PLACEMENTS].clone();
         let map = placement(&mut Random::new(0x91ace, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, map) else {
@@ -81,7 +81,7 @@ fn leaving(trial: &Trial, way: Way) -> Result<Tally, AccelError> {
 fn leaving_of(trial: &Trial, scene: &Scene, map: &DAffine3, way: Way) -> Result<Tally, AccelError> {
     let engine = trial.engine(scene)?;
     let departures = Departures::new(scene);
-    let tally = trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(&|random, count| {
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
                 // In object space, so that stretched solids are met on all sides.

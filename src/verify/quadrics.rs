@@ -57,7 +57,7 @@ fn ellipsoid(part: usize, random: &mut Random) -> (Shape, DAffine3, DAffine3) {
 }
 
 fn thin(trial: &Trial) -> Result<Tally, AccelError> {
-    trial.over_parts(COUNT, |number, trial| {
+    trial.over_parts(COUNT, &|number, trial| {
         let (shape, place, stretched) = ellipsoid(number, &mut Random::new(0x08, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, place) else {
             return Ok(Tally::default());
@@ -89,7 +89,7 @@ fn thin_of(trial: &Trial, scene: &Scene, stretched: &DAffine3) -> Result<Tally, 
             _ => answer,
         }
     };
-    Ok(trial.nearest(&engine, |random| at(&stretched.matrix3, random), judge))
+    Ok(trial.nearest(&engine, &|random| at(&stretched.matrix3, random), &judge))
 }
 
 /// A ray at an ellipsoid, from its own distances or from those of the world.

@@ -59,7 +59,7 @@ pub(super) fn things() -> Scene {
 fn any_length(trial: &Trial) -> Result<Tally, AccelError> {
     let scene = things();
     let engine = trial.engine(&scene)?;
-    let tally = trial.in_chunks(|random, count| lengths(&scene, &engine, random, count));
+    let tally = trial.in_chunks(&|random, count| lengths(&scene, &engine, random, count));
     Ok(trial.with_drawing(&engine, tally))
 }
 

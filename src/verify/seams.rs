@@ -118,13 +118,13 @@ fn seams(trial: &Trial) -> Result<Tally, AccelError> {
     let grounds: Vec<Ground> = DISTANCES
         .flat_map(|power| STEPS.map(|step| Ground::new(10f64.powi(power), step)))
         .collect();
-    trial.over_parts(grounds.len(), |number, trial| {
+    trial.over_parts(grounds.len(), &|number, trial| {
         let ground = &grounds[number];
         let engine = trial.engine(&ground.scene)?;
-        Ok(trial.nearest(
-            &engine,
-            |random| ground.ray(random),
-            |ray, hit, tally| ground.judge(ray, hit, tally),
-        ))
+        Ok(
+            trial.nearest(&engine, &|random| ground.ray(random), &|ray, hit, tally| {
+                ground.judge(ray, hit, tally)
+            }),
+        )
     })
 }

@@ -80,8 +80,8 @@ fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
     let needles: Vec<Needle> = triangles.iter().map(Needle::of).collect();
     Ok(trial.nearest(
         &engine,
-        |random| grazing(&triangles, random),
-        |ray, hit, tally| {
+        &|random| grazing(&triangles, random),
+        &|ray, hit, tally| {
             let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
             let exact = exact_nearest(&triangles, ray, |number| !needles[number].is_missed(o, d));
             if let (Some((first, t)), Some(hit)) = (&exact, hit)
@@ -178,7 +178,7 @@ const MOST_MESHES: u64 = 10_000;
 
 fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MOST_MESHES);
-    trial.over_parts(mesh_count as usize, |number, part| {
+    trial.over_parts(mesh_count as usize, &|number, part| {
         let mut random = Random::new(0x6a7ba6e, number as u64);
         let mut scene = Scene {
             materials: vec![Material::default()],
@@ -246,7 +246,7 @@ fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
         let origin: Vec3 = (target + reach * random.direction()).as_vec3();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
-    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+    Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         if !ray.is_traceable() {
             return Answer::wrong_if(hit.is_some());
         }

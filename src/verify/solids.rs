@@ -264,7 +264,7 @@ fn at_solids(
     solids: Vec<Solid>,
     ray: impl Fn(&Solid, &mut Random) -> Ray + Sync,
 ) -> Result<Tally, AccelError> {
-    trial.over_parts(solids.len(), |number, trial| {
+    trial.over_parts(solids.len(), &|number, trial| {
         let solid = &solids[number];
         // All of these solids lie within √3 of their centre.
         let mut scene = among_others(solid.shape.clone(), DVec3::ZERO, 3f64.sqrt());
@@ -273,17 +273,15 @@ fn at_solids(
             ..Camera::default()
         }];
         let engine = trial.engine(&scene)?;
-        Ok(trial.nearest(
-            &engine,
-            |random| ray(solid, random),
-            |ray, hit, tally| {
+        Ok(
+            trial.nearest(&engine, &|random| ray(solid, random), &|ray, hit, tally| {
                 // One of the others may stand in the way.
                 if hit.is_some_and(|hit| hit.instance != 0) {
                     return Answer::Right;
                 }
                 solid.judge(ray, hit, tally)
-            },
-        ))
+            }),
+        )
     })
 }
 

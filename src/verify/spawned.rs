@@ -85,7 +85,7 @@ fn self_shadows(trial: &Trial) -> Result<Tally, AccelError> {
     let cells: Vec<(i32, i32)> = SCALES
         .flat_map(|scale| DISTANCES.map(move |distance| (scale, distance)))
         .collect();
-    trial.over_parts(cells.len(), |number, trial| {
+    trial.over_parts(cells.len(), &|number, trial| {
         let (scale, distance) = cells[number];
         self_shadows_of(&trial, 10f64.powi(scale), 10f64.powi(distance))
     })
@@ -120,7 +120,7 @@ fn self_shadows_of(trial: &Trial, radius: f64, distance: f64) -> Result<Tally, A
     let departures = Departures::new(&scene);
     let bounds = scene.geometries[0].bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
-    let tally = trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(&|random, count| {
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
                 let origin = (center + 4.0 * reach * random.direction()).as_vec3();
@@ -154,7 +154,7 @@ fn sliver_shadows(trial: &Trial) -> Result<Tally, AccelError> {
     let cells: Vec<i32> = ASPECTS
         .flat_map(|aspect| std::iter::repeat_n(aspect, TRIANGLES))
         .collect();
-    trial.over_parts(cells.len(), |number, trial| {
+    trial.over_parts(cells.len(), &|number, trial| {
         let mut random = Random::new(0x19, number as u64);
         shadows_of_triangle(&trial, triangle(&mut random, 10f64.powi(cells[number])))
     })
@@ -176,7 +176,7 @@ fn shadows_of_triangle(trial: &Trial, corners: [DVec3; 3]) -> Result<Tally, Acce
     let engine = trial.engine(&scene)?;
     let departures = Departures::new(&scene);
     let [a, b, c] = corners;
-    let tally = trial.in_chunks(|random, count| {
+    let tally = trial.in_chunks(&|random, count| {
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
                 let (u, v) = (random.unit(), random.unit());
@@ -218,13 +218,13 @@ fn sheets(gap: u32) -> Scene {
 }
 
 fn smallest_gap(trial: &Trial) -> Result<Tally, AccelError> {
-    trial.over_parts(GAPS as usize, |number, trial| {
+    trial.over_parts(GAPS as usize, &|number, trial| {
         let gap = 1 + number as u32;
         let scene = sheets(gap);
         let engine = trial.engine(&scene)?;
         let departures = Departures::new(&scene);
         let ask = |random: &mut Random, count| across(&trial, (&engine, &departures), gap, random, count);
-        let tally = trial.in_chunks(ask);
+        let tally = trial.in_chunks(&ask);
         Ok(trial.with_drawing(&engine, tally))
     })
 }

@@ -216,7 +216,7 @@ fn at_sphere_from(
         }];
     }
     let engine = trial.engine(&scene)?;
-    Ok(trial.nearest(&engine, ray, |ray, hit, tally| {
+    Ok(trial.nearest(&engine, &ray, &|ray, hit, tally| {
         // One of the others may stand in the way.
         if hit.is_some_and(|hit| hit.instance != 0) {
             return Answer::Right;
@@ -241,7 +241,7 @@ fn distant(trial: &Trial, powers: RangeInclusive<i32>) -> Result<Tally, AccelErr
 fn huge(trial: &Trial) -> Result<Tally, AccelError> {
     const LEAST: i32 = 3;
     const COUNT: usize = 6;
-    trial.over_parts(COUNT, |number, trial| {
+    trial.over_parts(COUNT, &|number, trial| {
         let radius = 10f64.powi(LEAST + number as i32);
         let sphere = Sphere {
             center: DVec3::new(0.0, -radius, 0.0),

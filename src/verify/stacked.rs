@@ -61,7 +61,7 @@ fn coincident(trial: &Trial) -> Result<Tally, AccelError> {
         let origin = (target + random.within(0.5, 10.0) * aside).as_vec3();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
-    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+    Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         let first = if ray.at(1.0).x > 1.5 { SHEETS } else { 0 };
         Answer::wrong_if(hit.is_none_or(|hit| hit.instance != first))
     }))
@@ -108,7 +108,7 @@ fn in_order(trial: &Trial) -> Result<Tally, AccelError> {
         let origin = (target + random.within(0.5, 4.0) * aside).as_vec3();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
-    Ok(trial.nearest(&engine, ray, |ray, hit, _| {
+    Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         let exact = exact_nearest(pairs.as_flattened(), ray, |_| true).map(|(first, _)| first);
         compared(&scene, ray, exact, hit)
     }))

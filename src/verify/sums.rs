@@ -15,7 +15,7 @@ pub(super) const CASES: &[Case] = &[
         unit: "ulp",
         asks: Asks::Formulas,
         required: Closes::Vertices,
-        run: |trial| Ok(trial.in_chunks(|random, count| opacities(trial, random, count))),
+        run: |trial| Ok(trial.in_chunks(&|random, count| opacities(trial, random, count))),
     },
     Case {
         id: "H42",

@@ -30,7 +30,7 @@ pub(super) const CASES: &[Case] = &[
         unit: "",
         asks: Asks::Formulas,
         required: Closes::Vertices,
-        run: |trial| Ok(trial.in_chunks(|random, count| singular(trial, random, count))),
+        run: |trial| Ok(trial.in_chunks(&|random, count| singular(trial, random, count))),
     },
     Case {
         id: "H25",
@@ -79,7 +79,7 @@ fn scaled(random: &mut Random) -> DAffine3 {
 }
 
 fn placed(trial: &Trial, map: fn(&mut Random) -> DAffine3) -> Result<Tally, AccelError> {
-    trial.over_parts(MAPS, |number, trial| {
+    trial.over_parts(MAPS, &|number, trial| {
         let map = map(&mut Random::new(0x3a9, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, map) else {
             return Ok(Tally::default());
@@ -99,7 +99,7 @@ fn placed(trial: &Trial, map: fn(&mut Random) -> DAffine3) -> Result<Tally, Acce
             let way = (target - origin.as_dvec3()).normalize_or_zero();
             Ray::new(origin, (length * way).as_vec3())
         };
-        Ok(trial.nearest(&engine, ray, |ray, hit, tally| oracle.judge(ray, hit, tally)))
+        Ok(trial.nearest(&engine, &ray, &|ray, hit, tally| oracle.judge(ray, hit, tally)))
     })
 }
 

@@ -1,9 +1,9 @@
 //! One case put to one path: rays in chunks, all at once, and what is counted.
 
+use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, DVec3};
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::judged::{Judged, Judgement};
@@ -12,6 +12,7 @@ use super::sketch::{Asked, Axis, Error, Sketch};
 use crate::accel::{Accel, AccelError, EmbreeIdentity, Hit, LANES, RayOrder, RayPacket};
 use crate::numeric::{Lanes, Random, Ray};
 use crate::optics::{Fresnel, Refraction};
+use crate::parallel;
 use crate::render::{Monitor, RenderSettings, Rendering};
 use crate::scene::{Camera, Scene, SceneError};
 
@@ -223,12 +224,12 @@ impl<'a> Trial<'a> {
     pub(super) fn over_parts(
         &self,
         count: usize,
-        ask: impl Fn(usize, Trial) -> Result<Tally, AccelError> + Sync,
+        ask: &(dyn Fn(usize, Trial) -> Result<Tally, AccelError> + Sync),
     ) -> Result<Tally, AccelError> {
-        (0..count)
-            .into_par_iter()
-            .map(|number| ask(number, self.part(number, count)))
-            .try_reduce(Tally::default, |sum, tally| Ok(sum.with(tally)))
+        sum(count as u64, &|number| {
+            let number = number as usize;
+            ask(number, self.part(number, count))
+        })
     }
 
     /// Builds what finds the hits of `scene`.
@@ -265,21 +266,17 @@ impl<'a> Trial<'a> {
     }
 
     /// Asks `ask` for the questions of each chunk and adds up what it counts: the same for every number of threads.
-    pub(super) fn in_chunks(&self, ask: impl Fn(&mut Random, usize) -> Tally + Sync) -> Tally {
-        self.in_numbered_chunks(|_, random, count| ask(random, count))
+    pub(super) fn in_chunks(&self, ask: &(dyn Fn(&mut Random, usize) -> Tally + Sync)) -> Tally {
+        self.in_numbered_chunks(&|_, random, count| ask(random, count))
     }
 
     /// As [`Trial::in_chunks`], with the number of the chunk.
-    fn in_numbered_chunks(&self, ask: impl Fn(u64, &mut Random, usize) -> Tally + Sync) -> Tally {
-        let chunk = |index: u64| {
+    fn in_numbered_chunks(&self, ask: &(dyn Fn(u64, &mut Random, usize) -> Tally + Sync)) -> Tally {
+        let Ok(tally) = sum::<Infallible>(self.rays.div_ceil(CHUNK), &|index| {
             let count = CHUNK.min(self.rays - index * CHUNK);
-            ask(index, &mut Random::new(self.seed, index), count as usize)
-        };
-        // Neighbours are added up, in their order, as soon as both are there.
-        (0..self.rays.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(chunk)
-            .reduce(Tally::default, Tally::with)
+            Ok(ask(index, &mut Random::new(self.seed, index), count as usize))
+        });
+        tally
     }
 
     /// Whether lines of scenes are wanted.
@@ -300,10 +297,10 @@ impl<'a> Trial<'a> {
     pub(super) fn nearest(
         &self,
         engine: &Engine,
-        ray: impl Fn(&mut Random) -> Ray + Sync,
-        judge: impl Fn(&Ray, Option<Hit>, &mut Tally) -> Answer + Sync,
+        ray: &(dyn Fn(&mut Random) -> Ray + Sync),
+        judge: &(dyn Fn(&Ray, Option<Hit>, &mut Tally) -> Answer + Sync),
     ) -> Tally {
-        let tally = self.in_numbered_chunks(|number, random, count| {
+        let tally = self.in_numbered_chunks(&|number, random, count| {
             let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
             let hits = engine.nearest(&rays, order(random));
             let said = self.subject.judged.recall((self.seed, number));
@@ -330,6 +327,23 @@ impl<'a> Trial<'a> {
         });
         self.with_drawing(engine, tally)
     }
+}
+
+/// Runs of tallies that are summed up each by one thread, at most: as many are kept until all are there.
+const MOST_RUNS: u64 = 1 << 10;
+
+/// Returns the sum of `tally(0..count)` in that order, or the error of the first that fails.
+fn sum<E: Send>(count: u64, tally: &(dyn Fn(u64) -> Result<Tally, E> + Sync)) -> Result<Tally, E> {
+    let run = count.div_ceil(MOST_RUNS).max(1);
+    let runs = parallel::try_map(count.div_ceil(run) as usize, &|number| {
+        let first = number as u64 * run;
+        let mut sum = tally(first)?;
+        for index in first + 1..count.min(first + run) {
+            sum = sum.with(tally(index)?);
+        }
+        Ok(sum)
+    })?;
+    Ok(runs.into_iter().reduce(Tally::with).unwrap_or_default())
 }
 
 /// Either order: it changes the speed, never the answer.

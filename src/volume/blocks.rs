@@ -9,14 +9,17 @@
 //! leaps out of the volume.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::grid::{Grid, LERP_ERROR, clamped, whole};
 use super::transfer::Transfer;
 use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::parallel;
 
 /// Cells along a block's side: fewer make shorter leaps and take more memory, more leave less empty.
 const SIDE: usize = 4;
+
+/// Blocks that a thread looks into at once.
+const CHUNK: usize = 1 << 8;
 
 /// Bits of a block, one a cell.
 const BITS: f64 = (SIDE * SIDE * SIDE) as f64;
@@ -85,10 +88,9 @@ impl EmptySpace {
             .collect();
         let empty_count = nearest.iter().filter(|&&distance| distance > 0).count();
         let mut distance = nearest.repeat(OCTANTS);
-        distance
-            .par_chunks_exact_mut(nearest.len())
-            .enumerate()
-            .for_each(|(octant, distance)| spread(distance, count, octant));
+        parallel::for_each_chunk_mut(&mut distance, nearest.len(), &|octant, distance| {
+            spread(distance, count, octant);
+        });
         EmptySpace {
             count,
             last_cell: DVec3::from_array(cells.map(|cells| (cells - 1) as f64)),
@@ -241,14 +243,20 @@ fn full_bits(grid: &Grid, transfer: &Transfer, [nx, ny, nz]: [usize; 3]) -> Vec<
     };
     // Where no block is empty nothing is leapt over: nobody asks about cells.
     let mut matter = vec![u64::MAX; count];
-    if !(0..count).into_par_iter().all(full_block) {
-        matter.par_iter_mut().enumerate().for_each(|(i, matter)| {
-            let [from, to] = box_of(i);
-            *matter = if is_empty(from, to) {
-                0
-            } else {
-                full_cells(from, to, is_empty)
-            };
+    let are_full = |chunk: usize| {
+        let first = chunk * CHUNK;
+        (first..count.min(first + CHUNK)).all(full_block)
+    };
+    if !parallel::all(count.div_ceil(CHUNK), &are_full) {
+        parallel::for_each_chunk_mut(&mut matter, CHUNK, &|chunk, matter| {
+            for (i, matter) in (chunk * CHUNK..).zip(matter) {
+                let [from, to] = box_of(i);
+                *matter = if is_empty(from, to) {
+                    0
+                } else {
+                    full_cells(from, to, is_empty)
+                };
+            }
         });
     }
     matter

@@ -5,10 +5,10 @@
 //! ch. 9: "hypertexture" and "puffy clouds"). What is under the threshold is exactly 0, hence empty space.
 
 use glam::{DVec3, Vec3Swizzles};
-use rayon::prelude::*;
 
 use super::{Grid, Samples, VolumeError};
 use crate::numeric::noise::{fractal, turbulence};
+use crate::parallel;
 
 /// A cloud in the cube [-1, 1]³, with densities from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,13 +72,11 @@ impl Cloud {
         let middle = |i: usize, count: usize| 2.0 * (i as f64 + 0.5) / count as f64 - 1.0;
         let row = |j: usize| {
             let [y, z] = [middle(j % ny, ny), middle(j / ny, nz)];
-            (0..nx).map(move |i| self.density(DVec3::new(middle(i, nx), y, z)) as f32)
+            let density = |i: usize| self.density(DVec3::new(middle(i, nx), y, z)) as f32;
+            (0..nx).map(density).collect::<Vec<f32>>()
         };
         let rows = ny.checked_mul(nz).unwrap_or(0);
-        Grid::new(
-            size,
-            Samples::Floats((0..rows).into_par_iter().flat_map_iter(row).collect()),
-        )
+        Grid::new(size, Samples::Floats(parallel::map(rows, &row).concat()))
     }
 }
 

@@ -13,6 +13,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::clip::{Cell, Piece};
 use super::heuristic::{Plane, best_plane};
 use super::primitives::Primitives;
+use crate::parallel;
 
 /// Cuts from the root to any leaf, at most. 2 million triangles need about 22.
 pub(super) const MAX_DEPTH: usize = 56;
@@ -121,7 +122,7 @@ impl Builder<'_> {
                 let parallel = task.pieces.len() > PARALLEL_COUNT;
                 let [left, right] = self.divide(task, plane);
                 let halves = if parallel {
-                    let (left, right) = rayon::join(|| self.build(left), || self.build(right));
+                    let (left, right) = parallel::join(|| self.build(left), || self.build(right));
                     [left, right]
                 } else {
                     [self.build(left), self.build(right)]

@@ -44,7 +44,7 @@ impl Cell {
 }
 
 /// A primitive, or the part of it that lies within a cell.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct Piece {
     /// Lowest corner of its bounds.

@@ -4,11 +4,10 @@
 //! large scenes: visiting a node and testing a pack cost the same, which makes leaves of 15-25 triangles (measured; the
 //! textbook ratios make far deeper trees that are slower and twice as large).
 
-use rayon::prelude::*;
-
 use super::clip::{Cell, Piece};
 use crate::mesh::lanes::{Isa, Work, dispatch};
 use crate::mesh::triangle::PACK;
+use crate::parallel;
 
 /// The cost of visiting a node, in tests of a pack of triangles.
 const NODE_COST: f32 = 1.0;
@@ -60,10 +59,8 @@ pub(super) fn best_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<
         dispatch(ExactPlane(pieces, cell, spare))
     } else {
         let bins = if pieces.len() > PARALLEL_COUNT {
-            pieces
-                .par_chunks(CHUNK)
-                .map(|chunk| dispatch(CountBins(chunk, cell)))
-                .reduce(Bins::default, Bins::sum)
+            let chunks = parallel::map_chunks(pieces, CHUNK, &|_, chunk| dispatch(CountBins(chunk, cell)));
+            chunks.into_iter().fold(Bins::default(), Bins::sum)
         } else {
             dispatch(CountBins(pieces, cell))
         };

@@ -28,6 +28,7 @@ use super::{
     Accel, AccelError, AccelOptions, AccelPart, AccelReport, Kernel, LANES, Precision, RayOrder, RayPacket,
 };
 use crate::mesh::lanes::{Isa, Rounded, Work, dispatch};
+use crate::parallel;
 use crate::scene::Scene;
 use levels::{Layout, Levels};
 use reference::PlaneTree;
@@ -258,5 +259,5 @@ pub(super) fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) 
     let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else {
         return work();
     };
-    pool.install(work)
+    parallel::install(&pool, work)
 }

@@ -5,11 +5,11 @@
 //! (instance, primitive), and ties break by comparing numbers.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::clip::Piece;
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
+use crate::parallel;
 use crate::scene::{Geometry, Scene};
 
 /// The primitives of one tree.
@@ -43,7 +43,7 @@ impl<'s> Primitives<'s> {
             runs: Vec::with_capacity(scene.instances.len()),
             count: 0,
         };
-        let object_bounds: Vec<Bounds> = scene.geometries.par_iter().map(Geometry::bounds).collect();
+        let object_bounds = parallel::map(scene.geometries.len(), &|index| scene.geometries[index].bounds());
         for (index, instance) in scene.instances.iter().enumerate() {
             let geometry = &scene.geometries[instance.geometry as usize];
             let kind = match geometry {
@@ -124,18 +124,22 @@ impl<'s> Primitives<'s> {
 
     /// All of them, uncut.
     pub(super) fn pieces(&self) -> Vec<Piece> {
-        let mut pieces = Vec::with_capacity(self.count);
+        const CHUNK: usize = 1 << 12;
+        let mut pieces: Vec<Piece> = bytemuck::zeroed_vec(self.count);
         for run in &self.runs {
+            let of_run = &mut pieces[run.first as usize..];
             match &run.kind {
-                RunKind::Triangles(mesh) => pieces.par_extend(
-                    (0..mesh.triangles.len() as u32)
-                        .into_par_iter()
-                        .with_min_len(1 << 12)
-                        .map(|i| Piece::of_triangle(run.first + i, mesh.corners(i))),
-                ),
+                RunKind::Triangles(mesh) => {
+                    let of_run = &mut of_run[..mesh.triangles.len()];
+                    parallel::for_each_chunk_mut(of_run, CHUNK, &|chunk, pieces| {
+                        for (i, piece) in ((chunk * CHUNK) as u32..).zip(pieces) {
+                            *piece = Piece::of_triangle(run.first + i, mesh.corners(i));
+                        }
+                    });
+                }
                 RunKind::Whole(bounds) => {
                     let (low, high) = bounds.to_f32_outward();
-                    pieces.push(Piece::new(run.first, low, high));
+                    of_run[0] = Piece::new(run.first, low, high);
                 }
             }
         }

@@ -6,14 +6,13 @@
 //! little; a kernel therefore never takes the first hit for the nearest, but goes on until everything left lies beyond
 //! it.
 
-use rayon::prelude::*;
-
 use super::builder::{Branch, Content};
 use super::clip::Cell;
 use super::levels::Layout;
 use super::primitives::Primitives;
 use super::slack::Slack;
 use crate::mesh::triangle::{PACK, TrianglePack};
+use crate::parallel;
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
@@ -51,7 +50,7 @@ impl Child {
 
 /// Eight triangles with their numbers.
 #[repr(C, align(64))]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, bytemuck::Zeroable)]
 pub(super) struct LeafPack {
     /// The corners; NaN in unused slots.
     pub(super) triangles: TrianglePack,
@@ -97,12 +96,8 @@ impl Layout for WideTree {
             wholes: Vec::new(),
         };
         layout.add_node(root)?;
-        let packs = layout
-            .slots
-            .par_iter()
-            .with_min_len(1 << 10)
-            .map(|slots| pack(slots, primitives))
-            .collect();
+        let slots = &layout.slots;
+        let packs = parallel::generate(slots.len(), |index| pack(&slots[index], primitives));
         Some(WideTree {
             nodes: layout.nodes,
             packs,

@@ -4,10 +4,10 @@
 //! construction of SAH-based bounding volume hierarchies", 2007), a small one wherever it can be.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::{Cost, Item};
 use crate::numeric::Bounds;
+use crate::parallel;
 
 /// Boxes that a thread bins at once.
 const CHUNK: usize = 1 << 14;
@@ -265,10 +265,8 @@ impl Bins {
 fn bin(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     let scale = Scale::over(&centers(items));
     let bins = if is_large(items) {
-        let chunks = items.par_chunks(CHUNK);
-        chunks
-            .map(|chunk| Bins::of(chunk, &scale))
-            .reduce(|| Bins::EMPTY, Bins::sum)
+        let chunks = parallel::map_chunks(items, CHUNK, &|_, chunk| Bins::of(chunk, &scale));
+        chunks.into_iter().fold(Bins::EMPTY, Bins::sum)
     } else {
         Bins::of(items, &scale)
     };
@@ -285,8 +283,8 @@ pub(super) fn centers(items: &[Item]) -> Extent {
     if !is_large(items) {
         return around(items);
     }
-    let chunks = items.par_chunks(CHUNK).map(around);
-    chunks.reduce(|| Extent::EMPTY, |a, b| a.with(&b))
+    let chunks = parallel::map_chunks(items, CHUNK, &|_, chunk| around(chunk));
+    chunks.iter().fold(Extent::EMPTY, |whole, part| whole.with(part))
 }
 
 /// Whether several threads had better look at it.

@@ -17,6 +17,7 @@
 use rayon::prelude::*;
 
 use crate::mesh::Mesh;
+use crate::parallel;
 
 /// For each mesh, in rising order, its triangles that have the same corners as an earlier triangle: of an earlier mesh,
 /// or of the same one with a lower number.
@@ -61,7 +62,7 @@ struct Run<'s> {
 }
 
 /// A triangle that may have a double. The order is that of its corners first, then the one in which ties are broken.
-#[derive(PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Candidate {
     corners: [[u32; 3]; 3],
     mesh: u32,
@@ -83,7 +84,7 @@ fn runs_of<'s>(meshes: &[&'s Mesh]) -> Vec<Run<'s>> {
 }
 
 /// A key that comes more than once in its bin, and a run that has it.
-#[derive(PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Suspect {
     key: u32,
     run: u32,
@@ -93,10 +94,8 @@ struct Suspect {
 fn suspects(runs: &[Run]) -> Vec<Suspect> {
     let triangle_count: usize = runs.iter().map(|run| run.triangles.len()).sum();
     let bin_bits = (triangle_count / KEYS_PER_BIN).max(1).ilog2();
-    let deal = |scratch: &mut Vec<u64>, run: &Run| Dealt::new(run, bin_bits, scratch);
-    let dealt: Vec<Dealt> = runs.par_iter().map_init(Vec::new, deal).collect();
-    let bins = (0..1usize << bin_bits).into_par_iter();
-    bins.flat_map_iter(|bin| suspects_of_bin(&dealt, bin)).collect()
+    let dealt = parallel::map(runs.len(), &|run| Dealt::new(&runs[run], bin_bits));
+    parallel::map(1 << bin_bits, &|bin| suspects_of_bin(&dealt, bin)).concat()
 }
 
 /// The lower halves of the keys of one run, by bins.
@@ -108,22 +107,22 @@ struct Dealt {
 
 impl Dealt {
     /// Sorts by the upper `bin_bits` bits, by counting.
-    fn new(run: &Run, bin_bits: u32, scratch: &mut Vec<u64>) -> Dealt {
+    fn new(run: &Run, bin_bits: u32) -> Dealt {
         // A shift in two steps, because there may be nothing left to tell bins by.
         let bin = |key: u64| (key >> 1 >> (u64::BITS - 1 - bin_bits)) as usize;
-        scratch.clear();
+        let mut all = Vec::with_capacity(run.triangles.len());
         let mut begins = vec![0u32; (1 << bin_bits) + 1];
         for triangle in run.triangles {
             let key = run.key(triangle);
             begins[bin(key) + 1] += 1;
-            scratch.push(key);
+            all.push(key);
         }
         for i in 1..begins.len() {
             begins[i] += begins[i - 1];
         }
-        let mut keys = vec![0; scratch.len()];
+        let mut keys = vec![0; all.len()];
         let mut next = begins.clone();
-        for &key in &*scratch {
+        for key in all {
             let place = &mut next[bin(key)];
             keys[*place as usize] = key as u32;
             *place += 1;
@@ -175,20 +174,21 @@ fn candidates(runs: &[Run], suspects: &[Suspect]) -> Vec<Candidate> {
     suspects
         .iter()
         .for_each(|suspect| is_suspect[suspect.run as usize] = true);
-    let runs = runs
-        .par_iter()
-        .zip(is_suspect)
-        .filter(|(_, is_suspect)| *is_suspect);
-    let candidates = runs.flat_map_iter(|(run, _)| {
+    let in_run = |index: usize| -> Vec<Candidate> {
+        let run = &runs[index];
+        if !is_suspect[index] {
+            return Vec::new();
+        }
         let numbered = (run.first..).zip(run.triangles);
         let found = numbered.filter(|(_, triangle)| keys.contains(run.key(triangle) as u32));
-        found.map(|(number, triangle)| Candidate {
+        let candidates = found.map(|(number, triangle)| Candidate {
             corners: run.sorted_corners(triangle),
             mesh: run.mesh,
             triangle: number,
-        })
-    });
-    candidates.collect()
+        });
+        candidates.collect()
+    };
+    parallel::map(runs.len(), &in_run).concat()
 }
 
 impl Run<'_> {

@@ -4,14 +4,13 @@
 //! triangles one by one, and is projected once for all triangles that have it. Corners that coincide are one, whether or
 //! not the mesh says so.
 
-use rayon::prelude::*;
-
 use super::reach::Reach;
 use crate::accel::MeshLarder;
 use crate::accel::clusters::{Clusters, Cost};
 use crate::mesh::Mesh;
 use crate::mesh::triangle::PACK;
 use crate::numeric::Bounds;
+use crate::parallel;
 
 /// Most triangles of a patch.
 pub(super) const MEMBERS: usize = 16;
@@ -263,10 +262,9 @@ impl Patches {
         let clusters: Vec<&[u32]> = found.iter().collect();
         self.records.reserve(clusters.len());
         for chunk in clusters.chunks(CHUNK) {
-            let parts: Vec<Patches> = chunk
-                .par_chunks(CHUNK / PARTS)
-                .map(|clusters| Patches::of_clusters(mesh, instance, clusters))
-                .collect();
+            let parts = parallel::map_chunks(chunk, CHUNK / PARTS, &|_, clusters| {
+                Patches::of_clusters(mesh, instance, clusters)
+            });
             parts.iter().for_each(|part| self.append(part, instance));
         }
     }

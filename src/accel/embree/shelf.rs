@@ -9,15 +9,15 @@ use std::hash::{Hash, Hasher};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytemuck::Pod;
-use rayon::prelude::*;
 
 use crate::accel::MeshCounts;
 use crate::mesh::{Mesh, Slab};
+use crate::parallel;
 
 /// Positions that are looked at before all are.
 const SAMPLES: usize = 16;
-/// Rows that a thread compares at a time.
-const CHUNK: usize = 1 << 16;
+/// Bytes that a thread compares at a time.
+const CHUNK: usize = 1 << 20;
 
 /// What is kept of meshes, by their bits.
 pub(in crate::accel) struct MeshShelf<T> {
@@ -155,14 +155,12 @@ fn label(mesh: &Mesh) -> u64 {
 
 /// Whether two arrays have the same bits.
 fn is_same<T: Pod + Sync>(one: &Slab<T>, other: &Slab<T>) -> bool {
-    let bytes = |rows: &[T]| bytemuck::cast_slice::<T, u8>(rows).as_ptr_range();
-    if one.len() != other.len() || bytes(one) == bytes(other) {
+    let [one, other] = [one, other].map(|rows| bytemuck::cast_slice::<T, u8>(rows));
+    if one.len() != other.len() || one.as_ptr() == other.as_ptr() {
         return one.len() == other.len();
     }
-    let chunks = one.par_chunks(CHUNK).zip(other.par_chunks(CHUNK));
-    chunks
-        .map(|(one, other)| bytemuck::cast_slice::<T, u8>(one) == bytemuck::cast_slice::<T, u8>(other))
-        .all(|is_same| is_same)
+    let chunks: Vec<_> = one.chunks(CHUNK).zip(other.chunks(CHUNK)).collect();
+    parallel::all(chunks.len(), &|i| chunks[i].0 == chunks[i].1)
 }
 
 #[cfg(test)]

@@ -20,8 +20,6 @@ mod rays;
 mod shape;
 mod tiles;
 
-use rayon::prelude::*;
-
 pub use ball::Ball;
 pub use list::{ListAccel, Tally};
 pub use projection::{FilmBox, ProjectionExtents};
@@ -35,6 +33,7 @@ use self::rays::{Lanes, RayLanes};
 use self::shape::Extent;
 use crate::mesh::lanes::Isa;
 use crate::numeric::Bounds;
+use crate::parallel;
 use crate::scene::{Geometry, Instance, Scene};
 
 /// Which extents objects get.
@@ -155,31 +154,28 @@ impl Extents {
     /// The same by hulls that are known, one a geometry.
     fn of_hulls(scene: &Scene, hulls: &[Option<Hull>], kind: ExtentKind) -> Extents {
         let costs = (kind == ExtentKind::Chosen).then(|| Costs::measure(scene, hulls));
-        let objects: Vec<Option<(Object, ExtentKind, f64)>> = (0u32..)
-            .zip(&scene.instances)
-            .collect::<Vec<_>>()
-            .into_par_iter()
-            .map(|(index, instance)| {
-                let hull = hulls[instance.geometry as usize].as_ref()?;
-                let without = Object {
-                    instance: index,
-                    extent: Extent::None,
-                };
-                let offers = if kind == ExtentKind::None {
-                    None
-                } else {
-                    Offers::of(scene, instance, hull)
-                };
-                let Some((offers, guard)) = offers else {
-                    return Some((without, ExtentKind::None, 0.0));
-                };
-                let kind = costs
-                    .as_ref()
-                    .map_or(kind, |costs| costs.cheapest(instance.geometry, &offers));
-                let extent = offers.of_kind(kind);
-                Some((Object { extent, ..without }, kind, guard.by_origin))
-            })
-            .collect();
+        let object = |index: usize| -> Option<(Object, ExtentKind, f64)> {
+            let instance = &scene.instances[index];
+            let hull = hulls[instance.geometry as usize].as_ref()?;
+            let without = Object {
+                instance: index as u32,
+                extent: Extent::None,
+            };
+            let offers = if kind == ExtentKind::None {
+                None
+            } else {
+                Offers::of(scene, instance, hull)
+            };
+            let Some((offers, guard)) = offers else {
+                return Some((without, ExtentKind::None, 0.0));
+            };
+            let kind = costs
+                .as_ref()
+                .map_or(kind, |costs| costs.cheapest(instance.geometry, &offers));
+            let extent = offers.of_kind(kind);
+            Some((Object { extent, ..without }, kind, guard.by_origin))
+        };
+        let objects = parallel::map(scene.instances.len(), &object);
         let mut extents = Extents {
             objects: Vec::with_capacity(objects.len()),
             by_origin: 0.0,
@@ -211,7 +207,9 @@ impl Extents {
 
 /// The hulls of all geometries.
 fn hulls_of(scene: &Scene) -> Vec<Option<Hull>> {
-    scene.geometries.par_iter().map(Hull::of).collect()
+    parallel::map(scene.geometries.len(), &|index| {
+        Hull::of(&scene.geometries[index])
+    })
 }
 
 /// The smallest spheres around shapes, by instance, for a tree that asks them; absent where none is safe, and for
@@ -219,19 +217,19 @@ fn hulls_of(scene: &Scene) -> Vec<Option<Hull>> {
 ///
 /// A cell of a tree holds several shapes, so many rays that come to a cell pass a shape by.
 pub(crate) fn spheres_of_shapes(scene: &Scene) -> Vec<Option<SphereExtent>> {
-    let hulls: Vec<Option<Hull>> = scene
-        .geometries
-        .par_iter()
-        .map(|geometry| match geometry {
+    let hulls = parallel::map(scene.geometries.len(), &|index| {
+        let geometry = &scene.geometries[index];
+        match geometry {
             Geometry::Shape(_) => Hull::of(geometry),
             Geometry::Mesh(_) => None,
-        })
-        .collect();
-    let sphere_of = |instance: &Instance| {
+        }
+    });
+    let sphere_of = |index: usize| {
+        let instance = &scene.instances[index];
         let hull = hulls[instance.geometry as usize].as_ref()?;
         Some(Offers::of(scene, instance, hull)?.0.tight)
     };
-    scene.instances.par_iter().map(sphere_of).collect()
+    parallel::map(scene.instances.len(), &sphere_of)
 }
 
 impl Object {

@@ -8,13 +8,13 @@
 //! What is behind the eye, or nearer than the near plane, is nowhere; what reaches around the eye is everywhere.
 
 use glam::{DMat3, DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::guard::{Guard, UNIT};
 use super::hull::Hull;
 use super::hulls_of;
 use crate::accel::RayPacket;
 use crate::numeric::LANES;
+use crate::parallel;
 use crate::scene::{CameraView, Instance, Scene};
 
 /// Added to all sides of boxes on the film: far more than f64 makes of a place there.
@@ -112,11 +112,10 @@ impl ProjectionExtents {
         view: &CameraView,
     ) -> Option<ProjectionExtents> {
         let film = Film::new(view)?;
-        let boxes = scene
-            .instances
-            .par_iter()
-            .map(|instance| film.box_of(scene, instance, hulls[instance.geometry as usize].as_ref()))
-            .collect();
+        let boxes = parallel::map(scene.instances.len(), &|index| {
+            let instance = &scene.instances[index];
+            film.box_of(scene, instance, hulls[instance.geometry as usize].as_ref())
+        });
         Some(ProjectionExtents { film, boxes })
     }
 

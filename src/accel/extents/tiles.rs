@@ -8,11 +8,11 @@ use super::hull::Hull;
 use super::list::{Count, ListAccel, Question, Search, Tally};
 use super::projection::{FilmBox, ProjectionExtents};
 use super::{ExtentKind, Extents};
-use rayon::prelude::*;
 
 use crate::accel::{Accel, AccelPart, AccelReport, RayOrder, RayPacket};
 use crate::mesh::lanes::{Isa, Work, dispatch};
 use crate::numeric::LANES;
+use crate::parallel;
 use crate::scene::{CameraView, Geometry, Scene};
 
 /// Fewest tiles along a side.
@@ -98,7 +98,7 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
                 Hull::rough(geometry)
             }
         };
-        let hulls: Vec<Option<Hull>> = scene.geometries.par_iter().map(hull).collect();
+        let hulls = parallel::map(scene.geometries.len(), &|index| hull(&scene.geometries[index]));
         let projection = ProjectionExtents::of_hulls(scene, &hulls, view)?;
         let list = ListAccel::of_extents(scene, Extents::of_hulls(scene, &hulls, kind));
         let objects = list.extents.objects().iter().map(|object| Seen {

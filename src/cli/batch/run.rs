@@ -7,6 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use crate::batch::{Key, Manifest, PieceFolder};
+use crate::parallel;
 use crate::render::{FinishedTile, Monitor};
 use crate::report::gallery::FrameStatus;
 
@@ -170,7 +171,7 @@ impl<'a> Batch<'a> {
         };
         // On this thread, which is none of the pool's: those may take up other work while they wait.
         let place = self.place.enter(tasks.len() > 1 || self.args.time.is_some());
-        let loaded = pool.install(|| Loaded::new(plan, &self.kept, &self.progress));
+        let loaded = parallel::install(pool, || Loaded::new(plan, &self.kept, &self.progress));
         let loaded = match loaded {
             Ok(loaded) => loaded,
             Err(failure) => return self.fail_all(tasks, shown, failure),
@@ -183,7 +184,7 @@ impl<'a> Batch<'a> {
         let threads = pool.current_num_threads();
         let at_once = self.limits().frames_at_once(plan, (&loaded, &self.kept), threads);
         let stage = at_once.and_then(|at_once| {
-            let stage = pool.install(|| Stage::new(plan, &loaded, &self.kept))?;
+            let stage = parallel::install(pool, || Stage::new(plan, &loaded, &self.kept))?;
             Ok((at_once, stage))
         });
         let (at_once, stage) = match stage {
@@ -200,7 +201,7 @@ impl<'a> Batch<'a> {
                 let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else {
                     break;
                 };
-                pool.install(|| self.make_one(task, &stage, shown))?;
+                parallel::install(pool, || self.make_one(task, &stage, shown))?;
             }
             Ok(())
         })

@@ -13,6 +13,7 @@ use crate::accel::{Accel, AccelError, AccelOptions, AccelReport, Backend, Instan
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::replay::Engine;
+use crate::parallel;
 use crate::report::bench::Mode;
 use crate::scene::Scene;
 
@@ -229,7 +230,7 @@ fn timed<T: Send>(
     pool: &ThreadPool,
     work: impl FnOnce() -> Result<T, AccelError> + Send,
 ) -> Result<(T, f64), Failure> {
-    let (built, seconds) = pool.install(|| {
+    let (built, seconds) = parallel::install(pool, || {
         let start = Instant::now();
         (work(), start.elapsed().as_secs_f64())
     });

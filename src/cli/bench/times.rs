@@ -7,6 +7,7 @@ use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::progress::Progress;
 use crate::cli::replay::{Engine, RaySet, replay_seconds, shared_replay_seconds};
+use crate::parallel;
 use crate::render::{self, Ledger, Monitor, RenderSettings};
 use crate::report::bench::{FrameTime, Mode, RayKind, Spread};
 use crate::scene::{Camera, Scene};
@@ -114,7 +115,7 @@ impl Times {
                 if let Engine::Accel(accel) = contestant.engine
                     && contestant.has_frames(contestants)
                 {
-                    ledgers.push(single.install(|| frame.ledger(accel))?);
+                    ledgers.push(parallel::install(&single, || frame.ledger(accel))?);
                 }
             }
             progress.fraction(f64::from(repetition + 1) / f64::from(job.repeat));

@@ -6,11 +6,11 @@
 //! distance counts for more.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::flip_color::{Colors, hyab, luminance};
 use super::flip_filter::{ContrastFilter, FeatureDetector, Plane};
 use crate::image::LinearImage;
+use crate::parallel;
 
 /// Exponent of colour distances (section 4.1.3).
 const COLOR_EXPONENT: f64 = 0.7;
@@ -41,7 +41,7 @@ pub(super) fn error_map(images: [&LinearImage; 2], shown: &Shown, pixels_per_deg
         let feature = (change(0).max(change(1)) / std::f64::consts::SQRT_2).powf(FEATURE_EXPONENT);
         color.powf(1.0 - feature) as f32
     };
-    (0..reference.colors.len()).into_par_iter().map(error).collect()
+    parallel::generate(reference.colors.len(), error)
 }
 
 /// A picture as the eye sees it.
@@ -59,14 +59,12 @@ impl Seen {
         colors: &Colors,
         (contrast, detector): (&ContrastFilter, &FeatureDetector),
     ) -> Seen {
-        let opponent: Vec<DVec3> = image
-            .pixels
-            .par_iter()
-            .map(|&pixel| colors.opponent(shown(pixel)))
-            .collect();
+        let opponent = parallel::generate(image.pixels.len(), |index| {
+            colors.opponent(shown(image.pixels[index]))
+        });
         let plane = |of: &(dyn Fn(&DVec3) -> f64 + Sync)| Plane {
             width: image.width as usize,
-            values: opponent.par_iter().map(of).collect(),
+            values: parallel::generate(opponent.len(), |index| of(&opponent[index])),
         };
         let [y, cx, cz] = contrast.apply(&[plane(&|c| c.x), plane(&|c| c.y), plane(&|c| c.z)]);
         let perceived = |index: usize| {
@@ -75,7 +73,7 @@ impl Seen {
             colors.perceived(colors.linear(blurred).clamp(DVec3::ZERO, DVec3::ONE))
         };
         Seen {
-            colors: (0..opponent.len()).into_par_iter().map(perceived).collect(),
+            colors: parallel::generate(opponent.len(), perceived),
             features: detector.detect(&plane(&|c| luminance(c.x))),
         }
     }

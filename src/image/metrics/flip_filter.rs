@@ -6,7 +6,7 @@
 
 use std::f64::consts::PI;
 
-use rayon::prelude::*;
+use crate::parallel;
 
 /// One channel of a picture, row by row.
 pub(super) struct Plane {
@@ -53,7 +53,7 @@ impl Plane {
 
     fn filtered_across(&self, kernel: &Kernel) -> Plane {
         let radius = kernel.0.len() / 2;
-        let filter_row = |row: &[f64]| -> Vec<f64> {
+        let filter_row = |_, row: &[f64]| -> Vec<f64> {
             let first = std::iter::repeat_n(row[0], radius);
             let last = std::iter::repeat_n(row[row.len() - 1], radius);
             let padded: Vec<f64> = first.chain(row.iter().copied()).chain(last).collect();
@@ -62,11 +62,7 @@ impl Plane {
         };
         Plane {
             width: self.width,
-            values: self
-                .values
-                .par_chunks(self.width)
-                .flat_map_iter(filter_row)
-                .collect(),
+            values: parallel::map_chunks(&self.values, self.width, &filter_row).concat(),
         }
     }
 
@@ -74,7 +70,7 @@ impl Plane {
         let (width, radius) = (self.width, kernel.0.len() / 2);
         let last = self.values.len() / width - 1;
         let mut values = vec![0.0; self.values.len()];
-        values.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        parallel::for_each_chunk_mut(&mut values, width, &|y, row| {
             for (k, weight) in kernel.0.iter().enumerate() {
                 let from = (y + k).saturating_sub(radius).min(last) * width;
                 for (sum, value) in row.iter_mut().zip(&self.values[from..from + width]) {

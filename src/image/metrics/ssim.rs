@@ -4,11 +4,10 @@
 //! Similarity", IEEE Transactions on Image Processing 13(4), 2004, with their constants, on the luma of what is displayed;
 //! only pixels whose whole window is in the picture count.
 
-use rayon::prelude::*;
-
 use super::as_displayed;
 use super::flip_filter::{Kernel, Plane};
 use crate::image::LinearImage;
+use crate::parallel;
 
 /// Pixels from a window's middle to its edge, and the standard deviation of its weights.
 const RADIUS: usize = 5;
@@ -30,10 +29,13 @@ pub(super) fn ssim(images: [&LinearImage; 2], gain: f64) -> Option<f64> {
         let shown = pixel.map(|channel| as_displayed(gain * f64::from(channel)));
         LUMA.iter().zip(shown).map(|(part, shown)| part * shown).sum()
     };
-    let [x, y] = images.map(|image| image.pixels.par_iter().map(luma).collect::<Vec<f64>>());
+    let [x, y] = images.map(|image| {
+        let pixels = &image.pixels;
+        parallel::generate(pixels.len(), |index| luma(&pixels[index]))
+    });
     let window = Kernel::gaussian(RADIUS as i32, DEVIATION);
     let blurred = |value: &(dyn Fn(usize) -> f64 + Sync)| {
-        let values = (0..x.len()).into_par_iter().map(value).collect();
+        let values = parallel::generate(x.len(), value);
         Plane { width, values }.filtered(&window, &window).values
     };
     let means = [blurred(&|i| x[i]), blurred(&|i| y[i])];

@@ -12,10 +12,10 @@ use exr::io::PeekRead;
 use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData, Requirements, magic_number};
 use exr::prelude::{AttributeValue, Text, Vec2, f16};
-use rayon::prelude::*;
 
 use super::super::ImageError;
 use super::{ExrChannel, SampleType, Samples, Window};
+use crate::parallel;
 
 /// Most bytes of a block of rows: 64 channels of 32 rows of 2^17 pixels.
 const MOST_BLOCK_BYTES: u64 = 1 << 30;
@@ -130,11 +130,10 @@ impl ExrRowsReader {
             .clone()
             .map(|index| self.chunk(index))
             .collect::<ExrResult<Vec<Chunk>>>()?;
-        let read = chunks
-            .into_par_iter()
-            .zip(indices)
-            .map(|(chunk, index)| unpack(chunk, &self.meta, index * block_rows))
-            .collect::<ExrResult<Vec<UncompressedBlock>>>()?;
+        let meta = &self.meta;
+        let read = parallel::try_map_owned(chunks, &|number, chunk| {
+            unpack(chunk, meta, (indices.start + number) * block_rows)
+        })?;
         Ok(kept.into_iter().chain(read).collect())
     }
 

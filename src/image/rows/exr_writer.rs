@@ -14,11 +14,11 @@ use exr::meta::attribute;
 use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData, magic_number, sequence_end};
 use exr::prelude::{AttributeValue, ChannelDescription, LayerAttributes, LineOrder, Text, Vec2, f16};
-use rayon::prelude::*;
 
 use super::super::atomic::{AtomicFile, write_error};
 use super::super::{ImageError, Note, SOFTWARE};
 use super::{ExrLayout, Samples};
+use crate::parallel;
 
 /// Bytes of blocks that wait to be packed together.
 const WAITING_BYTES: usize = 1 << 24;
@@ -224,11 +224,9 @@ impl<W: Write + Seek> RowEncoder<W> {
     fn write_waiting(&mut self) -> io::Result<()> {
         let waiting = std::mem::take(&mut self.waiting);
         let header = slice::from_ref(&self.header);
-        let chunks: Vec<Chunk> = waiting
-            .into_par_iter()
-            .map(|block| block.compress_to_chunk(header))
-            .collect::<exr::error::Result<_>>()
-            .map_err(io_error)?;
+        let chunks: Vec<Chunk> =
+            parallel::try_map_owned(waiting, &|_, block| block.compress_to_chunk(header))
+                .map_err(io_error)?;
         for chunk in chunks {
             let exr::block::chunk::CompressedBlock::ScanLine(lines) = &chunk.compressed_block else {
                 return Err(io::Error::other("a block of rows became another kind of block"));

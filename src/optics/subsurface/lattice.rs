@@ -8,10 +8,10 @@
 //! them, and fill the box around the shape exactly: a square or a cube gets a square lattice.
 
 use glam::{DAffine3, DVec3};
-use rayon::prelude::*;
 
 use super::samples::SurfaceSample;
 use crate::numeric::Bounds;
+use crate::parallel;
 
 /// Most lines along one axis of a lattice: more points than are ever asked for.
 const MOST_LINES: f64 = 65536.0;
@@ -31,9 +31,8 @@ pub fn lattice_samples(
     let lattice = Lattice::new(bounds, world_from_object, spacing);
     let rows = (0..3).flat_map(|axis| (0..lattice.counts[(axis + 1) % 3]).map(move |row| (axis, row)));
     let rows: Vec<(usize, u32)> = rows.collect();
-    rows.par_iter()
-        .flat_map_iter(|&(axis, row)| lattice.row(axis, row, &cross))
-        .collect()
+    let in_row = |place: usize| lattice.row(rows[place].0, rows[place].1, &cross);
+    parallel::map(rows.len(), &in_row).concat()
 }
 
 /// Lines along the axes through the box around a shape.

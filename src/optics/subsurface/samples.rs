@@ -10,12 +10,15 @@
 //! triangles are large and of 1.8 % where they are small.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::numeric::morton::sorted_keys;
+use crate::parallel;
 
 /// Most points on one surface, whatever is asked for: some 400 megabytes with their irradiance and their tree.
 pub const MAX_SAMPLES: usize = 1 << 21;
+
+/// Triangles that a thread takes at once.
+const CHUNK: usize = 1 << 12;
 
 /// A point that stands for a piece of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +58,7 @@ pub fn surface_samples(
 ) -> SurfaceSamples {
     let order = along_curve(triangle_count, &corners);
     // Where each triangle ends along the curve, measured by area.
-    let mut ends: Vec<f64> = order.par_iter().map(|&t| area(corners(t as usize))).collect();
+    let mut ends = parallel::generate(triangle_count, |place| area(corners(order[place] as usize)));
     let mut total = 0.0;
     for end in &mut ends {
         total += *end;
@@ -85,11 +88,14 @@ pub fn surface_samples(
             uv,
         })
     };
+    let in_chunk = |chunk: usize| -> Vec<SurfaceSample> {
+        let first = chunk * CHUNK;
+        (first..triangle_count.min(first + CHUNK))
+            .flat_map(on_triangle)
+            .collect()
+    };
     SurfaceSamples {
-        samples: (0..triangle_count)
-            .into_par_iter()
-            .flat_map_iter(on_triangle)
-            .collect(),
+        samples: parallel::map(triangle_count.div_ceil(CHUNK), &in_chunk).concat(),
         spacing: piece.sqrt(),
     }
 }

@@ -11,11 +11,11 @@
 //! the same bits for any number of threads.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::Dipole;
 use super::dipole::Kernel;
 use crate::numeric::morton::{Key, sorted_keys};
+use crate::parallel;
 
 /// The solid angle, in steradians, below which a cell is far, where nothing else is asked for: errors of 0.04 % (root
 /// mean square) and 0.2 % (greatest) at a hundredth of 100 000 evaluations, by the tests of this room.
@@ -28,7 +28,7 @@ const LEAF_SIZE: usize = 8;
 const PARALLEL_SIZE: usize = 1 << 13;
 
 /// A point through whose piece of the surface light enters.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable)]
 pub struct IrradianceSample {
     /// Where it is; finite.
     pub position: DVec3,
@@ -100,7 +100,7 @@ impl IrradianceTree {
         debug_assert!(samples.iter().all(IrradianceSample::is_valid));
         let (bounds, keys) = sorted_keys(samples.len(), |i| samples[i].position);
         // In the order in which all of them are read.
-        let sorted: Vec<IrradianceSample> = keys.par_iter().map(|key| samples[key.1 as usize]).collect();
+        let sorted = parallel::generate(samples.len(), |place| samples[keys[place].1 as usize]);
         let builder = Builder {
             keys: &keys,
             samples: &sorted,
@@ -123,12 +123,10 @@ impl IrradianceTree {
             nodes,
             moments,
             position: std::array::from_fn(|axis| {
-                sorted
-                    .par_iter()
-                    .map(|s| (s.position - builder.origin)[axis] as f32)
-                    .collect()
+                let coordinate = |i: usize| (sorted[i].position - builder.origin)[axis] as f32;
+                parallel::generate(sorted.len(), coordinate)
             }),
-            power: std::array::from_fn(|c| sorted.par_iter().map(|s| s.power()[c] as f32).collect()),
+            power: std::array::from_fn(|c| parallel::generate(sorted.len(), |i| sorted[i].power()[c] as f32)),
         }
     }
 
@@ -185,7 +183,7 @@ impl Builder<'_> {
             }
         };
         let children: Vec<Vec<_>> = if end - first > PARALLEL_SIZE {
-            (0..8).into_par_iter().map(child).collect()
+            parallel::map(8, &child)
         } else {
             (0..8).map(child).collect()
         };

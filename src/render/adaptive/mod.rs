@@ -39,15 +39,14 @@ mod rounds;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use rayon::prelude::*;
-
 use super::estimate::Estimate;
 use super::ledger::{Account, Ledger};
 use super::meter::Meter;
 use super::mosaic::{Canvas, Site};
 use super::wave::{Visit, Waves};
-use super::{Frame, Monitor, RUN};
+use super::{Frame, Monitor};
 use crate::numeric::LANES;
+use crate::parallel;
 use crate::scene::Effect;
 use checkpoints::Pace;
 use look::Look;
@@ -193,23 +192,19 @@ fn render_visits(
     monitor: &Monitor,
     progress: Option<&Progress>,
 ) -> Option<Vec<Visited>> {
-    // Into a place of its own each, which no list of options that ends at the first `None` would do.
-    let visited = round
-        .into_par_iter()
-        .with_max_len(RUN)
-        .map_init(
-            || waves.lend(),
-            |wave, (site, visits)| {
-                if monitor.cancel.load(Ordering::Relaxed) {
-                    return None;
-                }
-                let (estimates, ledger) = wave.render_visits(site.tile, &visits);
-                if let Some(progress) = progress {
-                    (monitor.progress)(progress.finish(&visits));
-                }
-                Some((site, visits, estimates, ledger))
-            },
-        )
-        .collect::<Vec<Option<_>>>();
-    visited.into_iter().collect()
+    let told = parallel::map(round.len(), &|index| {
+        if monitor.cancel.load(Ordering::Relaxed) {
+            return None;
+        }
+        let (site, visits) = &round[index];
+        let told = waves.lend().render_visits(site.tile, visits);
+        if let Some(progress) = progress {
+            (monitor.progress)(progress.finish(visits));
+        }
+        Some(told)
+    });
+    let visited = round.into_iter().zip(told);
+    visited
+        .map(|((site, visits), told)| told.map(|(estimates, ledger)| (site, visits, estimates, ledger)))
+        .collect()
 }

@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::super::estimate::Estimate;
 use super::super::mosaic::{Canvas, Site};
 use super::super::wave::Visit;
@@ -11,6 +9,7 @@ use super::forecast::Forecast;
 use super::look::{Kinds, Look};
 use super::rounds::{LEVELS, Missed, Rounds, Turn};
 use super::{Adaptive, ROUND};
+use crate::parallel;
 
 /// The state of all pixels.
 pub(super) struct Picture {
@@ -54,13 +53,16 @@ impl Picture {
 
     /// Finds out which pixels are in the next round; whether there are any.
     pub(super) fn decide(&mut self) -> bool {
-        let this = &*self;
-        let turn = |row: usize, column: usize| match this.wants_more(column, row) {
-            true => Turn::Waits,
-            false => Turn::None,
-        };
-        let turns = |row: usize| (0..this.width).map(move |column| turn(row, column));
-        self.known.turns = (0..this.height).into_par_iter().flat_map_iter(turns).collect();
+        let mut turns = std::mem::take(&mut self.known.turns);
+        parallel::for_each_chunk_mut(&mut turns, self.width, &|row, turns| {
+            for (column, turn) in turns.iter_mut().enumerate() {
+                *turn = match self.wants_more(column, row) {
+                    true => Turn::Waits,
+                    false => Turn::None,
+                };
+            }
+        });
+        self.known.turns = turns;
         let counts = self.looks.iter().map(|look| look.count);
         let least = counts.filter(|&count| count > 0).min().unwrap_or(self.spp);
         let missed = self.known.missed[level(least)].square();
@@ -101,7 +103,7 @@ impl Picture {
             }
             forecast
         };
-        let rows: Vec<Forecast> = (0..self.height).into_par_iter().map(of_row).collect();
+        let rows: Vec<Forecast> = parallel::map(self.height, &of_row);
         // Summed up in one order, whoever made the parts.
         let mut forecast = Forecast::default();
         rows.iter().for_each(|row| forecast.merge(row));
@@ -134,11 +136,9 @@ impl Picture {
 
     /// The pixels of the round that are to be visited yet, by tile; tiles without any are left out.
     pub(super) fn visits(&self, sites: &[Site]) -> Vec<(Site, Vec<Visit>)> {
-        sites
-            .par_iter()
-            .map(|&site| (site, self.visits_in(site)))
-            .filter(|(_, visits)| !visits.is_empty())
-            .collect()
+        let visits = parallel::map(sites.len(), &|index| self.visits_in(sites[index]));
+        let of_sites = sites.iter().copied().zip(visits);
+        of_sites.filter(|(_, visits)| !visits.is_empty()).collect()
     }
 
     fn visits_in(&self, Site { tile, at }: Site) -> Vec<Visit> {
@@ -249,16 +249,13 @@ impl Picture {
         }
         let mut looks = std::mem::take(&mut self.looks);
         looks.resize(self.known.estimates.len(), Look::default());
-        looks
-            .par_chunks_mut(self.width)
-            .zip(self.known.estimates.par_chunks(self.width))
-            .enumerate()
-            .for_each(|(row, (looks, estimates))| {
-                let seen = estimates.iter().zip(self.noises(row));
-                for (look, (estimate, noise)) in looks.iter_mut().zip(seen) {
-                    *look = Look::of(estimate, noise, self.target.gain);
-                }
-            });
+        parallel::for_each_chunk_mut(&mut looks, self.width, &|row, looks| {
+            let estimates = &self.known.estimates[row * self.width..];
+            let seen = estimates.iter().zip(self.noises(row));
+            for (look, (estimate, noise)) in looks.iter_mut().zip(seen) {
+                *look = Look::of(estimate, noise, self.target.gain);
+            }
+        });
         self.looks = looks;
         let missed_in = |row: usize| {
             let mut missed = [Missed::default(); LEVELS];
@@ -270,7 +267,7 @@ impl Picture {
             }
             missed
         };
-        let rows: Vec<[Missed; LEVELS]> = (0..self.height).into_par_iter().map(missed_in).collect();
+        let rows: Vec<[Missed; LEVELS]> = parallel::map(self.height, &missed_in);
         for row in rows {
             (0..LEVELS).for_each(|level| self.known.missed[level].merge(row[level]));
         }

@@ -6,13 +6,13 @@
 
 use std::cell::OnceCell;
 use std::sync::atomic::Ordering;
-
-use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
 
 use super::points::{Covered, Point};
 use crate::accel::{Hit, RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::subsurface::diffuse_transmittance;
+use crate::parallel;
 use crate::render::film::{TILE, Tile, TileFilm};
 use crate::render::outcome::{Outcome, Stage, Traced};
 use crate::render::shade::Lit;
@@ -46,21 +46,22 @@ impl Frame<'_> {
     ) -> Option<(Vec<[f32; 3]>, Ledger)> {
         // Each body before this one may have left its last chunk unfilled.
         let first = before.div_ceil(CHUNK) + covered.instance as usize;
-        let chunks: Option<Vec<_>> = covered
-            .points
-            .par_chunks(CHUNK)
-            .enumerate()
-            .map_init(
-                || Receiver::new(self, covered),
-                |receiver, (chunk, points)| {
-                    let is_cancelled = monitor.cancel.load(Ordering::Relaxed);
-                    (!is_cancelled).then(|| receiver.receive(points, first + chunk))
-                },
-            )
-            .collect();
+        let idle: Mutex<Vec<Receiver>> = Mutex::default();
+        let idle = || idle.lock().unwrap_or_else(PoisonError::into_inner);
+        let chunks = parallel::map_chunks(&covered.points, CHUNK, &|chunk, points| {
+            if monitor.cancel.load(Ordering::Relaxed) {
+                return None;
+            }
+            let kept = idle().pop();
+            let mut receiver = kept.unwrap_or_else(|| Receiver::new(self, covered));
+            let received = receiver.receive(points, first + chunk);
+            idle().push(receiver);
+            Some(received)
+        });
         let mut ledger = Ledger::default();
         let mut irradiance = Vec::with_capacity(covered.points.len());
-        for (of_chunk, taken) in chunks? {
+        for received in chunks {
+            let (of_chunk, taken) = received?;
             irradiance.extend(of_chunk);
             ledger += taken;
         }

@@ -17,11 +17,11 @@ mod pyramid;
 use std::collections::HashSet;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 pub use self::fold::fold_constant_textures;
 use self::grid::Grid;
 use self::pyramid::Pyramid;
+use crate::parallel;
 use crate::scene::{
     Effect, EffectSet, Encoding, Filter, Image, Procedural, Sampler, Scene, Space, Texels, Texture,
     TextureUse,
@@ -96,7 +96,7 @@ impl<'s> TextureSet<'s> {
     /// Prepares them for look-ups by these effects only, and without halved images where [`Effect::TextureFilter`] is
     /// not among them.
     pub fn of_effects(scene: &'s Scene, effects: EffectSet) -> TextureSet<'s> {
-        let constants: Vec<_> = scene.images.par_iter().map(constant).collect();
+        let constants = parallel::map(scene.images.len(), &|index| constant(&scene.images[index]));
         let lookups: Vec<Lookup> = scene
             .textures
             .iter()
@@ -113,17 +113,14 @@ impl<'s> TextureSet<'s> {
             })
             .collect();
         let wanted = wanted_pyramids(scene, &lookups, effects);
-        let pyramids = scene.images.par_iter().enumerate().map(|(index, image)| {
+        let pyramids = parallel::map(scene.images.len(), &|index| {
             [Encoding::Srgb, Encoding::Linear].map(|encoding| {
                 wanted
                     .contains(&(index, slot(encoding)))
-                    .then(|| Pyramid::new(Grid::of_image(image, encoding), encoding))
+                    .then(|| Pyramid::new(Grid::of_image(&scene.images[index], encoding), encoding))
             })
         });
-        TextureSet {
-            pyramids: pyramids.collect(),
-            lookups,
-        }
+        TextureSet { pyramids, lookups }
     }
 
     /// The linear RGBA of a texture at a point, averaged over the point's widths.

@@ -10,9 +10,8 @@
 //! Colours (sRGB) are averaged by their alpha, so that what cannot be seen does not bleed into what can; where all of
 //! it is invisible, they count alike. In other images the channels have nothing to do with each other.
 
-use rayon::prelude::*;
-
 use super::grid::{Grid, mix};
+use crate::parallel;
 use crate::scene::{Encoding, Sampler};
 
 /// The levels of an image above its finest one.
@@ -77,15 +76,12 @@ impl Pyramid {
 fn halved(source: Grid, encoding: Encoding) -> Level {
     let [width, height] = [source.width, source.height].map(|side| (side / 2).max(1));
     let mut texels = vec![[0.0; 4]; width as usize * height as usize];
-    texels
-        .par_chunks_mut(width as usize)
-        .enumerate()
-        .for_each(|(y, row)| {
-            let down = Taps::new(y, source.height as usize);
-            for (x, texel) in row.iter_mut().enumerate() {
-                *texel = average(source, Taps::new(x, source.width as usize), down, encoding);
-            }
-        });
+    parallel::for_each_chunk_mut(&mut texels, width as usize, &|y, row| {
+        let down = Taps::new(y, source.height as usize);
+        for (x, texel) in row.iter_mut().enumerate() {
+            *texel = average(source, Taps::new(x, source.width as usize), down, encoding);
+        }
+    });
     Level {
         width,
         height,

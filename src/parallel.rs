@@ -1,0 +1,235 @@
+//! Work shared among the threads of the current rayon pool.
+//!
+//! Rayon's own iterators are compiled anew for every closure, some ten thousand lines of LLVM IR each. Everything here
+//! takes work as `&dyn Fn` and comes down to one loop, [`for_each`], which is compiled once; the functions over types
+//! only make places for results. A task should therefore take a microsecond or more: what takes less is handed out in
+//! chunks, as [`generate`] does.
+//!
+//! Results come in the order of the tasks for any number of threads, and so does what is summed up of them. Every task
+//! may be taken by a thread of its own.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use bytemuck::Zeroable;
+use rayon::ThreadPool;
+use rayon::prelude::*;
+
+/// Elements that a thread of [`generate`] makes in a row: so many that handing them out costs nothing beside them.
+const CHUNK: usize = 1 << 12;
+
+/// Does tasks `0..count`.
+pub(crate) fn for_each(count: usize, work: &(dyn Fn(usize) + Sync)) {
+    (0..count).into_par_iter().with_max_len(1).for_each(work);
+}
+
+/// Returns the results of tasks `0..count`, in their order.
+pub(crate) fn map<T: Send>(count: usize, work: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
+    let places: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
+    for_each(count, &|task| {
+        let result = work(task);
+        *locked(&places[task]) = Some(result);
+    });
+    let results = places
+        .into_iter()
+        .filter_map(|place| place.into_inner().unwrap_or_else(PoisonError::into_inner));
+    let mut results: Vec<T> = results.collect();
+    // They stay where the places were, which were larger.
+    results.shrink_to_fit();
+    results
+}
+
+/// Returns what `work` makes of each chunk of `chunk_len` items and its number, in their order; the last may be shorter.
+pub(crate) fn map_chunks<T: Sync, U: Send>(
+    items: &[T],
+    chunk_len: usize,
+    work: &(dyn Fn(usize, &[T]) -> U + Sync),
+) -> Vec<U> {
+    let chunks: Vec<&[T]> = items.chunks(chunk_len).collect();
+    map(chunks.len(), &|number| work(number, chunks[number]))
+}
+
+/// Returns the results of tasks `0..count` in their order, or the error of the first that fails.
+///
+/// That is the same one whatever the number of threads. Tasks behind one that has failed are not begun.
+pub(crate) fn try_map<T: Send, E: Send>(
+    count: usize,
+    work: &(dyn Fn(usize) -> Result<T, E> + Sync),
+) -> Result<Vec<T>, E> {
+    let first_failed = AtomicUsize::new(usize::MAX);
+    let results = map(count, &|task| {
+        if task > first_failed.load(Ordering::Relaxed) {
+            return None;
+        }
+        let result = work(task);
+        if result.is_err() {
+            first_failed.fetch_min(task, Ordering::Relaxed);
+        }
+        Some(result)
+    });
+    results.into_iter().flatten().collect()
+}
+
+/// Returns what `work` makes of the items and their numbers, which it consumes, as [`try_map`] does.
+pub(crate) fn try_map_owned<T: Send, U: Send, E: Send>(
+    items: Vec<T>,
+    work: &(dyn Fn(usize, T) -> Result<U, E> + Sync),
+) -> Result<Vec<U>, E> {
+    let places: Vec<Mutex<Option<T>>> = items.into_iter().map(|item| Mutex::new(Some(item))).collect();
+    let results = try_map(places.len(), &|task| {
+        let item = locked(&places[task]).take();
+        item.map(|item| work(task, item)).transpose()
+    })?;
+    Ok(results.into_iter().flatten().collect())
+}
+
+/// Returns whether `is_so` holds of all of `0..count`; does not ask much further where it is known not to.
+pub(crate) fn all(count: usize, is_so: &(dyn Fn(usize) -> bool + Sync)) -> bool {
+    let holds = AtomicBool::new(true);
+    for_each(count, &|task| {
+        if holds.load(Ordering::Relaxed) && !is_so(task) {
+            holds.store(false, Ordering::Relaxed);
+        }
+    });
+    holds.into_inner()
+}
+
+/// Does `work` on each chunk of `chunk_len` items and its number; the last may be shorter.
+pub(crate) fn for_each_chunk_mut<T: Send>(
+    items: &mut [T],
+    chunk_len: usize,
+    work: &(dyn Fn(usize, &mut [T]) + Sync),
+) {
+    let chunks: Vec<Mutex<&mut [T]>> = items.chunks_mut(chunk_len).map(Mutex::new).collect();
+    for_each(chunks.len(), &|number| {
+        let chunk = std::mem::take(&mut *locked(&chunks[number]));
+        work(number, chunk);
+    });
+}
+
+/// Returns `element(0..count)` in order, where one of them takes little: for many together there is one dynamic call.
+pub(crate) fn generate<T: Zeroable + Send>(count: usize, element: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    // Zeros that nobody writes.
+    let mut elements: Vec<T> = bytemuck::zeroed_vec(count);
+    for_each_chunk_mut(&mut elements, CHUNK, &|chunk, elements| {
+        for (index, place) in (chunk * CHUNK..).zip(elements) {
+            *place = element(index);
+        }
+    });
+    elements
+}
+
+/// Returns the results of both, which may be had at the same time.
+pub(crate) fn join<A: Send, B: Send>(
+    first: impl FnOnce() -> A + Send,
+    second: impl FnOnce() -> B + Send,
+) -> (A, B) {
+    let (mut one, mut other) = (None, None);
+    join_dyn(&mut once(first, &mut one), &mut once(second, &mut other));
+    (one.expect("rayon runs both"), other.expect("rayon runs both"))
+}
+
+/// Returns the result of `work` on a thread of `pool`, which then is the current pool.
+pub(crate) fn install<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
+    let mut result = None;
+    install_dyn(pool, &mut once(work, &mut result));
+    result.expect("rayon runs what it is given")
+}
+
+fn join_dyn(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
+    rayon::join(first, second);
+}
+
+fn install_dyn(pool: &ThreadPool, work: &mut (dyn FnMut() + Send)) {
+    pool.install(work);
+}
+
+/// Makes `work` something that puts its result into `result`, and does nothing when it is called again.
+fn once<T>(work: impl FnOnce() -> T, result: &mut Option<T>) -> impl FnMut() {
+    let mut work = Some(work);
+    move || {
+        if let Some(work) = work.take() {
+            *result = Some(work());
+        }
+    }
+}
+
+/// Locks a place. A panic elsewhere leaves none half written.
+fn locked<T>(place: &Mutex<T>) -> MutexGuard<'_, T> {
+    place.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn in_pools(check: impl Fn() + Sync + Send) {
+        for threads in [1, 2, 5] {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            install(&pool, &check);
+        }
+    }
+
+    #[test]
+    fn results_come_in_the_order_of_the_tasks() {
+        in_pools(|| {
+            for count in [0, 1, 1000] {
+                let squares: Vec<usize> = (0..count).map(|i| i * i).collect();
+                assert_eq!(map(count, &|i| i * i), squares);
+            }
+            // Three to a chunk: 0 + 1 + 2, 3 + 4 + 5, 6.
+            let sums = map_chunks(&[0, 1, 2, 3, 4, 5, 6], 3, &|number, chunk| {
+                (number, chunk.iter().sum::<i32>())
+            });
+            assert_eq!(sums, [(0, 3), (1, 12), (2, 6)]);
+            assert!(map_chunks(&[0; 0], 3, &|number, _| number).is_empty());
+        });
+    }
+
+    #[test]
+    fn the_first_error_is_returned() {
+        in_pools(|| {
+            let fails_from = |first: usize| move |i: usize| if i < first { Ok(i) } else { Err(i) };
+            assert_eq!(try_map(500, &fails_from(77)), Err(77));
+            assert_eq!(try_map(500, &fails_from(0)), Err(0));
+            assert_eq!(try_map(3, &fails_from(3)), Ok(vec![0, 1, 2]));
+            let words = || vec!["a".to_string(), "b".to_string()];
+            let numbered = |i: usize, word: String| Ok::<_, ()>(format!("{word}{i}"));
+            assert_eq!(
+                try_map_owned(words(), &numbered),
+                Ok(vec!["a0".into(), "b1".into()])
+            );
+            let refused = |i: usize, _| if i == 0 { Ok(()) } else { Err(i) };
+            assert_eq!(try_map_owned(words(), &refused), Err(1));
+        });
+    }
+
+    #[test]
+    fn all_is_so_where_none_is_not() {
+        in_pools(|| {
+            assert!(all(0, &|_| false));
+            assert!(all(100, &|i| i < 100));
+            assert!(!all(100, &|i| i != 99));
+        });
+    }
+
+    #[test]
+    fn chunks_are_written_by_their_numbers() {
+        in_pools(|| {
+            let mut items = [0; 7];
+            for_each_chunk_mut(&mut items, 3, &|number, chunk| chunk.fill(number));
+            assert_eq!(items, [0, 0, 0, 1, 1, 1, 2]);
+            let count = 2 * CHUNK + 1;
+            assert!(generate(count, |i| i as u32).into_iter().eq(0..count as u32));
+            assert!(generate(0, |i| i as u32).is_empty());
+        });
+    }
+
+    #[test]
+    fn both_results_of_a_pair_come_back() {
+        in_pools(|| assert_eq!(join(|| 1, || "two".to_string()), (1, "two".to_string())));
+    }
+}

@@ -174,11 +174,28 @@ impl Settings {
     }
 }
 
+/// The part of a file that tells what was measured.
+#[derive(Serialize)]
+struct MeasuredPart<'a> {
+    measured: &'a Measured,
+}
+
+/// A part of a file as TOML. As one document the settings would be compiled for every place that a table can have in
+/// it.
+fn toml_text(part: &impl Serialize) -> String {
+    // Nothing in it has no form in TOML.
+    toml::to_string(part).unwrap_or_default()
+}
+
 impl SettingsFile {
     /// The file as TOML.
     pub fn text(&self) -> String {
-        // Nothing in it has no form in TOML.
-        toml::to_string(self).unwrap_or_default()
+        let mut text = format!("[settings]\n{}", toml_text(&self.settings));
+        if let Some(measured) = &self.measured {
+            text.push('\n');
+            text += &toml_text(&MeasuredPart { measured });
+        }
+        text
     }
 
     /// What a file holds.
@@ -234,8 +251,14 @@ mod tests {
             }),
         };
         let text = file.text();
+        assert_eq!(text, toml::to_string(&file).unwrap());
         assert_eq!(SettingsFile::parse(&text), Ok(file.clone()), "{text}");
         assert_eq!(file.settings.change(), configuration.change);
+        let bare = SettingsFile {
+            settings: Settings::default(),
+            measured: None,
+        };
+        assert_eq!(bare.text(), toml::to_string(&bare).unwrap());
     }
 
     #[test]

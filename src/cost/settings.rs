@@ -8,6 +8,7 @@ use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, MIN_ADAPTIVE_ERROR, Pattern};
 use crate::scene::picture::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
 use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MOST_ROUGH_RAYS};
+use crate::scene_file::node::from_text;
 
 /// Steps through volumes may be so many times as long as the scene's, or as short.
 const MOST_STEP_FACTOR: f64 = 1024.0;
@@ -204,7 +205,7 @@ impl SettingsFile {
     ///
     /// What is wrong with it, as the end of a sentence that begins with the file's name.
     pub fn parse(text: &str) -> Result<SettingsFile, String> {
-        let file: SettingsFile = toml::from_str(text).map_err(|error| {
+        let file: SettingsFile = from_text(text).map_err(|error| {
             let line = error.span().map_or(String::new(), |span| {
                 let before = text.get(..span.start).unwrap_or_default();
                 format!(", line {}", before.matches('\n').count() + 1)

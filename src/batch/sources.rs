@@ -71,13 +71,13 @@ fn named_by(path: &Path) -> io::Result<Vec<PathBuf>> {
     let json: serde_json::Value = match kind.to_ascii_lowercase().as_str() {
         "toml" => {
             let text = String::from_utf8_lossy(&std::fs::read(path)?).into_owned();
-            let table: toml::Table = toml::from_str(&text).unwrap_or_default();
+            let table: toml::Table = text.parse().unwrap_or_default();
             let mut words = Vec::new();
             table.values().for_each(|value| collect_words(value, &mut words));
             return Ok(files_among(words.into_iter(), path));
         }
-        "gltf" => serde_json::from_slice(&std::fs::read(path)?).unwrap_or_default(),
-        "glb" => serde_json::from_slice(&json_of_glb(path)?).unwrap_or_default(),
+        "gltf" => json_value(&std::fs::read(path)?),
+        "glb" => json_value(&json_of_glb(path)?),
         // Raw volumes may have headers that name others.
         "nhdr" => {
             let text = String::from_utf8_lossy(&std::fs::read(path)?).into_owned();
@@ -118,6 +118,12 @@ fn collect_words<'v>(value: &'v toml::Value, words: &mut Vec<&'v str>) {
         toml::Value::Table(table) => table.values().for_each(|value| collect_words(value, words)),
         _ => {}
     }
+}
+
+/// The value of a JSON text; null where it is none.
+fn json_value(text: &[u8]) -> serde_json::Value {
+    let text = std::str::from_utf8(text).unwrap_or_default();
+    serde_json::from_str(text).unwrap_or_default()
 }
 
 fn collect_uris<'v>(value: &'v serde_json::Value, uris: &mut Vec<&'v str>) {

@@ -29,8 +29,10 @@ pub(super) fn tell(line: &str) {
 /// Writes `value` to `path` as JSON, whole or not at all.
 pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
     write_atomically(path, |file| {
-        serde_json::to_writer_pretty(&mut *file, value)?;
-        file.write_all(b"\n")
+        // By way of memory, as all JSON is: it is compiled anew for each kind of writer.
+        let mut bytes = serde_json::to_vec_pretty(value)?;
+        bytes.push(b'\n');
+        file.write_all(&bytes)
     })?;
     Ok(())
 }

@@ -8,6 +8,7 @@ use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, MIN_ADAPTIVE_ERROR, Pattern};
 use crate::scene::picture::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
 use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MOST_ROUGH_RAYS};
+use crate::scene_file::node::from_text;
 
 /// Steps through volumes may be so many times as long as the scene's, or as short.
 const MOST_STEP_FACTOR: f64 = 1024.0;
@@ -174,11 +175,28 @@ impl Settings {
     }
 }
 
+/// The part of a file that tells what was measured.
+#[derive(Serialize)]
+struct MeasuredPart<'a> {
+    measured: &'a Measured,
+}
+
+/// A part of a file as TOML. As one document the settings would be compiled for every place that a table can have in
+/// it.
+fn toml_text(part: &impl Serialize) -> String {
+    // Nothing in it has no form in TOML.
+    toml::to_string(part).unwrap_or_default()
+}
+
 impl SettingsFile {
     /// The file as TOML.
     pub fn text(&self) -> String {
-        // Nothing in it has no form in TOML.
-        toml::to_string(self).unwrap_or_default()
+        let mut text = format!("[settings]\n{}", toml_text(&self.settings));
+        if let Some(measured) = &self.measured {
+            text.push('\n');
+            text += &toml_text(&MeasuredPart { measured });
+        }
+        text
     }
 
     /// What a file holds.
@@ -187,7 +205,7 @@ impl SettingsFile {
     ///
     /// What is wrong with it, as the end of a sentence that begins with the file's name.
     pub fn parse(text: &str) -> Result<SettingsFile, String> {
-        let file: SettingsFile = toml::from_str(text).map_err(|error| {
+        let file: SettingsFile = from_text(text).map_err(|error| {
             let line = error.span().map_or(String::new(), |span| {
                 let before = text.get(..span.start).unwrap_or_default();
                 format!(", line {}", before.matches('\n').count() + 1)
@@ -234,8 +252,14 @@ mod tests {
             }),
         };
         let text = file.text();
+        assert_eq!(text, toml::to_string(&file).unwrap());
         assert_eq!(SettingsFile::parse(&text), Ok(file.clone()), "{text}");
         assert_eq!(file.settings.change(), configuration.change);
+        let bare = SettingsFile {
+            settings: Settings::default(),
+            measured: None,
+        };
+        assert_eq!(bare.text(), toml::to_string(&bare).unwrap());
     }
 
     #[test]

@@ -137,7 +137,8 @@ impl Unfinished {
         let rest = bytes.strip_prefix(FORMAT.as_bytes()).ok_or_else(broken)?;
         let rest = rest.strip_prefix(b"\n").ok_or_else(broken)?;
         let end = rest.iter().position(|&byte| byte == b'\n').ok_or_else(broken)?;
-        let head: Head = serde_json::from_slice(&rest[..end]).map_err(|_| broken())?;
+        let text = std::str::from_utf8(&rest[..end]).map_err(|_| broken())?;
+        let head: Head = serde_json::from_str(text).map_err(|_| broken())?;
         let mut numbers = Numbers(&rest[end + 1..]);
         let short = || "has been cut short".to_owned();
         let [width, height] = head.size;

@@ -1,11 +1,13 @@
 //! OpenEXR: linear RGB and further channels beside it, in one part of scan lines.
 
-use std::io::{self, Seek, Write};
+use std::fs::File;
+use std::io::{self, BufReader};
 use std::path::Path;
 
 use exr::prelude::{self as openexr, ReadChannels, ReadLayers};
 
-use super::rows::{Compression, ExrChannel, ExrLayout, RowEncoder, SampleType, Samples};
+use super::atomic::write_error;
+use super::rows::{Compression, ExrChannel, ExrLayout, ExrRowsWriter, SampleType, Samples};
 use super::{ExtraChannel, ExtraKind, ImageError, LinearImage, Note};
 
 /// How an EXR file holds what was rendered.
@@ -20,21 +22,21 @@ pub struct ExrEncoding {
 /// Rows that are turned into planes at once: whole blocks by any compression.
 const ROWS: usize = 32;
 
-/// Writes `image` with further channels, which hold a value a pixel, as an EXR file.
-pub(super) fn encode(
+/// Writes `image` with further channels, which hold a value a pixel, to `path` as an EXR file.
+pub(super) fn write(
     image: &LinearImage,
     extra: &[ExtraChannel],
     encoding: ExrEncoding,
     notes: &[Note],
-    out: impl Write + Seek,
-) -> io::Result<()> {
-    check_lengths(image, extra)?;
+    path: &Path,
+) -> Result<(), ImageError> {
+    check_lengths(image, extra).map_err(|error| write_error(path, &error))?;
     let layout = ExrLayout {
         compression: encoding.compression,
         notes,
         ..ExrLayout::of_size([image.width, image.height], channels(extra, encoding.sample))
     };
-    let mut encoder = RowEncoder::new(out, &layout)?;
+    let mut writer = ExrRowsWriter::create(path, &layout)?;
     let pixels_at_once = ROWS * image.width as usize;
     for (index, pixels) in image.pixels.chunks(pixels_at_once).enumerate() {
         let start = index * pixels_at_once;
@@ -44,9 +46,9 @@ pub(super) fn encode(
             .iter()
             .map(|channel| Samples::from(&channel.values[start..start + pixels.len()]));
         let rows: Vec<Samples> = colors.into_iter().chain(others).collect();
-        encoder.write_rows(&rows)?;
+        writer.write_rows(&rows)?;
     }
-    encoder.finish().map(drop)
+    writer.finish()
 }
 
 fn check_lengths(image: &LinearImage, extra: &[ExtraChannel]) -> io::Result<()> {
@@ -75,6 +77,11 @@ fn channels(extra: &[ExtraChannel], color: SampleType) -> Vec<ExrChannel> {
 
 /// Reads the R, G and B channels of the first layer that has them.
 pub(super) fn read(path: &Path) -> Result<LinearImage, ImageError> {
+    let fault = |error: exr::error::Error| ImageError::Read {
+        path: path.to_owned(),
+        message: error.to_string(),
+    };
+    let file = File::open(path).map_err(|error| fault(error.into()))?;
     openexr::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -87,12 +94,9 @@ pub(super) fn read(path: &Path) -> Result<LinearImage, ImageError> {
         )
         .first_valid_layer()
         .all_attributes()
-        .from_file(path)
+        .from_buffered(&mut BufReader::new(file))
         .map(|file| file.layer_data.channel_data.pixels)
-        .map_err(|error| ImageError::Read {
-            path: path.to_owned(),
-            message: error.to_string(),
-        })
+        .map_err(fault)
 }
 
 #[cfg(test)]

@@ -246,7 +246,7 @@ pub fn write_exr_with(
     notes: &[Note],
     path: &Path,
 ) -> Result<(), ImageError> {
-    write_atomically(path, |file| exr::encode(image, extra, encoding, notes, file))
+    exr::write(image, extra, encoding, notes, path)
 }
 
 /// Reads the linear RGB of an EXR file.

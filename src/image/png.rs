@@ -6,6 +6,9 @@ use ::png::{BitDepth, ColorType, Compression, EncodingError, Filter, SrgbRenderi
 
 use super::{LinearImage, Note, SOFTWARE, ToneMap};
 
+/// What takes the bytes of a PNG; one type for all, as the encoder is compiled anew for each.
+pub(super) type Sink<'w> = Box<dyn Write + Send + 'w>;
+
 /// How radiance becomes the codes of a PNG.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PngEncoding {
@@ -39,7 +42,12 @@ impl PngEncoding {
     }
 
     /// Writes what comes before the pixels of a picture of `size`, width and height.
-    pub(super) fn begin<W: Write>(&self, out: W, size: [u32; 2], notes: &[Note]) -> io::Result<Writer<W>> {
+    pub(super) fn begin<'w>(
+        &self,
+        out: Sink<'w>,
+        size: [u32; 2],
+        notes: &[Note],
+    ) -> io::Result<Writer<Sink<'w>>> {
         let [width, height] = size;
         let mut encoder = ::png::Encoder::new(out, width, height);
         encoder.set_color(ColorType::Rgb);
@@ -72,9 +80,9 @@ pub(super) fn encode(
     image: &LinearImage,
     encoding: &PngEncoding,
     notes: &[Note],
-    out: &mut impl Write,
+    out: &mut (dyn Write + Send),
 ) -> io::Result<()> {
-    let mut writer = encoding.begin(out, [image.width, image.height], notes)?;
+    let mut writer = encoding.begin(Box::new(out), [image.width, image.height], notes)?;
     let codes = encoding.codes(&image.pixels);
     writer.write_image_data(&codes).map_err(io_error)?;
     writer.finish().map_err(io_error)

@@ -10,6 +10,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
 use std::path::Path;
 
+use exr::io::Tracking;
 use exr::prelude::{self as openexr, ReadChannels, ReadLayers, ReadSpecificChannel, Vec2};
 use image::codecs::hdr::HdrDecoder;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageReader, Limits};
@@ -63,7 +64,7 @@ pub fn read_size(path: &Path) -> Result<[u32; 2], ImageError> {
     let mut file = open(path)?;
     let start = file.fill_buf().map_err(|error| unreadable(path, &error))?;
     let size = if start.starts_with(&EXR_MAGIC) {
-        let meta = exr::meta::MetaData::read_from_buffered(file, false).map_err(|e| undecodable(path, &e))?;
+        let meta = read_exr_meta(&mut file).map_err(|e| undecodable(path, &e))?;
         let layer = meta
             .headers
             .first()
@@ -184,9 +185,9 @@ fn quads<T: bytemuck::Pod>(values: Vec<T>) -> Vec<[T; 4]> {
 }
 
 /// The first layer with R, G and B, or else with Y alone, and A where there is one.
-fn read_exr(path: &Path, file: &mut (impl BufRead + Seek), max_pixels: u64) -> Result<ReadImage, ImageError> {
+fn read_exr(path: &Path, file: &mut BufReader<File>, max_pixels: u64) -> Result<ReadImage, ImageError> {
     let faulty = |error: exr::error::Error| undecodable(path, &error);
-    let meta = exr::meta::MetaData::read_from_buffered(file.by_ref(), false).map_err(faulty)?;
+    let meta = read_exr_meta(file).map_err(faulty)?;
     for header in &meta.headers {
         let size = [header.layer_size.x(), header.layer_size.y()].map(|side| side as u64);
         // Blocks are decoded with all their channels, also those that are not asked for.
@@ -212,6 +213,14 @@ fn read_exr(path: &Path, file: &mut (impl BufRead + Seek), max_pixels: u64) -> R
     let reader = reader.collect_pixels(|size, _| ReadFloats::new(size), set);
     let file = reader.first_valid_layer().all_attributes().from_buffered(file);
     Ok(file.map_err(faulty)?.layer_data.channel_data.pixels.finish())
+}
+
+/// Reads the headers of an EXR file.
+///
+/// The `exr` crate wraps what it reads pixels from into [`Tracking`]; all that reads EXR files here does the same and
+/// borrows the file, so that the crate is compiled for one reader.
+fn read_exr_meta(file: &mut BufReader<File>) -> exr::error::Result<exr::meta::MetaData> {
+    exr::meta::MetaData::read_from_buffered(Tracking::new(file), false)
 }
 
 /// An EXR image on its way in.

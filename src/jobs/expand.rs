@@ -25,7 +25,7 @@ const MOST_PIECES: u32 = 4096;
 /// See [`Jobs::load`].
 pub(super) fn load(path: &Path) -> Result<Jobs, SceneFileError> {
     let source = read(path)?;
-    let document: Document = toml::from_str(&source.text).map_err(|error| source.toml_error(&error))?;
+    let document: Document = source.parse()?;
     if document.job.is_empty() {
         return Err(file_error(path, "has no jobs: add a [[job]]"));
     }

@@ -176,6 +176,7 @@ mod tests {
     use serde::Deserialize;
 
     use super::*;
+    use crate::scene_file::node::from_text;
 
     #[derive(Deserialize)]
     struct Form {
@@ -185,7 +186,7 @@ mod tests {
 
     /// Fields and labels of all combinations.
     fn labels(text: &str) -> Result<Vec<String>, String> {
-        let form: Form = toml::from_str(text).unwrap();
+        let form: Form = from_text(text).unwrap();
         let all =
             combinations(&form.sweep, form.zip.as_ref()).map_err(|fault| fault.sentence().to_owned())?;
         let words = |points: &Vec<Swept>| {

@@ -166,7 +166,7 @@ impl Assembler {
     /// The objects of the file at `path`, and the file as it is written.
     pub(super) fn file(&mut self, path: &Path) -> Result<(Assembly, Document, Rc<Source>), SceneFileError> {
         let source = Rc::new(edited(read(path)?, &std::mem::take(&mut self.edits))?);
-        let document: Document = toml::from_str(&source.text).map_err(|e| source.toml_error(&e))?;
+        let document: Document = source.parse()?;
         let mut unit = Unit {
             folder: path.parent().unwrap_or(Path::new("")).to_owned(),
             materials: self.materials(&source, path, &document)?,
@@ -598,7 +598,8 @@ fn edited(source: Source, edits: &[Edit]) -> Result<Source, SceneFileError> {
     if edits.is_empty() {
         return Ok(source);
     }
-    let mut table: toml::Table = toml::from_str(&source.text).map_err(|error| source.toml_error(&error))?;
+    let table = source.text.parse::<toml::Table>();
+    let mut table = table.map_err(|error| source.toml_error(&error.into()))?;
     for edit in edits {
         edit.apply(&mut table).map_err(|sentence| {
             file_error(&source.path, format!("cannot have the swept {edit}: {sentence}"))

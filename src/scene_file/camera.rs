@@ -241,10 +241,11 @@ fn axes_looking_along(forward: DVec3, up: DVec3) -> Option<DMat3> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::node::from_text;
     use super::*;
 
     fn camera(text: &str) -> Result<Camera, String> {
-        toml::from_str::<CameraForm>(text).unwrap().camera(0)
+        from_text::<CameraForm>(text).unwrap().camera(0)
     }
 
     #[test]

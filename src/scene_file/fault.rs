@@ -3,8 +3,10 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 
+use super::node::{TomlError, from_text};
 use super::value::At;
 
 /// Why a scene file could not become a scene. One sentence with the file, the place, the item and the remedy.
@@ -95,8 +97,13 @@ impl Source {
         }
     }
 
+    /// The form that the text is to be.
+    pub(crate) fn parse<T: DeserializeOwned>(&self) -> Result<T, SceneFileError> {
+        from_text(&self.text).map_err(|error| self.toml_error(&error))
+    }
+
     /// What the parser or serde found.
-    pub(crate) fn toml_error(&self, error: &toml::de::Error) -> SceneFileError {
+    pub(super) fn toml_error(&self, error: &TomlError) -> SceneFileError {
         let span = error.span().unwrap_or(0..0);
         let is_toml = DeTable::parse(&self.text).is_ok();
         let word = self.text.get(span.clone()).unwrap_or_default();

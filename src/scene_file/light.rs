@@ -448,12 +448,11 @@ impl Surroundings {
 
 #[cfg(test)]
 mod tests {
+    use super::super::node::from_text;
     use super::*;
 
     fn light(text: &str) -> Result<Light, String> {
-        toml::from_str::<LightForm>(text)
-            .map_err(|e| e.to_string())?
-            .light(0)
+        from_text::<LightForm>(text).map_err(|e| e.to_string())?.light(0)
     }
 
     #[test]
@@ -495,7 +494,7 @@ mod tests {
         struct File {
             b: BackgroundForm,
         }
-        let background = |text: &str| toml::from_str::<File>(text).unwrap().b.background(7);
+        let background = |text: &str| from_text::<File>(text).unwrap().b.background(7);
         let map = background("b = { environment = 'sky.hdr', turn = 180, scale = 2 }").unwrap();
         assert_eq!(
             map,

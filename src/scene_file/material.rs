@@ -373,11 +373,12 @@ fn layer<T>(textured: &Textured<T>, parameter: Parameter) -> LayerForm<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::node::from_text;
     use super::*;
     use crate::optics::{Dispersion, LINE_D};
 
     fn material(text: &str) -> Result<Material, String> {
-        toml::from_str::<MaterialForm>(text)
+        from_text::<MaterialForm>(text)
             .map_err(|e| e.message().to_owned())?
             .material("test")
     }
@@ -446,7 +447,7 @@ mod tests {
     #[test]
     fn a_texture_is_turned_after_it_is_scaled() {
         let form: MaterialForm =
-            toml::from_str("roughness = { texture = 'x', scale = [2, 3], rotate = 90, offset = [0.5, 0] }")
+            from_text("roughness = { texture = 'x', scale = [2, 3], rotate = 90, offset = [0.5, 0] }")
                 .unwrap();
         let [u, v] = form.layers()[0].transform.apply([1.0, 1.0]);
         // (1, 1) -> (2, 3) -> (-3, 2) -> (-2.5, 2).

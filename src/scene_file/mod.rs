@@ -75,6 +75,7 @@ mod flatten;
 mod light;
 mod material;
 mod medium;
+pub(crate) mod node;
 mod placement;
 mod polygons;
 mod scattering;

@@ -229,6 +229,7 @@ fn uniform(seed: u32, number: u64, choice: Choice) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::node::from_text;
     use super::*;
 
     #[derive(Deserialize)]
@@ -237,7 +238,7 @@ mod tests {
     }
 
     fn map(text: &str) -> Result<DAffine3, (usize, String)> {
-        let placed: Placed = toml::from_str(&format!("transform = {text}")).unwrap();
+        let placed: Placed = from_text(&format!("transform = {text}")).unwrap();
         map_of(placed.transform.iter())
     }
 
@@ -273,7 +274,7 @@ mod tests {
 
     #[test]
     fn copies_stand_on_their_grid_and_jitter_by_their_seed() {
-        let copies = |text: &str| toml::from_str::<Repeat>(text).unwrap().copies().unwrap();
+        let copies = |text: &str| from_text::<Repeat>(text).unwrap().copies().unwrap();
         let grid = copies("count = [3, 1, 2]\nstep = [2, 0, 5]");
         assert_eq!(grid.count(), 6);
         assert_eq!(grid.map(5), DAffine3::from_translation(DVec3::new(4.0, 0.0, 5.0)));

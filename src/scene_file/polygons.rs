@@ -121,10 +121,11 @@ fn smooth_normals(points: &[DVec3], triangles: &[[u32; 3]]) -> Slab<[f32; 3]> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::node::from_text;
     use super::*;
 
     fn mesh(text: &str) -> Result<Mesh, String> {
-        toml::from_str::<PolygonsForm>(text)
+        from_text::<PolygonsForm>(text)
             .unwrap()
             .mesh()
             .map_err(|fault| fault.sentence)

@@ -189,10 +189,11 @@ impl MaterialForm {
 
 #[cfg(test)]
 mod tests {
+    use super::super::node::from_text;
     use super::*;
 
     fn material(text: &str) -> Result<Material, String> {
-        let form = toml::from_str::<MaterialForm>(text).map_err(|error| error.message().to_owned())?;
+        let form = from_text::<MaterialForm>(text).map_err(|error| error.message().to_owned())?;
         let mut material = form.material("test")?;
         form.scatter(&mut material)
             .map_err(|fault| fault.sentence().to_owned())?;

@@ -12,6 +12,8 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{self, Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
+use super::node::{PLACED, read_place};
+
 /// A value and the bytes of the file that it was read from.
 #[derive(Clone, Debug)]
 pub(crate) struct At<T> {
@@ -36,12 +38,23 @@ impl<T> Deref for At<T> {
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for At<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<At<T>, D::Error> {
-        let spanned = toml::Spanned::<T>::deserialize(deserializer)?;
-        let span = spanned.span();
-        Ok(At {
-            value: spanned.into_inner(),
-            span,
-        })
+        deserializer.deserialize_newtype_struct(PLACED, AtVisitor(PhantomData))
+    }
+}
+
+struct AtVisitor<T>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de>> Visitor<'de> for AtVisitor<T> {
+    type Value = At<T>;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a spanned value")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<At<T>, A::Error> {
+        let span = read_place(&mut map)?;
+        let value = map.next_value()?;
+        Ok(At { value, span })
     }
 }
 
@@ -502,6 +515,9 @@ impl<T: JsonSchema> JsonSchema for OneOrMany<T> {
 
 #[cfg(test)]
 mod tests {
+    use serde::de::DeserializeOwned;
+
+    use super::super::node::{TomlError, from_text};
     use super::*;
 
     #[derive(Debug, Deserialize)]
@@ -509,8 +525,8 @@ mod tests {
         x: T,
     }
 
-    fn read<'t, T: Deserialize<'t>>(text: &'t str) -> Result<T, toml::de::Error> {
-        toml::from_str::<Holder<T>>(text).map(|holder| holder.x)
+    fn read<T: DeserializeOwned>(text: &str) -> Result<T, TomlError> {
+        from_text::<Holder<T>>(text).map(|holder| holder.x)
     }
 
     #[test]

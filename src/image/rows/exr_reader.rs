@@ -1,14 +1,14 @@
 //! Rows from EXR files: the table in the file says where each block of rows lies, so that any can be read alone.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use exr::block::UncompressedBlock;
 use exr::block::chunk::Chunk;
 use exr::error::{Error, Result as ExrResult};
-use exr::io::PeekRead;
+use exr::io::{PeekRead, Tracking};
 use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData, Requirements, magic_number};
 use exr::prelude::{AttributeValue, Text, Vec2, f16};
@@ -139,7 +139,7 @@ impl ExrRowsReader {
 
     fn chunk(&mut self, index: usize) -> ExrResult<Chunk> {
         self.file.seek(SeekFrom::Start(self.blocks_at[index]))?;
-        Chunk::read(&mut self.file, &self.meta)
+        Chunk::read(&mut peekable(&mut self.file), &self.meta)
     }
 
     /// The values of `rows` out of the blocks that hold them.
@@ -197,8 +197,8 @@ fn unpack(chunk: Chunk, meta: &MetaData, first_row: usize) -> ExrResult<Uncompre
 }
 
 /// The header and where the blocks begin.
-fn read_head(file: &mut impl Read) -> ExrResult<(MetaData, Vec<u64>)> {
-    let mut file = PeekRead::new(file);
+fn read_head(file: &mut BufReader<File>) -> ExrResult<(MetaData, Vec<u64>)> {
+    let mut file = peekable(file);
     magic_number::validate_exr(&mut file)?;
     let requirements = Requirements::read(&mut file)?;
     requirements.validate()?;
@@ -212,6 +212,11 @@ fn read_head(file: &mut impl Read) -> ExrResult<(MetaData, Vec<u64>)> {
     let tables = MetaData::read_offset_tables(&mut file, &meta.headers)?;
     let blocks_at = tables.into_iter().next().unwrap_or_default();
     Ok((meta, blocks_at))
+}
+
+/// The reader that the `exr` crate makes itself when it reads a whole image, so that its code is compiled for one.
+fn peekable(file: &mut BufReader<File>) -> PeekRead<Tracking<&mut BufReader<File>>> {
+    PeekRead::new(Tracking::new(file))
 }
 
 /// Refuses what is not one part of scan lines with every channel in every pixel.

@@ -81,7 +81,7 @@ impl ExrRowsWriter {
 
 /// What [`ExrRowsWriter`] does, to whatever takes bytes.
 #[derive(Debug)]
-pub(in super::super) struct RowEncoder<W> {
+struct RowEncoder<W> {
     out: W,
     header: Header,
     /// For each channel of the file, which of the caller's it is.
@@ -101,7 +101,7 @@ pub(in super::super) struct RowEncoder<W> {
 
 impl<W: Write + Seek> RowEncoder<W> {
     /// Writes the header.
-    pub(in super::super) fn new(mut out: W, layout: &ExrLayout) -> io::Result<RowEncoder<W>> {
+    fn new(mut out: W, layout: &ExrLayout) -> io::Result<RowEncoder<W>> {
         let mut sources: Vec<usize> = (0..layout.channels.len()).collect();
         sources.sort_by(|&a, &b| layout.channels[a].name.cmp(&layout.channels[b].name));
         let header = header(layout, &sources)?;
@@ -123,7 +123,7 @@ impl<W: Write + Seek> RowEncoder<W> {
     }
 
     /// See [`ExrRowsWriter::write_rows`].
-    pub(in super::super) fn write_rows(&mut self, channels: &[Samples]) -> io::Result<()> {
+    fn write_rows(&mut self, channels: &[Samples]) -> io::Result<()> {
         let row_count = self.row_count(channels)?;
         for row in 0..row_count {
             self.push_row(channels, row);
@@ -136,7 +136,7 @@ impl<W: Write + Seek> RowEncoder<W> {
     }
 
     /// Writes what is left, and the table; gives back what took the bytes, all of them passed on.
-    pub(in super::super) fn finish(mut self) -> io::Result<W> {
+    fn finish(mut self) -> io::Result<W> {
         let height = self.header.layer_size.height();
         if self.next_row < height {
             let fault = format!("only {} of {height} rows are there", self.next_row);

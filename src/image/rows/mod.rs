@@ -16,7 +16,6 @@ use super::Note;
 
 pub use exr_reader::ExrRowsReader;
 pub use exr_writer::ExrRowsWriter;
-pub(super) use exr_writer::RowEncoder;
 pub use planes::{join_f64, split_f64};
 pub use png_writer::PngRowsWriter;
 

@@ -4,10 +4,10 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use png::StreamWriter;
+use ::png::StreamWriter;
 
 use super::super::atomic::{AtomicFile, write_error};
-use super::super::png::{PngEncoding, io_error};
+use super::super::png::{self, PngEncoding, io_error};
 use super::super::{ImageError, Note};
 
 /// A PNG that is written row by row, from the top to the bottom.
@@ -18,7 +18,7 @@ pub struct PngRowsWriter {
     encoding: PngEncoding,
     row_pixels: usize,
     rows_left: u32,
-    encoder: StreamWriter<'static, Output>,
+    encoder: StreamWriter<'static, png::Sink<'static>>,
     /// What the encoder writes to.
     output: Output,
 }
@@ -37,7 +37,7 @@ impl PngRowsWriter {
     ) -> Result<PngRowsWriter, ImageError> {
         let begin = || {
             let output = Output::new(AtomicFile::create(path)?);
-            let header = encoding.begin(output.clone(), size, notes)?;
+            let header = encoding.begin(Box::new(output.clone()), size, notes)?;
             Ok((header.into_stream_writer().map_err(io_error)?, output))
         };
         let (encoder, output) = begin().map_err(|error: io::Error| write_error(path, &error))?;

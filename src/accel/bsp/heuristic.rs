@@ -81,6 +81,7 @@ struct CutCost {
 }
 
 impl CutCost {
+    #[inline]
     fn new(cell: &Cell, axis: usize) -> CutCost {
         let extent = cell.extent();
         let (a, b) = (extent[(axis + 1) % 3], extent[(axis + 2) % 3]);

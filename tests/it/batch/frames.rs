@@ -344,7 +344,7 @@ fn shards_in_any_order_make_the_bytes_of_one_run() {
     let job = |split: &str, image: &str, more: &str| {
         format!(
             "[[job]]\nscene = \"scene.toml\"\nframes = 2\nturntable = {{}}\n{split}\n\
-             settings = {{ size = \"40x130\", spp = 48, pattern = \"sobol\", backend = \"bsp\"{more} }}\nimage = \"{image}\"\n"
+             settings = {{ size = \"40x130\", spp = 12, pattern = \"sobol\", backend = \"bsp\"{more} }}\nimage = \"{image}\"\n"
         )
     };
     let text = [

@@ -11,7 +11,7 @@ const SHARDS: usize = 16;
 
 #[test]
 fn a_large_frame_by_sixteen_shards_is_that_of_one_process_in_bounded_memory() {
-    by_shards(2048);
+    by_shards(1024);
 }
 
 /// `tests/ci/slow huge_frame`: some minutes, 10 GB of the disk.

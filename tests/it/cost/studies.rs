@@ -216,7 +216,7 @@ fn a_picture_is_rendered_to_an_error_or_within_a_time_and_says_so_if_it_is_not()
             "--size",
             "96x72",
             "--pilot",
-            "8",
+            "4",
         ];
         let done = whit(&[&common[..], aim].concat());
         let said = String::from_utf8([done.stdout, done.stderr].concat()).unwrap();

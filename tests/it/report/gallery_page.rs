@@ -228,17 +228,27 @@ fn the_page_is_as_wide_as_the_window_and_as_dark_as_is_wished() {
 }
 
 #[test]
+fn two_hundred_frames_fit_into_a_page_that_opens() {
+    assert_page_opens(200);
+}
+
+#[test]
+#[ignore = "slow: a thousand frames"]
 fn a_thousand_frames_fit_into_a_page_that_opens() {
+    assert_page_opens(1000);
+}
+
+fn assert_page_opens(count: usize) {
     let folder = tempfile::tempdir().unwrap();
-    let page = written(folder.path(), 1000);
+    let page = written(folder.path(), count);
     // As large as pictures full of noise make it.
     let megabytes = fs::metadata(&page).unwrap().len() as f64 / 1e6;
     println!("{megabytes:.1} MB");
     assert!(megabytes < 32.0, "{megabytes} MB");
     let Some(browser) = chromium() else { return };
     let found = probed(&page, browser, &["--window-size=1200,900"]);
-    assert_eq!(found["all"], json!([1000, "1000 frames"]));
-    assert_eq!(found["keys"][3], 999);
+    assert_eq!(found["all"], json!([count, format!("{count} frames")]));
+    assert_eq!(found["keys"][3], count - 1);
 }
 
 #[test]

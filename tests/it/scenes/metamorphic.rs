@@ -261,11 +261,23 @@ fn rotations_of_a_cube() -> Vec<DMat3> {
 }
 
 #[test]
+fn scenes_look_alike_from_sides_of_a_cube_that_they_are_turned_by() {
+    assert_images_stay_from_sides(5);
+}
+
+#[test]
+#[ignore = "slow: all 24 rotations"]
 fn scenes_look_alike_from_all_sides_of_a_cube_that_they_are_turned_by() {
+    assert_images_stay_from_sides(1);
+}
+
+/// Asserts that two scenes look alike under every `step`th of the 24 rotations of a cube.
+fn assert_images_stay_from_sides(step: usize) {
     let rotations = rotations_of_a_cube();
     assert_eq!(rotations.len(), 24);
     let maps: Vec<Similarity> = rotations
         .into_iter()
+        .step_by(step)
         .map(|turn| Similarity {
             turn,
             ..Similarity::NONE

@@ -279,6 +279,17 @@ fn more_samples_come_nearer_to_a_fine_picture() {
 
 #[test]
 fn any_number_of_threads_gives_the_same_bits_every_time() {
+    assert_bits_stay(3);
+}
+
+#[test]
+#[ignore = "slow: more runs"]
+fn any_number_of_threads_gives_the_same_bits_in_thirty_runs() {
+    assert_bits_stay(30);
+}
+
+/// Asserts that so many renders by each number of threads have the same bits.
+fn assert_bits_stay(run_count: usize) {
     let bits = |image: LinearImage| {
         image
             .pixels
@@ -301,7 +312,7 @@ fn any_number_of_threads_gives_the_same_bits_every_time() {
                     .num_threads(threads)
                     .build()
                     .unwrap();
-                for run in 0..10 {
+                for run in 0..run_count {
                     let image = pool.install(|| rendered(&wave_scene.scene, backend, request));
                     let bits = bits(image);
                     let same = *first.get_or_insert_with(|| bits.clone()) == bits;

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Tells whether effects which a scene does not call for cost anything by being there: builds whit whole, without the code of
-# all effects but shadows and mirrors, and without that of all effects, and has tests/it/cli/disabled_effect_cost.rs count their instructions.
-# Needs valgrind.
+# all effects but shadows and mirrors, and without that of all effects, and has tests/it/cli/disabled_effect_cost.rs count
+# their instructions. Needs valgrind.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -28,4 +28,4 @@ bare=$!
 build mirrors "$(grep -vx -e shadow -e reflection <<<"$all" | paste -sd,)"
 wait "$bare"
 WHIT_WHOLE=$builds/whole WHIT_MIRRORS=$builds/mirrors WHIT_BARE=$builds/bare \
-    cargo test --test absence -- --nocapture
+    cargo test --test it disabled_effect_cost -- --nocapture

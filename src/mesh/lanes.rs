@@ -20,6 +20,16 @@ pub trait Isa: Copy {
 
     /// Lane `i` of the answer is `table[index[i]]`. The table's size is a multiple of eight, and no index is beyond it.
     fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8];
+
+    /// Adds 1 to `below_high[i]` where `a[i] < high`, and to `below_both[i]` where `a[i] <= low` as well.
+    fn count_below<const N: usize>(
+        self,
+        a: &[f32; N],
+        low: f32,
+        high: f32,
+        below_high: &mut [i32; N],
+        below_both: &mut [i32; N],
+    );
 }
 
 // No closures here: one that is not inlined would be compiled for the lowest instruction set.
@@ -104,6 +114,21 @@ impl Isa for AnyIsa {
         }
         out
     }
+
+    #[inline(always)]
+    fn count_below<const N: usize>(
+        self,
+        a: &[f32; N],
+        low: f32,
+        high: f32,
+        below_high: &mut [i32; N],
+        below_both: &mut [i32; N],
+    ) {
+        for i in 0..N {
+            below_high[i] += i32::from(a[i] < high);
+            below_both[i] += i32::from((a[i] < high) & (a[i] <= low));
+        }
+    }
 }
 
 /// An instruction set on which kernels leave what f32 cannot decide to its rounding.
@@ -131,6 +156,18 @@ impl<I: Isa> Isa for Rounded<I> {
     #[inline(always)]
     fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
         self.0.pick(table, index)
+    }
+
+    #[inline(always)]
+    fn count_below<const N: usize>(
+        self,
+        a: &[f32; N],
+        low: f32,
+        high: f32,
+        below_high: &mut [i32; N],
+        below_both: &mut [i32; N],
+    ) {
+        self.0.count_below(a, low, high, below_high, below_both);
     }
 }
 
@@ -190,6 +227,36 @@ mod x86 {
                 };
             }
             cast(picked)
+        }
+
+        /// Eight lanes at a time, of whose masks each is -1 or 0; `N` is a multiple of eight.
+        #[inline(always)]
+        fn count_below<const N: usize>(
+            self,
+            a: &[f32; N],
+            low: f32,
+            high: f32,
+            below_high: &mut [i32; N],
+            below_both: &mut [i32; N],
+        ) {
+            let (a, _) = a.as_chunks::<8>();
+            let (below_high, _) = below_high.as_chunks_mut::<8>();
+            let (below_both, _) = below_both.as_chunks_mut::<8>();
+            let low = self.avx._mm256_set1_ps(low);
+            let high = self.avx._mm256_set1_ps(high);
+            for i in 0..N / 8 {
+                let is_below_high = self.avx._mm256_cmp_ps::<_CMP_LT_OQ>(cast(a[i]), high);
+                let is_below_low = self.avx._mm256_cmp_ps::<_CMP_LE_OQ>(cast(a[i]), low);
+                let is_below_both = self.avx._mm256_and_ps(is_below_high, is_below_low);
+                below_high[i] = cast(
+                    self.avx2
+                        ._mm256_sub_epi32(cast(below_high[i]), cast(is_below_high)),
+                );
+                below_both[i] = cast(
+                    self.avx2
+                        ._mm256_sub_epi32(cast(below_both[i]), cast(is_below_both)),
+                );
+            }
         }
     }
 }
@@ -300,6 +367,38 @@ mod tests {
             assert_eq!(Pick(table, index).run(AnyIsa), expected);
             assert_eq!(dispatch(Pick(table, index)), expected);
         }
+    }
+
+    struct CountBelow([f32; 16], f32, f32);
+
+    impl Work for CountBelow {
+        type Output = [[i32; 16]; 2];
+
+        #[inline(always)]
+        fn run<I: Isa>(self, isa: I) -> [[i32; 16]; 2] {
+            let mut counts = [[10; 16], [20; 16]];
+            let [below_high, below_both] = &mut counts;
+            isa.count_below(&self.0, self.1, self.2, below_high, below_both);
+            counts
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_counts_alike() {
+        let mut a: [f32; 16] = std::array::from_fn(|i| i as f32);
+        a[15] = f32::NAN;
+        // 0 to 5 are at most 5, 0 to 9 under 9.5, and NaN is neither.
+        let mut expected = [[10; 16], [20; 16]];
+        expected[0][..10].fill(11);
+        expected[1][..6].fill(21);
+        assert_eq!(CountBelow(a, 5.0, 9.5).run(AnyIsa), expected);
+        assert_eq!(dispatch(CountBelow(a, 5.0, 9.5)), expected);
+        // A flat piece in the plane at 4 is not right of it: `<` fails though `<=` holds.
+        let mut expected = [[10; 16], [20; 16]];
+        expected[0][..4].fill(11);
+        expected[1][..4].fill(21);
+        assert_eq!(CountBelow(a, 4.0, 4.0).run(AnyIsa), expected);
+        assert_eq!(dispatch(CountBelow(a, 4.0, 4.0)), expected);
     }
 
     #[test]

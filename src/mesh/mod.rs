@@ -38,7 +38,9 @@ impl Mesh {
     /// The three corners of a triangle.
     #[inline(always)]
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
-        self.triangles[primitive as usize].map(|v| Vec3::from(self.positions[v as usize]))
+        let [a, b, c] = self.triangles[primitive as usize];
+        let corner = |v: u32| Vec3::from(self.positions[v as usize]);
+        [corner(a), corner(b), corner(c)]
     }
 
     /// The three corners of a triangle, widened without rounding.

@@ -39,7 +39,12 @@ impl Cell {
     /// Edge lengths; 0 for an empty box.
     #[inline(always)]
     pub(super) fn extent(&self) -> [f32; 3] {
-        [0, 1, 2].map(|axis| (self.high[axis] - self.low[axis]).max(0.0))
+        // No closure: one that is not inlined would be compiled for the lowest instruction set.
+        let mut extent = [0.0; 3];
+        for axis in 0..3 {
+            extent[axis] = (self.high[axis] - self.low[axis]).max(0.0);
+        }
+        extent
     }
 }
 
@@ -84,7 +89,12 @@ impl Piece {
             right.low[axis] = position;
             return [Some(left), Some(right)];
         };
-        let corners = corners.map(|p| p.as_dvec3().to_array());
+        let [a, b, c] = corners;
+        let corners = [
+            a.as_dvec3().to_array(),
+            b.as_dvec3().to_array(),
+            c.as_dvec3().to_array(),
+        ];
         let plane = f64::from(position);
         let mut low = [[f64::INFINITY; 3]; 2];
         let mut high = [[f64::NEG_INFINITY; 3]; 2];
@@ -105,13 +115,14 @@ impl Piece {
             }
             if from * to < 0.0 {
                 let s = from / (from - to);
-                let mut crossing = [0, 1, 2].map(|k| p[k] + s * (q[k] - p[k]));
+                let along = |k: usize| p[k] + s * (q[k] - p[k]);
+                let mut crossing = [along(0), along(1), along(2)];
                 crossing[axis] = plane;
                 include(0, crossing);
                 include(1, crossing);
             }
         }
-        [0, 1].map(|side| self.within(low[side], high[side]))
+        [self.within(low[0], high[0]), self.within(low[1], high[1])]
     }
 
     /// The part within f64 bounds, rounded outward.

@@ -158,13 +158,12 @@ fn count_bins(pieces: &[Piece], cell: &Cell) -> Bins {
     let mut bins = Bins::default();
     let extent = cell.extent();
     // A flat cell puts everything into slice 0, where no plane is tried.
-    let scale = extent.map(|e| {
-        if e > 0.0 {
-            (BINS as f32 / e).min(f32::MAX)
-        } else {
-            0.0
+    let mut scale = [0.0; 3];
+    for axis in 0..3 {
+        if extent[axis] > 0.0 {
+            scale[axis] = (BINS as f32 / extent[axis]).min(f32::MAX);
         }
-    });
+    }
     for piece in pieces {
         for axis in 0..3 {
             let slice = |x: f32| ((x - cell.low[axis]) * scale[axis]) as usize;
@@ -194,14 +193,14 @@ impl Work for ExactPlane<'_> {
     type Output = Option<Plane>;
 
     #[inline(always)]
-    fn run<I: Isa>(self, _: I) -> Option<Plane> {
-        exact_plane(self.0, self.1, self.2)
+    fn run<I: Isa>(self, isa: I) -> Option<Plane> {
+        exact_plane(isa, self.0, self.1, self.2)
     }
 }
 
 /// Tries every bound of every piece. Counting all of them for sixteen planes at a time is faster than sorting.
 #[inline(always)]
-fn exact_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
+fn exact_plane<I: Isa>(isa: I, pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
     let count = pieces.len();
     let mut best: Option<Plane> = None;
     for axis in 0..3 {
@@ -223,10 +222,7 @@ fn exact_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
             let mut right_only = [0i32; WIDTH];
             for piece in pieces {
                 let (low, high) = (piece.low[axis], piece.high[axis]);
-                for i in 0..WIDTH {
-                    right[i] += i32::from(high > chunk[i]);
-                    right_only[i] += i32::from((high > chunk[i]) & (low >= chunk[i]));
-                }
+                isa.count_below(chunk, low, high, &mut right, &mut right_only);
             }
             let mut cost = [0.0; WIDTH];
             for i in 0..WIDTH {

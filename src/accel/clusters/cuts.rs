@@ -72,8 +72,11 @@ impl Extent {
     };
 
     fn of(item: &Item) -> Extent {
-        let [min, max] = [item.min, item.max].map(|[x, y, z]| [x, y, z, 0.0]);
-        Extent { min, max }
+        let padded = |[x, y, z]: [f32; 3]| [x, y, z, 0.0];
+        Extent {
+            min: padded(item.min),
+            max: padded(item.max),
+        }
     }
 
     fn of_centers(item: &Item) -> Extent {
@@ -113,8 +116,8 @@ impl Extent {
     /// Half its area; 0 of an empty one.
     #[inline(always)]
     fn half_area(&self) -> f64 {
-        let [x, y, z] =
-            [0, 1, 2].map(|axis| (f64::from(self.max[axis]) - f64::from(self.min[axis])).max(0.0));
+        let edge = |axis: usize| (f64::from(self.max[axis]) - f64::from(self.min[axis])).max(0.0);
+        let [x, y, z] = [edge(0), edge(1), edge(2)];
         x * y + y * z + z * x
     }
 }

@@ -20,6 +20,7 @@
 use std::fs;
 use std::path::Path;
 use std::process::Command;
+use std::thread;
 
 /// Share of the instructions that may differ.
 const MOST: f64 = 1e-3;
@@ -182,7 +183,11 @@ fn effects_that_a_scene_does_not_call_for_take_no_instructions_by_being_there() 
         fs::write(&scene, text).unwrap();
         assert_eq!(effects_on(&whole, &scene), on, "{name}");
         for backend in ["embree", "bsp"] {
-            let [there, absent] = [&whole, without].map(|whit| rendering(whit, &scene, backend));
+            let [there, absent] = thread::scope(|scope| {
+                let scene = scene.as_path();
+                let of = |whit| scope.spawn(move || rendering(whit, scene, backend));
+                [of(&whole), of(without)].map(|run| run.join().unwrap())
+            });
             let more = there.instructions / absent.instructions - 1.0;
             let told = format!(
                 "{name} through {backend}: {} instructions, without the code of what is off {}: {:+.4} %",

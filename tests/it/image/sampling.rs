@@ -247,8 +247,8 @@ fn adaptive_sampling_needs_two_fifths_of_the_samples_where_edges_are_few() {
 fn adaptive_sampling_costs_nothing_where_nothing_can_be_saved() {
     for scene in [sampling_scenes::noise(), sampling_scenes::dust()] {
         let sobol = RenderSettings {
-            width: 48,
-            height: 36,
+            width: 32,
+            height: 24,
             pattern: Pattern::Sobol,
             ..adaptive(0.005, 256)
         };

@@ -212,7 +212,6 @@ fn bytes_are_what_an_allocator_counts_to_within_a_twentieth() {
         ("smoke", 2),
         ("forest", 2),
         ("model_among_shapes", 1),
-        ("glass_of_water", 1),
         ("glass_of_water", 2),
     ] {
         let share = || share_of_counted(name, threads, |settings| RenderSettings { spp: 1, ..settings });
@@ -226,7 +225,7 @@ fn bytes_are_what_an_allocator_counts_to_within_a_twentieth() {
         assert!((0.95..=1.05).contains(&share), "{name}: {share}");
     }
     let adaptive = share_of_counted("lecture_lighting", 1, |settings| RenderSettings {
-        spp: 64,
+        spp: 16,
         adaptive: Some(Adaptive {
             error: 0.02,
             gain: 1.0,

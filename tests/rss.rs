@@ -11,7 +11,7 @@ const HEIGHT: u32 = 4096;
 const ROWS: u32 = 64;
 
 /// The picture has 400 MB; a third of that is room for what waits to be packed and for the threads that do it.
-const MOST_BYTES: u64 = 128 << 20;
+const MAX_BYTES: u64 = 128 << 20;
 
 #[test]
 fn a_large_picture_is_written_and_read_in_a_part_of_its_memory() {
@@ -42,7 +42,7 @@ fn a_large_picture_is_written_and_read_in_a_part_of_its_memory() {
     match memory::peak_bytes() {
         Some(peak) => {
             println!("{} at most", memory::in_words(peak));
-            assert!(peak < MOST_BYTES, "{peak} bytes");
+            assert!(peak < MAX_BYTES, "{peak} bytes");
         }
         None => println!("skipped: the system does not tell what a process holds"),
     }

@@ -111,8 +111,14 @@ impl Item {
     #[inline(always)]
     fn new(index: u32, bounds: [Vec3; 2]) -> Item {
         // Differences of such numbers are finite.
-        const MOST: f32 = f32::MAX / 4.0;
-        let number = |x: f32| if x.is_nan() { 0.0 } else { x.clamp(-MOST, MOST) };
+        const MAX_COORDINATE: f32 = f32::MAX / 4.0;
+        let number = |x: f32| {
+            if x.is_nan() {
+                0.0
+            } else {
+                x.clamp(-MAX_COORDINATE, MAX_COORDINATE)
+            }
+        };
         let [min, max] = bounds.map(|corner| corner.to_array().map(number));
         Item {
             min,

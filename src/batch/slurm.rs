@@ -8,19 +8,19 @@ use std::fmt::Write;
 use std::path::Path;
 
 /// The most shards: a site's arrays have 1001 numbers from 0, unless it says otherwise.
-pub const MOST_TASKS: u32 = 1000;
+pub const MAX_TASKS: u32 = 1000;
 
 /// How much more time and memory are asked for than were forecast.
 const ROOM: f64 = 2.0;
 /// Least seconds that are asked for: what is forecast to take one must not fail for a slow disk.
-const LEAST_SECONDS: f64 = 600.0;
+const MIN_SECONDS: f64 = 600.0;
 /// Least bytes that are asked for.
-const LEAST_BYTES: u64 = 512 << 20;
+const MIN_BYTES: u64 = 512 << 20;
 /// Seconds before the end of a task's time at which it is told, so that it can keep what it has.
 const NOTICE: u32 = 60;
 
 /// How often a task whose time is up may begin again: frames that cannot be kept half-made would else do so for ever.
-const MOST_RESTARTS: u32 = 20;
+const MAX_RESTARTS: u32 = 20;
 
 /// What a script is made of.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +31,7 @@ pub struct Task<'a> {
     pub jobs: &'a Path,
     /// Where pictures go, which all nodes see.
     pub folder: &'a Path,
-    /// Shards, up to [`MOST_TASKS`].
+    /// Shards, up to [`MAX_TASKS`].
     pub shards: u32,
     /// Processors of a task.
     pub threads: u32,
@@ -94,7 +94,7 @@ if [ -n \"$late\" ]; then
     case $code in
     130 | 143)
         # What it has done is kept: the rest waits in line again, unless that was in vain all along.
-        [ \"${{SLURM_RESTART_COUNT:-0}}\" -ge {MOST_RESTARTS} ] ||
+        [ \"${{SLURM_RESTART_COUNT:-0}}\" -ge {MAX_RESTARTS} ] ||
             scontrol requeue \"${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID\"
         ;;
     esac
@@ -110,12 +110,12 @@ exit \"$code\"
 
 /// What is asked for of memory.
 fn mebibytes(bytes: u64) -> u64 {
-    ((ROOM * bytes as f64) as u64).max(LEAST_BYTES).div_ceil(1 << 20)
+    ((ROOM * bytes as f64) as u64).max(MIN_BYTES).div_ceil(1 << 20)
 }
 
 /// Days, hours, minutes and seconds as Slurm reads them.
 fn clock(seconds: f64) -> String {
-    let seconds = seconds.max(LEAST_SECONDS).ceil() as u64;
+    let seconds = seconds.max(MIN_SECONDS).ceil() as u64;
     let (minutes, hours) = (seconds / 60, seconds / 3600);
     format!(
         "{}-{:02}:{:02}:{:02}",

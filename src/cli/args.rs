@@ -19,7 +19,7 @@ use std::sync::LazyLock;
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
 pub(super) use batch::{BatchArgs, MergeArgs};
-pub(super) use bench::{BenchArgs, DEFAULT_BENCH_SPP, LEAST_TRIANGLES};
+pub(super) use bench::{BenchArgs, DEFAULT_BENCH_SPP, MIN_TRIANGLES};
 pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
@@ -33,21 +33,19 @@ use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::image::ImageFormat;
 use crate::render::{FilterKind, MIN_ADAPTIVE_ERROR, Pattern, PixelFilter};
 use crate::scene::picture::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
-use crate::scene::{EffectOverrides, MOST_ROUGH_RAYS};
-
+use crate::scene::{EffectOverrides, MAX_ROUGH_RAYS};
+/// Image size where neither the command line nor the scene says it.
+const DEFAULT_SIZE: ImageSize = ImageSize {
+    width: picture::DEFAULT_SIZE[0],
+    height: picture::DEFAULT_SIZE[1],
+};
 /// Most samples a pixel.
 const MAX_SPP: i64 = picture::MAX_SPP as i64;
 /// Most generations of reflection.
 const MAX_DEPTH: i64 = picture::MAX_DEPTH as i64;
 /// Most wavelengths.
 const MAX_WAVELENGTHS: i64 = picture::MAX_WAVELENGTHS as i64;
-/// Most rays into a lobe.
-const MAX_ROUGH_RAYS: i64 = MOST_ROUGH_RAYS as i64;
-/// Image size where neither the command line nor the scene says it.
-const DEFAULT_SIZE: ImageSize = ImageSize {
-    width: picture::DEFAULT_SIZE[0],
-    height: picture::DEFAULT_SIZE[1],
-};
+
 /// More threads than any machine that this is likely to meet.
 const MAX_THREADS: i64 = 1024;
 
@@ -186,7 +184,7 @@ pub(super) struct RenderArgs {
     pub(super) seed: u32,
 
     /// Rays that each camera ray sends into the lobe of a rough surface, 0 for none, in place of the materials' own
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=MAX_ROUGH_RAYS))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_ROUGH_RAYS)))]
     pub(super) rough_rays: Option<u32>,
 
     /// Stops of exposure for PNG images: radiance is multiplied by 2^EV

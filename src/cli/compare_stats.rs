@@ -12,7 +12,7 @@ use super::interrupt;
 use super::output;
 
 /// Longer files are none of ours.
-const MOST_BYTES: u64 = 1 << 28;
+const MAX_BYTES: u64 = 1 << 28;
 
 /// Compares two files of measurements.
 pub(super) fn run(args: &CompareStatsArgs) -> Result<(), Failure> {
@@ -43,7 +43,7 @@ pub(super) fn run(args: &CompareStatsArgs) -> Result<(), Failure> {
 
 fn read(path: &Path) -> Result<Vec<Measure>, Failure> {
     let unreadable = |error| Failure::Input(format!("cannot read {}: {error}", path.display()));
-    if fs::metadata(path).map_err(unreadable)?.len() > MOST_BYTES {
+    if fs::metadata(path).map_err(unreadable)?.len() > MAX_BYTES {
         return Err(Failure::Input(format!(
             "{} is too large for a file of measurements: give one of `whit bench --json` or `whit cost`",
             path.display()

@@ -32,7 +32,7 @@ use super::scene;
 /// Bytes of a pixel for each configuration and for each picture of it: its sums, its first picture, what it shows.
 const BYTES_A_PIXEL: u64 = 12 + 12 + 12;
 /// Configurations of a scene that calls for everything.
-const MOST_CONFIGURATIONS: u64 = 64;
+const MAX_CONFIGURATIONS: u64 = 64;
 
 /// Measures what the arguments ask for.
 pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
@@ -173,7 +173,7 @@ fn check_memory(size: Option<[u32; 2]>) -> Result<(), Failure> {
     let Some([width, height]) = size else {
         return Ok(());
     };
-    let needed = u64::from(width) * u64::from(height) * BYTES_A_PIXEL * MOST_CONFIGURATIONS;
+    let needed = u64::from(width) * u64::from(height) * BYTES_A_PIXEL * MAX_CONFIGURATIONS;
     match memory::available_bytes().filter(|&free| needed > free) {
         Some(free) => Err(Failure::Input(format!(
             "pictures of {width}x{height} pixels in all settings take {} of memory and {} are free: give a smaller \

@@ -18,9 +18,9 @@ use super::prices::settings_of;
 
 /// Triangles and objects of a structure that is built without being asked for: about a quarter of a second of two
 /// threads.
-const MOST_PRIMITIVES: usize = 1_000_000;
+const MAX_PRIMITIVES: usize = 1_000_000;
 /// Texels of images that are made ready without being asked for: as long again.
-const MOST_TEXELS: usize = 16_000_000;
+const MAX_TEXELS: usize = 16_000_000;
 
 /// What the probe says, or why there was none.
 pub(super) enum Told {
@@ -72,10 +72,10 @@ fn reason_against(when: WhenToForecast, scene: &Scene) -> Option<String> {
     match when {
         WhenToForecast::Always => None,
         WhenToForecast::Never => Some("not asked for".into()),
-        WhenToForecast::Auto if primitives > MOST_PRIMITIVES => Some(format!(
+        WhenToForecast::Auto if primitives > MAX_PRIMITIVES => Some(format!(
             "{primitives} triangles and objects take long to make ready; `--forecast always` waits for them"
         )),
-        WhenToForecast::Auto if texels > MOST_TEXELS => Some(format!(
+        WhenToForecast::Auto if texels > MAX_TEXELS => Some(format!(
             "{texels} texels take long to make ready; `--forecast always` waits for them"
         )),
         WhenToForecast::Auto => None,

@@ -13,7 +13,7 @@ use crate::image::metrics::{Tally, Viewing};
 use crate::parallel;
 use crate::render::{Monitor, Plan, RenderSettings, TileSample, render_sample, tile_count};
 use crate::report::bench::Spread;
-use crate::report::prices::{LEAST_RUNS, Price, PriceList, TimeChange};
+use crate::report::prices::{MIN_RUNS, Price, PriceList, TimeChange};
 use crate::scene::{Camera, Effect, Scene};
 use crate::scene_file::{Output, SceneFile};
 
@@ -24,13 +24,13 @@ use super::job::{self, Tracing, choose_camera};
 use super::progress::{Progress, Verbosity};
 
 /// Part of a picture that is rendered at most: enough tiles to see all of it, few enough to be quick.
-const MOST_SAMPLED: f64 = 0.05;
+const MAX_SAMPLED: f64 = 0.05;
 /// Tiles that are rendered even of a small picture, and however small the budget.
-const LEAST_TILES: usize = 8;
+const MIN_TILES: usize = 8;
 /// More runs would only tell times apart that make no difference.
-const MOST_RUNS: usize = 25;
+const MAX_RUNS: usize = 25;
 /// Steps of depth that are tried: what is reflected so often is dark almost everywhere.
-const MOST_STEPS: u32 = 16;
+const MAX_STEPS: u32 = 16;
 
 /// What is said of the picture by the arguments, else by the scene.
 fn picture(args: &InfoArgs, output: &Output) -> Output {
@@ -104,7 +104,7 @@ impl<'a> PriceJob<'a> {
             scene,
             camera,
             accel: &*accel,
-            tiles: LEAST_TILES,
+            tiles: MIN_TILES,
         };
         let budget = self.args.prices.budget;
         studio.tiles = self.affordable_tiles(&studio, budget)?;
@@ -121,13 +121,13 @@ impl<'a> PriceJob<'a> {
         let start = Instant::now();
         let pilot = studio.render(&self.settings)?;
         let per_tile = start.elapsed().as_secs_f64() / pilot.tiles.len().max(1) as f64;
-        let changes = pilot.plan.effects().iter().count() + self.settings.depth.min(MOST_STEPS) as usize;
+        let changes = pilot.plan.effects().iter().count() + self.settings.depth.min(MAX_STEPS) as usize;
         // The plan itself twice, and one run for the pictures.
-        let renders = (changes + 2) * (LEAST_RUNS + 1);
+        let renders = (changes + 2) * (MIN_RUNS + 1);
         let (width, height) = (self.settings.width, self.settings.height);
-        let most = (MOST_SAMPLED * tile_count(width, height) as f64).round() as usize;
+        let most = (MAX_SAMPLED * tile_count(width, height) as f64).round() as usize;
         let affordable = budget / (per_tile * renders as f64);
-        Ok((affordable as usize).min(most).max(LEAST_TILES))
+        Ok((affordable as usize).min(most).max(MIN_TILES))
     }
 
     /// All pictures that take part, the planned one first; and after how many steps no ray of it is left, if that is
@@ -135,7 +135,7 @@ impl<'a> PriceJob<'a> {
     fn variants(&self, studio: &Studio, progress: &Progress) -> Result<(Vec<Variant>, Option<u32>), Failure> {
         let planned = Variant::new(self.settings, Change::None, studio)?;
         let effects: Vec<Effect> = planned.sample.plan.effects().iter().collect();
-        let steps = self.settings.depth.min(MOST_STEPS);
+        let steps = self.settings.depth.min(MAX_STEPS);
         let whole = (effects.len() + steps as usize) as f64;
         let mut variants = vec![planned];
         for &effect in &effects {
@@ -315,18 +315,18 @@ impl Times {
         let start = Instant::now();
         let mut seconds = vec![Vec::new(); variants.len() + 1];
         let mut order: Vec<usize> = (0..seconds.len()).collect();
-        for run in 0..MOST_RUNS {
+        for run in 0..MAX_RUNS {
             for (done, &index) in order.iter().enumerate() {
                 let variant = variants.get(index).unwrap_or(&variants[0]);
                 seconds[index].push(studio.render(&variant.settings)?.seconds());
                 let runs = run as f64 + (done + 1) as f64 / order.len() as f64;
                 let by_budget = start.elapsed().as_secs_f64() / budget.max(f64::MIN_POSITIVE);
-                progress.fraction((runs / LEAST_RUNS as f64).min(by_budget.max(runs / MOST_RUNS as f64)));
+                progress.fraction((runs / MIN_RUNS as f64).min(by_budget.max(runs / MAX_RUNS as f64)));
             }
             order.reverse();
             let passed = start.elapsed().as_secs_f64();
             let next_end = passed * (run + 2) as f64 / (run + 1) as f64;
-            if run + 1 >= LEAST_RUNS && next_end > budget {
+            if run + 1 >= MIN_RUNS && next_end > budget {
                 break;
             }
         }

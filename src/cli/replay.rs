@@ -20,7 +20,7 @@ const BATCH_PACKETS: usize = 64;
 /// Parts that each of several threads gets at least of all packets, if they are no smaller than a batch.
 const SHARES: usize = 16;
 /// Most packets kept of a kind: 16 times this many rays tell as much as more would.
-const MOST_PACKETS: usize = 1 << 16;
+const MAX_PACKETS: usize = 1 << 16;
 
 /// The rays of one kind.
 pub(super) struct RaySet {
@@ -39,7 +39,7 @@ impl RaySet {
             empty_idle_lanes(packet);
         });
         packets.retain(RayPacket::any_active);
-        let packets = thinned(packets, MOST_PACKETS);
+        let packets = thinned(packets, MAX_PACKETS);
         let active = |packet: &RayPacket| (0..LANES).filter(|&lane| packet.is_active(lane)).count() as u64;
         RaySet {
             kind,
@@ -54,7 +54,7 @@ impl RaySet {
         let mut packets = Vec::new();
         if !bounds.is_empty() {
             let mut random = Random::new(0x5eed, 0);
-            packets.resize_with(count.min(MOST_PACKETS * LANES).div_ceil(LANES), || {
+            packets.resize_with(count.min(MAX_PACKETS * LANES).div_ceil(LANES), || {
                 let mut packet = RayPacket::EMPTY;
                 for lane in 0..LANES {
                     packet.set(lane, &random_ray(bounds, &mut random));

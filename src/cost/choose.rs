@@ -14,15 +14,15 @@ use crate::render::MIN_ADAPTIVE_ERROR;
 const FARTHEST: u32 = 1 << 10;
 /// Of what falls by less for twice the samples, other knobs may be the floor: then only what differs from picture to
 /// picture falls, by half.
-const LEAST_FALL: f64 = 0.9;
+const MAX_DECAY: f64 = 0.9;
 /// Falls faster are luck.
-const MOST_FALL: f64 = 0.25;
+const MIN_DECAY: f64 = 0.25;
 /// Of the product of what knobs leave of an error, so much is left where they are turned together.
 const LEFT_SHARE: f64 = 0.25;
 /// Adaptive errors that are foretold of the smallest that was measured, in halvings of it; the first is a larger one.
 const ADAPTIVE_HALVINGS: [f64; 6] = [-0.5, 0.5, 1.0, 1.5, 2.0, 2.5];
 /// Combinations that are looked at: some ten megabytes.
-const MOST_COMBINATIONS: usize = 1 << 17;
+const MAX_COMBINATIONS: usize = 1 << 17;
 
 /// What settings are chosen for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,7 +109,7 @@ pub fn forecasts(
         let mut turns: Vec<Turn> = of_knob(knob).map(turn).collect();
         turns.push(stay);
         drop_beaten(&mut turns);
-        if all.len() * turns.len() > MOST_COMBINATIONS {
+        if all.len() * turns.len() > MAX_COMBINATIONS {
             break;
         }
         all = all
@@ -160,8 +160,8 @@ fn samplings(points: &[Point], configurations: &[Configuration]) -> Vec<Forecast
         while times <= FARTHEST {
             let mut further = last.clone();
             further.configuration.settings.spp = last.configuration.settings.spp.saturating_mul(times);
-            if fall < LEAST_FALL {
-                further.mean_square *= fall.max(MOST_FALL).powf(f64::from(times).log2());
+            if fall < MAX_DECAY {
+                further.mean_square *= fall.max(MIN_DECAY).powf(f64::from(times).log2());
             } else {
                 further.mean_square -= variance * (1.0 - 1.0 / f64::from(times));
             }
@@ -214,7 +214,7 @@ fn finer(mut adaptive: Vec<Forecast>) -> Vec<Forecast> {
     let halvings = (error(before) / error(last)).log2();
     let fall = (last.mean_square / before.mean_square).powf(1.0 / halvings);
     let growth = (last.time_ratio / before.time_ratio).powf(1.0 / halvings);
-    let (fall, growth) = (fall.clamp(MOST_FALL, 1.0), growth.clamp(1.0, 1.0 / MOST_FALL));
+    let (fall, growth) = (fall.clamp(MIN_DECAY, 1.0), growth.clamp(1.0, 1.0 / MIN_DECAY));
     let reach = ADAPTIVE_HALVINGS.into_iter();
     let finer = reach.filter_map(|halvings| {
         let mut further = last.clone();

@@ -20,9 +20,9 @@ use crate::render::{Plan, RenderSettings, Rendering};
 use crate::scene::{Camera, Scene};
 
 /// Blocks that are taken at least, at least where there is a target, and at most.
-const LEAST_BLOCKS: usize = 6;
-const LEAST_BLOCKS_FOR_A_TARGET: usize = 2;
-const MOST_BLOCKS: usize = 40;
+const MIN_BLOCKS: usize = 6;
+const MIN_BLOCKS_FOR_A_TARGET: usize = 2;
+const MAX_BLOCKS: usize = 40;
 /// Part of the budget after which no block begins: what comes after is small.
 pub(super) const MEASURED_PART: f64 = 0.94;
 /// The same where settings are to be chosen.
@@ -251,8 +251,8 @@ impl Stage<'_, '_> {
         mut measured: Measured,
     ) -> Result<Measured, CostError> {
         let (least, most, until) = match self.experiment.target {
-            Some(_) => (LEAST_BLOCKS_FOR_A_TARGET, LEAST_BLOCKS, CHOOSING_PART),
-            None => (LEAST_BLOCKS, MOST_BLOCKS, MEASURED_PART),
+            Some(_) => (MIN_BLOCKS_FOR_A_TARGET, MIN_BLOCKS, CHOOSING_PART),
+            None => (MIN_BLOCKS, MAX_BLOCKS, MEASURED_PART),
         };
         let until = until * self.experiment.budget;
         let protocol = Protocol {

@@ -24,10 +24,10 @@ use crate::scene::Effect;
 const ROUNDING: f32 = 16.0 / (1 << 24) as f32;
 /// Part of the budget, and seconds, that go into this at most.
 const PART: f64 = 0.02;
-const MOST_SECONDS: f64 = 3.0;
+const MAX_SECONDS: f64 = 3.0;
 /// Camera rays, at most and at least.
-const MOST_RAYS: f64 = 131_072.0;
-const LEAST_RAYS: f64 = 1024.0;
+const MAX_RAYS: f64 = 131_072.0;
+const MIN_RAYS: f64 = 1024.0;
 /// Packets that a thread answers before it looks at the clock.
 const CHUNK: usize = 64;
 /// Chunks are taken in steps of this, a prime number, so that those answered in time lie evenly over the picture.
@@ -299,14 +299,14 @@ impl Stage<'_, '_> {
             .filter(|&place| points[place].knob.is_none_or(Knob::changes_hits))
             .collect();
         let Some(base) = points.first() else { return };
-        let seconds = (PART * self.experiment.budget).min(MOST_SECONDS);
+        let seconds = (PART * self.experiment.budget).min(MAX_SECONDS);
         let configuration = &layout.contestants[0].configuration;
         let samples = area(self.size_of(layout.view)) * f64::from(configuration.settings.spp);
         // Recorded on one thread, then answered by each.
         let a_ray = base.seconds.value * self.experiment.threads as f64 / samples;
         let rays = 0.5 * seconds / (a_ray * (1 + counted.len()) as f64);
         let lists = (1 + self.scene(configuration).lights.len()) as f64;
-        let rays = rays.clamp(LEAST_RAYS, MOST_RAYS / lists.min(MOST_RAYS / LEAST_RAYS));
+        let rays = rays.clamp(MIN_RAYS, MAX_RAYS / lists.min(MAX_RAYS / MIN_RAYS));
         let recorded = self.recorded(&left_rightly(configuration), rays);
         let reference = &*self.built(&configuration.through(HitPath::BSP)).accel;
         let right = Answered::by(reference, &recorded);

@@ -16,8 +16,8 @@ const REFERENCE_TIMES: u32 = 50;
 /// A picture of fewer pixels says little of a scene; a longer ladder is given up before.
 const FEWEST_PIXELS: f64 = 12_288.0;
 /// No picture is smaller than this, of its own shape and of pieces: intervals are drawn from eight of these at least.
-const LEAST_PIXELS: f64 = 1024.0;
-const LEAST_PIXELS_OF_PIECES: f64 = 2048.0;
+const MIN_PIXELS: f64 = 1024.0;
+const MIN_PIXELS_OF_PIECES: f64 = 2048.0;
 /// Of fewer pieces than these, the interval of an error is so wide that settings for a target take twice the time: rather
 /// the reference takes fewer samples.
 const PIXELS_OF_MANY_PIECES: f64 = 8192.0;
@@ -185,7 +185,7 @@ impl Stage<'_, '_> {
                 continue;
             }
             // Blocks give way to the reference where not even this is affordable.
-            let view = wish.map_or_else(|| self.view_of(pixels.max(LEAST_PIXELS)), View::Whole);
+            let view = wish.map_or_else(|| self.view_of(pixels.max(MIN_PIXELS)), View::Whole);
             return Ok(Layout {
                 view,
                 contestants,
@@ -246,7 +246,7 @@ impl Stage<'_, '_> {
             }
         }
         Ok(Layout {
-            view: self.view_of(affordable(reference_spp).max(LEAST_PIXELS_OF_PIECES)),
+            view: self.view_of(affordable(reference_spp).max(MIN_PIXELS_OF_PIECES)),
             contestants,
             reference_spp,
             stricter_spp: STRICTER_SPP_FOR_A_TARGET,

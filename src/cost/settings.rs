@@ -7,11 +7,11 @@ use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, MIN_ADAPTIVE_ERROR, Pattern};
 use crate::scene::picture::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
-use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MOST_ROUGH_RAYS};
+use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MAX_ROUGH_RAYS};
 use crate::scene_file::node::from_text;
 
 /// Steps through volumes may be so many times as long as the scene's, or as short.
-const MOST_STEP_FACTOR: f64 = 1024.0;
+const MAX_STEP_FACTOR: f64 = 1024.0;
 
 /// A file of settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -149,7 +149,7 @@ impl Settings {
             ("depth", self.depth, 0, MAX_DEPTH),
             ("wavelengths", self.wavelengths, 1, MAX_WAVELENGTHS),
             ("light_samples", self.light_samples, 1, MAX_LIGHT_SAMPLES),
-            ("rough_rays", self.rough_rays, 0, MOST_ROUGH_RAYS),
+            ("rough_rays", self.rough_rays, 0, MAX_ROUGH_RAYS),
         ];
         let sizes = [
             ("adaptive", self.adaptive, MIN_ADAPTIVE_ERROR, 1.0),
@@ -157,8 +157,8 @@ impl Settings {
             (
                 "march_step",
                 self.march_step,
-                1.0 / MOST_STEP_FACTOR,
-                MOST_STEP_FACTOR,
+                1.0 / MAX_STEP_FACTOR,
+                MAX_STEP_FACTOR,
             ),
         ];
         let counts = counts.into_iter().map(|(name, value, low, high)| {

@@ -14,7 +14,7 @@ use crate::mesh::Slab;
 use crate::parallel;
 
 /// Elements that an accessor without a buffer view may have at most: no byte of the file backs their number.
-const MOST_UNBACKED: usize = 1 << 22;
+const MAX_UNBACKED: usize = 1 << 22;
 /// Elements a task.
 const CHUNK: usize = 1 << 14;
 
@@ -59,7 +59,7 @@ impl Document {
         let count = usize::try_from(accessor.count.0).map_err(|_| too_many())?;
         let size = width(type_) * component_size(component);
         let base = match accessor.buffer_view {
-            None if count > MOST_UNBACKED => return Err(too_many()),
+            None if count > MAX_UNBACKED => return Err(too_many()),
             None => None,
             Some(view) => {
                 let window = self.view(view.value())?;

@@ -96,7 +96,7 @@ impl Document {
             .map_err(|e| self.bad_image(number, &e))?;
         // The budget of texels is ours; what the decoder itself allocates must still have an end.
         let mut limits = Limits::no_limits();
-        limits.max_alloc = Some(MOST_DECODER_BYTES);
+        limits.max_alloc = Some(MAX_DECODER_BYTES);
         reader.limits(limits);
         reader.into_decoder().map_err(|e| self.bad_image(number, &e))
     }
@@ -137,7 +137,7 @@ impl Document {
 }
 
 /// The most a decoder may allocate for one image: 8 bytes a texel of the largest image allowed by default.
-const MOST_DECODER_BYTES: u64 = 8 * LoadOptions::DEFAULT_MAX_TEXELS;
+const MAX_DECODER_BYTES: u64 = 8 * LoadOptions::DEFAULT_MAX_TEXELS;
 
 /// An encoded image.
 enum ImageBytes<'a> {

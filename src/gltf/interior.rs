@@ -10,7 +10,7 @@ use crate::optics::{Absorption, Cauchy, Dispersion, MIN_WAVELENGTH};
 use crate::scene::{DEFAULT_IOR, Interior};
 
 /// The largest index of refraction that a scene accepts.
-const MOST_IOR: f64 = 16.0;
+const MAX_IOR: f64 = 16.0;
 
 /// The inside of a material: of each that transmits, and of each that states an index.
 pub(super) fn interior(
@@ -22,10 +22,10 @@ pub(super) fn interior(
     if !transmits && !stated.is_present() {
         return None;
     }
-    let ior = match stated.number("ior", DEFAULT_IOR, 0.0..=MOST_IOR, corrections) {
+    let ior = match stated.number("ior", DEFAULT_IOR, 0.0..=MAX_IOR, corrections) {
         // The extension's way to ask for a surface that reflects everything; the largest index comes closest.
-        0.0 => MOST_IOR,
-        ior => corrections.within("ior", ior, 1.0..=MOST_IOR, DEFAULT_IOR),
+        0.0 => MAX_IOR,
+        ior => corrections.within("ior", ior, 1.0..=MAX_IOR, DEFAULT_IOR),
     };
     let volume = Extension::of(extensions, "KHR_materials_volume", corrections);
     let is_thin = volume.number("thicknessFactor", 0.0, 0.0..=f64::MAX, corrections) == 0.0;
@@ -56,7 +56,7 @@ fn dispersion(
         return Dispersion::Constant(ior);
     }
     let cauchy = Cauchy::from_gltf(ior, strength);
-    if cauchy.ior(MIN_WAVELENGTH) <= MOST_IOR {
+    if cauchy.ior(MIN_WAVELENGTH) <= MAX_IOR {
         return Dispersion::Cauchy(cauchy);
     }
     corrections.note("dispersion");

@@ -327,9 +327,9 @@ impl Document {
 
 /// Keeps the warnings of a file with ten thousand odd nodes readable.
 fn shorten(warnings: &mut Vec<String>) {
-    const MOST: usize = 100;
-    let rest = warnings.len().saturating_sub(MOST);
-    warnings.truncate(MOST);
+    const MAX_WARNINGS: usize = 100;
+    let rest = warnings.len().saturating_sub(MAX_WARNINGS);
+    warnings.truncate(MAX_WARNINGS);
     if rest > 0 {
         warnings.push(format!("{rest} more warnings were left out"));
     }

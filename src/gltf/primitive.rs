@@ -175,10 +175,10 @@ impl Reader<'_> {
         let material = self.document.primitive(self.id).material.map(|m| m.value());
         for set in self.document.texture_coordinate_sets(material)? {
             // Sets are few: more than any exporter writes would only waste memory on empty arrays.
-            const MOST_SETS: u32 = 64;
+            const MAX_SETS: u32 = 64;
             let Some(accessor) = self
                 .attribute(Semantic::TexCoords(set))
-                .filter(|_| set < MOST_SETS)
+                .filter(|_| set < MAX_SETS)
             else {
                 continue;
             };

@@ -6,7 +6,7 @@ use super::read::{self, ReadPixels, TransferCurve, read_size};
 use super::{ImageError, LinearImage, linear_from_srgb};
 
 /// Most pixels of a picture: 3 GiB of them.
-const MOST_PIXELS: u64 = 1 << 28;
+const MAX_PIXELS: u64 = 1 << 28;
 
 /// A picture of a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,10 +24,10 @@ pub struct Picture {
 /// Where the file cannot be read, is no picture or one of more than 2^28 pixels.
 pub fn read_picture(path: &Path) -> Result<Picture, ImageError> {
     let [width, height] = read_size(path)?;
-    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(ImageError::Unusable {
             path: path.to_owned(),
-            fault: format!("has {width} x {height} pixels, more than {MOST_PIXELS}"),
+            fault: format!("has {width} x {height} pixels, more than {MAX_PIXELS}"),
             remedy: "compare parts of it",
         });
     }
@@ -37,7 +37,7 @@ pub fn read_picture(path: &Path) -> Result<Picture, ImageError> {
         return Ok(Picture { image, is_radiance });
     }
     // Floats count four times.
-    let read = read::read(path, TransferCurve::Srgb, 4 * MOST_PIXELS)?;
+    let read = read::read(path, TransferCurve::Srgb, 4 * MAX_PIXELS)?;
     let pixels = match read.pixels {
         ReadPixels::Bytes(codes) => {
             let linear: Vec<f32> = (0..=255)

@@ -48,7 +48,7 @@ pub enum TransferCurve {
 }
 
 /// The most a decoder may allocate for itself: an image of 2^29 pixels of 8 bytes, and its rows.
-const MOST_DECODER_BYTES: u64 = 1 << 33;
+const MAX_DECODER_BYTES: u64 = 1 << 33;
 /// Bytes of a decoded pixel of 8 bits a channel: what one of the budget's pixels may take.
 const CODE_BYTES: u64 = 4;
 /// Bytes of a decoded pixel of floats.
@@ -116,7 +116,7 @@ pub fn read(path: &Path, curve: TransferCurve, max_pixels: u64) -> Result<ReadIm
             .with_guessed_format()
             .map_err(|error| unreadable(path, &error))?;
         let mut limits = Limits::no_limits();
-        limits.max_alloc = Some(MOST_DECODER_BYTES);
+        limits.max_alloc = Some(MAX_DECODER_BYTES);
         reader.limits(limits);
         let decoder = reader.into_decoder().map_err(|e| undecodable(path, &e))?;
         decode(path, decoder, curve, max_pixels)?

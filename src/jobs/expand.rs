@@ -9,7 +9,7 @@ use toml::Value;
 use super::form::{AnimationForm, Document, JobForm, SplitForm};
 use super::motion::{Motion, motion};
 use super::names::check_names;
-use super::range::{FrameRange, MOST_FRAMES};
+use super::range::{FrameRange, MAX_FRAMES};
 use super::sweep::{FIELDS, Swept, combinations, word};
 use super::template::Template;
 use super::{FlagValue, Frame, JobSettings, Jobs, Moment};
@@ -20,7 +20,7 @@ use crate::scene_file::fault::{Fault, Source, file_error};
 use crate::scene_file::value::At;
 
 /// The most pieces of a frame.
-const MOST_PIECES: u32 = 4096;
+const MAX_PIECES: u32 = 4096;
 
 /// See [`Jobs::load`].
 pub(super) fn load(path: &Path) -> Result<Jobs, SceneFileError> {
@@ -32,9 +32,9 @@ pub(super) fn load(path: &Path) -> Result<Jobs, SceneFileError> {
     let mut frames = Vec::new();
     for (number, form) in document.job.iter().enumerate() {
         let job = Job::of(form, (number, &document), &source).map_err(|fault| source.error(fault))?;
-        if frames.len().saturating_add(job.count()) > MOST_FRAMES {
+        if frames.len().saturating_add(job.count()) > MAX_FRAMES {
             let sentence =
-                format!("is the one with which there are more than {MOST_FRAMES} frames: split the file");
+                format!("is the one with which there are more than {MAX_FRAMES} frames: split the file");
             return Err(source.error(form.fault(sentence)));
         }
         job.add_frames(&mut frames);
@@ -183,10 +183,10 @@ fn range(form: &At<JobForm>) -> Result<FrameRange, Fault> {
         return Ok(FrameRange::ONE);
     };
     let last = animation.last_step().map(|step| step + 1.0);
-    let last = last.filter(|last| (1.0..=MOST_FRAMES as f64).contains(last));
+    let last = last.filter(|last| (1.0..=MAX_FRAMES as f64).contains(last));
     last.map(|last| counted(1.0, last)).ok_or_else(|| {
         animation.fault(format!(
-            "has no end: add `frames`, or `to`, in seconds, not before `from` and at most {MOST_FRAMES} frames after it"
+            "has no end: add `frames`, or `to`, in seconds, not before `from` and at most {MAX_FRAMES} frames after it"
         ))
     })
 }
@@ -246,10 +246,10 @@ fn split(form: Option<&At<SplitForm>>, part: impl Fn(&SplitForm) -> u32) -> Resu
         return Ok(1);
     };
     let pieces = form.bands.saturating_mul(form.shares);
-    match (1..=MOST_PIECES).contains(&pieces) {
+    match (1..=MAX_PIECES).contains(&pieces) {
         true => Ok(part(form)),
         false => Err(form.fault(format!(
-            "makes {pieces} pieces of a frame: give 1 to {MOST_PIECES}"
+            "makes {pieces} pieces of a frame: give 1 to {MAX_PIECES}"
         ))),
     }
 }

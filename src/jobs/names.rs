@@ -9,15 +9,15 @@ use crate::scene_file::SceneFileError;
 use crate::scene_file::fault::{Source, file_error};
 
 /// The most bytes of a name of a file: file systems take 255, and a file that is not whole yet has a longer name.
-const MOST_BYTES: usize = 200;
+const MAX_BYTES: usize = 200;
 
 /// Refuses two frames of one name, a picture that would be the folder of another, and names that are too long.
 pub(super) fn check_names(frames: &[Frame], source: &Source) -> Result<(), SceneFileError> {
     let mut taken: HashMap<&Path, usize> = HashMap::with_capacity(frames.len());
     for (number, frame) in frames.iter().enumerate() {
-        if frame.image.iter().map(OsStr::len).max() > Some(MOST_BYTES) {
+        if frame.image.iter().map(OsStr::len).max() > Some(MAX_BYTES) {
             let sentence = format!(
-                "{} has a name of more than {MOST_BYTES} bytes: shorten `image`",
+                "{} has a name of more than {MAX_BYTES} bytes: shorten `image`",
                 told(frames, number)
             );
             return Err(file_error(&source.path, sentence));

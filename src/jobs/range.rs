@@ -5,7 +5,7 @@ use std::fmt;
 use serde::de::{self, Deserializer, Visitor};
 
 /// The most frames of a file: more would be a slip.
-pub(super) const MOST_FRAMES: usize = 1_000_000;
+pub(super) const MAX_FRAMES: usize = 1_000_000;
 
 /// Frames by their numbers: every so many from one to another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,8 +61,8 @@ impl FrameRange {
                     .into(),
             );
         }
-        if self.count() > MOST_FRAMES {
-            return Err(format!("has more than {MOST_FRAMES} frames: split the file"));
+        if self.count() > MAX_FRAMES {
+            return Err(format!("has more than {MAX_FRAMES} frames: split the file"));
         }
         Ok(self)
     }

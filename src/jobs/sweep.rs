@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use toml::Value;
 
 use super::form::{StepsForm, SweepForm};
-use super::range::MOST_FRAMES;
+use super::range::MAX_FRAMES;
 use crate::scene_file::Edit;
 use crate::scene_file::fault::Fault;
 use crate::scene_file::value::At;
@@ -41,8 +41,8 @@ pub(super) fn combinations(
     }
     let mut all = vec![Vec::new()];
     for axis in &axes {
-        if all.len().saturating_mul(axis.points.len()) > MOST_FRAMES {
-            let sentence = format!("makes more than {MOST_FRAMES} frames: give fewer values");
+        if all.len().saturating_mul(axis.points.len()) > MAX_FRAMES {
+            let sentence = format!("makes more than {MAX_FRAMES} frames: give fewer values");
             return Err(axis.form.fault(sentence));
         }
         let with = |before: &Vec<Swept>, point: &Swept| before.iter().chain([point]).cloned().collect();
@@ -134,7 +134,7 @@ fn values(form: &At<SweepForm>) -> Result<Vec<Value>, Fault> {
         SweepForm::List(values) => Ok(values.clone()),
         SweepForm::Steps(steps) => steps.values().ok_or_else(|| {
             form.fault(format!(
-                "makes no steps: give two numbers and 2 to {MOST_FRAMES} `steps`"
+                "makes no steps: give two numbers and 2 to {MAX_FRAMES} `steps`"
             ))
         }),
     }
@@ -143,7 +143,7 @@ fn values(form: &At<SweepForm>) -> Result<Vec<Value>, Fault> {
 impl StepsForm {
     /// The values, both ends among them. They are whole numbers if the ends are and the steps lead from one to another.
     fn values(&self) -> Option<Vec<Value>> {
-        if !(2..=MOST_FRAMES as u32).contains(&self.steps) {
+        if !(2..=MAX_FRAMES as u32).contains(&self.steps) {
             return None;
         }
         let last = self.steps - 1;

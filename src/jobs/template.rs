@@ -3,7 +3,7 @@
 use std::path::{Component, Path, PathBuf};
 
 /// More zeros than this nobody wants.
-const MOST_DIGITS: usize = 18;
+const MAX_DIGITS: usize = 18;
 
 /// A pattern, understood.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,7 +27,7 @@ impl Template {
             let width: usize = width
                 .parse()
                 .ok()
-                .filter(|&width| width <= MOST_DIGITS)
+                .filter(|&width| width <= MAX_DIGITS)
                 .ok_or_else(|| format!("has `{{{field}}}`: give a number of digits as in {{frame:04}}"))?;
             if !known.contains(&name) {
                 let known = known.join("}, {");

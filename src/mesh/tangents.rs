@@ -18,7 +18,7 @@ use super::{Mesh, Slab};
 use crate::parallel;
 
 /// The most triangles around a vertex, which the recursion may be deep: a quarter of a megabyte of stack.
-const MOST_AROUND: u64 = 1024;
+const MAX_VERTEX_TRIANGLES: u64 = 1024;
 /// Comparisons that are always allowed: a blink.
 const FREE_COMPARISONS: u64 = 1 << 24;
 /// Comparisons a corner; six triangles around every vertex need six.
@@ -137,7 +137,7 @@ impl Corners<'_> {
     /// shared whose position, normal and texture coordinates are the same.
     fn is_crowded(&self) -> bool {
         let face_count = self.mesh.triangles.len();
-        if (face_count as u64) <= MOST_AROUND {
+        if (face_count as u64) <= MAX_VERTEX_TRIANGLES {
             return false;
         }
         let mut around: HashMap<[u32; 8], u64> = HashMap::new();
@@ -149,7 +149,7 @@ impl Corners<'_> {
         }
         let comparisons: u64 = around.values().map(|n| n * n).sum();
         let allowed = FREE_COMPARISONS + COMPARISONS_A_CORNER * 3 * face_count as u64;
-        comparisons > allowed || around.values().any(|&n| n > MOST_AROUND)
+        comparisons > allowed || around.values().any(|&n| n > MAX_VERTEX_TRIANGLES)
     }
 
     /// The tangent that the library gave a corner; where it gave none, the triangle's own; where texture coordinates
@@ -326,7 +326,11 @@ mod tests {
     #[test]
     fn a_crowded_vertex_overflows_no_stack_and_takes_no_quadratic_time() {
         const STACK: usize = 1 << 18;
-        for count in [MOST_AROUND as u32, MOST_AROUND as u32 + 1, 100_000] {
+        for count in [
+            MAX_VERTEX_TRIANGLES as u32,
+            MAX_VERTEX_TRIANGLES as u32 + 1,
+            100_000,
+        ] {
             let on_a_small_stack = std::thread::Builder::new().stack_size(STACK);
             let made = on_a_small_stack.spawn(move || fan(count).with_tangents(0));
             let mesh = made.unwrap().join().unwrap();

@@ -110,7 +110,7 @@ use texturing::Widths;
 use wave::{TilePicture, Waves};
 
 /// Surfaces that are looked through for the bodies around the camera.
-const MOST_BOUNDARIES: usize = 4096;
+const MAX_BOUNDARIES: usize = 4096;
 
 /// What picture is made of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -570,7 +570,7 @@ impl<'s> Frame<'s> {
             time,
             ..Ray::new(p.as_vec3(), Vec3::new(0.236_068, 0.854_102, 0.463_525))
         };
-        for _ in 0..MOST_BOUNDARIES {
+        for _ in 0..MAX_BOUNDARIES {
             packet[0].recycle();
             packet[0].set(0, &ray);
             probe_count += 1;

@@ -16,14 +16,14 @@ use crate::accel::Accel;
 use crate::scene::{Camera, Scene};
 
 /// Strips at most: some two thousand packets, of which one in 32 tells how shading divides.
-const MOST_STRIPS: usize = 128;
+const MAX_STRIPS: usize = 128;
 /// Strips at least, however many rays they take: where a few see what takes most rays, fewer would miss it or see
 /// little else.
-const LEAST_STRIPS: usize = 48;
+const MIN_STRIPS: usize = 48;
 /// Rays after which no other strip is begun: about 0.2 s of one thread.
 const ENOUGH_RAYS: u64 = 300_000;
 /// Samples a pixel at most: more of them cost what these do.
-const MOST_SPP: u32 = 64;
+const MAX_SPP: u32 = 64;
 
 /// What a probe found.
 #[derive(Clone, Debug)]
@@ -52,7 +52,7 @@ pub fn probe(
 ) -> Option<Probe> {
     let start = Instant::now();
     let settings = RenderSettings {
-        spp: settings.spp.min(MOST_SPP),
+        spp: settings.spp.min(MAX_SPP),
         adaptive: None,
         sample_aovs: false,
         cost_aovs: false,
@@ -68,7 +68,7 @@ pub fn probe(
     let mut once = frame.scatter(monitor)?;
     once.book(Account::Other, setting_up);
     let mut wave = Wave::new(&frame);
-    let strips: Vec<Tile> = chosen_tiles(&settings, MOST_STRIPS)
+    let strips: Vec<Tile> = chosen_tiles(&settings, MAX_STRIPS)
         .into_iter()
         .enumerate()
         .map(|(number, tile)| strip(tile, number, &settings))
@@ -83,7 +83,7 @@ pub fn probe(
         plan: frame.plan.clone(),
     };
     for strip in strips {
-        if probe.strips >= LEAST_STRIPS && probe.ledger.total().rays >= ENOUGH_RAYS {
+        if probe.strips >= MIN_STRIPS && probe.ledger.total().rays >= ENOUGH_RAYS {
             break;
         }
         probe.ledger += undisturbed(&mut wave, strip);
@@ -99,11 +99,11 @@ pub fn probe(
 /// thread's, the strip is rendered again.
 fn undisturbed(wave: &mut Wave, strip: Tile) -> Ledger {
     /// Renders of a strip at most.
-    const MOST_TRIES: usize = 4;
+    const MAX_TRIES: usize = 4;
     /// Part of a strip's time that others may have had.
     const ALLOWED: f64 = 0.02;
     let mut least = (f64::INFINITY, Ledger::default());
-    for _ in 0..MOST_TRIES {
+    for _ in 0..MAX_TRIES {
         let (start, worked) = (Instant::now(), thread_seconds());
         let ledger = wave.render_tile(strip, None).1;
         let (passed, worked) = (start.elapsed().as_secs_f64(), thread_seconds() - worked);

@@ -20,7 +20,7 @@ use crate::optics::LINE_D;
 use crate::scene::Effect;
 
 /// Surfaces after which a feeler counts as blocked: no light is left behind so many of any real material.
-const MOST_SHEETS: usize = 256;
+const MAX_SHEETS: usize = 256;
 
 /// Feelers that wait, what they bring, and the bodies around the points that feel.
 type Waiting<'a> = (&'a mut [RayPacket], &'a mut [Feeler], &'a mut MediaColumn);
@@ -63,7 +63,7 @@ pub(super) fn through_sheets(
         *reach = packet.t_far;
     }
     let mut account = Account::Shadow;
-    for _ in 0..MOST_SHEETS {
+    for _ in 0..MAX_SHEETS {
         if !packets.iter().any(RayPacket::any_active) {
             break;
         }

@@ -16,7 +16,7 @@ use crate::image::ToneMap;
 pub use super::compare_page::Pictures;
 
 /// Tiles that are shown enlarged, and how much.
-const MOST_TILES: usize = 8;
+const MAX_TILES: usize = 8;
 const ENLARGED: u32 = 4;
 
 /// What a page tells beside what was measured.
@@ -209,7 +209,7 @@ fn levels(study: &Study) -> String {
 
 /// Where the base is farthest from the reference, beside it.
 fn worst_tiles(pictures: &Pictures, tone: ToneMap) -> std::io::Result<String> {
-    let tiles = worst(pictures.reference, pictures.picture, tone, MOST_TILES);
+    let tiles = worst(pictures.reference, pictures.picture, tone, MAX_TILES);
     if tiles.is_empty() {
         return Ok(String::new());
     }

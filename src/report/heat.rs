@@ -15,9 +15,9 @@ const CHROMA: f64 = 0.11;
 const LIGHTNESS: [f64; 2] = [0.22, 0.95];
 /// Hue at the ends of the scale, degrees.
 const HUE: [f64; 2] = [300.0, 100.0];
-/// The bar takes one row in so many of the picture's, and at least [`LEAST_BAR`] rows.
+/// The bar takes one row in so many of the picture's, and at least [`MIN_BAR`] rows.
 const BAR_PART: u32 = 24;
-const LEAST_BAR: u32 = 8;
+const MIN_BAR: u32 = 8;
 
 /// A heat map and its scale.
 #[derive(Clone, Debug)]
@@ -44,7 +44,7 @@ pub fn map(costs: &[f32], width: u32) -> HeatMap {
     };
     let mut pixels: Vec<[f32; 3]> = costs.iter().map(color).collect();
     let height = (costs.len() / width.max(1) as usize) as u32;
-    let bar_height = (height / BAR_PART).max(LEAST_BAR);
+    let bar_height = (height / BAR_PART).max(MIN_BAR);
     pixels.resize(pixels.len() + width as usize, [0.0; 3]);
     for row in 0..bar_height {
         pixels.extend((0..width).map(|x| bar_pixel((x, width), row < bar_height / 3, [low, high])));
@@ -122,7 +122,7 @@ mod tests {
             (color(0.0), color(0.5), color(1.0))
         );
         assert_eq!(pixel(3), [0.0; 3]);
-        assert_eq!((heat.image.width, heat.image.height), (4, 1 + 1 + LEAST_BAR));
+        assert_eq!((heat.image.width, heat.image.height), (4, 1 + 1 + MIN_BAR));
         assert_eq!(heat.image.pixels.len(), 4 * heat.image.height as usize);
         // The first bar pixel's middle is at 1/8 of the scale.
         assert_eq!(heat.image.pixel(0, heat.image.height - 1), color(0.125));

@@ -390,7 +390,7 @@ fn bounds(scene: &Scene) -> Option<BoundsInfo> {
 }
 
 /// Materials that are told to a person; JSON has all.
-const MOST_MATERIALS: usize = 32;
+const MAX_MATERIALS: usize = 32;
 
 /// The form for a person: one subject a line.
 impl fmt::Display for SceneInfo {
@@ -425,7 +425,7 @@ impl fmt::Display for SceneInfo {
             )?;
         }
         line("materials", self.materials.to_string())?;
-        for (number, material) in self.material_list.iter().enumerate().take(MOST_MATERIALS) {
+        for (number, material) in self.material_list.iter().enumerate().take(MAX_MATERIALS) {
             line(&format!("material {number}"), material.to_string())?;
         }
         line(

@@ -11,7 +11,7 @@ use crate::image::{LinearImage, ToneMap, png_bytes};
 use crate::verify::{Difference, bits};
 
 /// Differences whose bits are shown, wrong ones first.
-const MOST_SHOWN: usize = 24;
+const MAX_SHOWN: usize = 24;
 
 /// A scene of a page.
 #[derive(Clone, Copy, Debug)]
@@ -130,7 +130,7 @@ fn differences(report: &OwnReport) -> String {
     all.sort_by_key(|difference| !difference.is_wrong);
     let lines: Vec<String> = all
         .iter()
-        .take(MOST_SHOWN)
+        .take(MAX_SHOWN)
         .map(|difference| {
             let verdict = if difference.is_wrong { "wrong" } else { "tie" };
             format!(

@@ -77,7 +77,7 @@ pub struct TimeChange {
 }
 
 /// Least runs that tell where a median lies: all of five are on one side of it once in sixteen times.
-pub const LEAST_RUNS: usize = 5;
+pub const MIN_RUNS: usize = 5;
 
 impl TimeChange {
     /// The change that `runs` show, each as a part of the time of its own run; `noise` is that of no change.

@@ -72,7 +72,7 @@ pub struct MetallicRoughness {
     pub specular_color: [f32; 3],
     /// How much of what is not reflected goes through rather than being scattered, 0 to 1.
     pub transmission: f32,
-    /// Rays that the lobe of a rough surface is looked into by where the eye sees it, up to [`MOST_ROUGH_RAYS`]; one
+    /// Rays that the lobe of a rough surface is looked into by where the eye sees it, up to [`MAX_ROUGH_RAYS`]; one
     /// where other rays meet it. With 0 it reflects as a mirror up to [`MIRROR_ROUGHNESS`] and only lights beyond, and
     /// refracts as a smooth one.
     pub rough_rays: u32,
@@ -182,7 +182,7 @@ impl Default for Material {
 pub const MIRROR_ROUGHNESS: f32 = 0.1;
 
 /// Most rays into one lobe. Samples of a pixel serve as well beyond.
-pub const MOST_ROUGH_RAYS: u32 = 256;
+pub const MAX_ROUGH_RAYS: u32 = 256;
 
 /// Index of refraction where a material states none: glTF's, that of window glass.
 pub const DEFAULT_IOR: f64 = 1.5;

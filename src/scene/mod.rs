@@ -30,8 +30,8 @@ pub use larder::{Larder, LarderCounts};
 pub use lens::{Aperture, Lens, LensError, LensView};
 pub use light::{AreaShape, Falloff, Light, LightKind};
 pub use material::{
-    AlphaMode, DEFAULT_IOR, Interior, Lecture, MIRROR_ROUGHNESS, MOST_ROUGH_RAYS, Material,
-    MetallicRoughness, Model, Translucency,
+    AlphaMode, DEFAULT_IOR, Interior, Lecture, MAX_ROUGH_RAYS, MIRROR_ROUGHNESS, Material, MetallicRoughness,
+    Model, Translucency,
 };
 pub use normalise::Normalisation;
 pub use pose::Pose;

@@ -3,18 +3,16 @@
 use std::ops::{Range, RangeInclusive};
 
 use super::validate::is_radiance;
-use super::{
-    Layer, MOST_ROUGH_RAYS, Material, Model, Parameter, Pattern, Procedural, Scene, Texels, Texture,
-};
+use super::{Layer, MAX_ROUGH_RAYS, Material, Model, Parameter, Pattern, Procedural, Scene, Texels, Texture};
 use crate::optics::subsurface::Dipole;
 use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
 
 /// Octaves of noise that mean anything: each halves the height, so sixteen reach the last bits of a display value.
-const MOST_OCTAVES: u32 = 16;
+const MAX_OCTAVES: u32 = 16;
 
 /// What is wrong with a pattern.
 pub(crate) fn check_procedural(procedural: &Procedural) -> Result<(), String> {
-    let is_octaves = |octaves: u32| (1..=MOST_OCTAVES).contains(&octaves);
+    let is_octaves = |octaves: u32| (1..=MAX_OCTAVES).contains(&octaves);
     let pattern = match procedural.pattern {
         Pattern::Checker | Pattern::Gradient => true,
         Pattern::Noise { octaves } => is_octaves(octaves),
@@ -44,9 +42,9 @@ pub(super) fn check_model(model: &Model) -> Result<(), String> {
                     "its specular or transmission factor is outside [0, 1]: correct the factor".into(),
                 );
             }
-            if model.rough_rays > MOST_ROUGH_RAYS {
+            if model.rough_rays > MAX_ROUGH_RAYS {
                 return Err(format!(
-                    "it asks for {} rough rays: give 0 to {MOST_ROUGH_RAYS}",
+                    "it asks for {} rough rays: give 0 to {MAX_ROUGH_RAYS}",
                     model.rough_rays
                 ));
             }

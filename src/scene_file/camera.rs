@@ -227,12 +227,12 @@ impl CameraForm {
 }
 
 /// How nearly a direction may point along `up`: an angle whose sine is 2^-26 leaves half of f64's digits to the axes.
-const LEAST_SINE: f64 = 1.0 / (1 << 26) as f64;
+const MIN_SINE: f64 = 1.0 / (1 << 26) as f64;
 
 fn axes_looking_along(forward: DVec3, up: DVec3) -> Option<DMat3> {
     let forward = forward.try_normalize()?;
     let right = forward.cross(up.try_normalize()?);
-    if !(right.length() > LEAST_SINE) {
+    if !(right.length() > MIN_SINE) {
         return None;
     }
     let right = right.normalize();

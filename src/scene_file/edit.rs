@@ -7,7 +7,7 @@ use toml::{Table, Value};
 use super::fault::suggestion;
 
 /// The most names that a message lists.
-const MOST_NAMES: usize = 16;
+const MAX_NAMES: usize = 16;
 
 /// A key of a scene file and the value that it gets.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,7 +98,7 @@ impl Edit {
 /// Which of what is there may have been meant.
 fn advice(word: &str, known: &[&str]) -> String {
     let advice = suggestion(word, known);
-    match known.len() <= MOST_NAMES || advice.starts_with("did") {
+    match known.len() <= MAX_NAMES || advice.starts_with("did") {
         true if !known.is_empty() => advice,
         _ => "give a key, a name or a number from 0 that is there".into(),
     }

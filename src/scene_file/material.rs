@@ -8,7 +8,7 @@ use super::scattering::SubsurfaceForm;
 use super::value::{At, Color, NoValue, Param, Rgba, Textured};
 use crate::optics::Conductor;
 use crate::scene::{
-    AlphaMode, Lecture, MOST_ROUGH_RAYS, Material, MetallicRoughness, Model, Parameter, UvTransform,
+    AlphaMode, Lecture, MAX_ROUGH_RAYS, Material, MetallicRoughness, Model, Parameter, UvTransform,
 };
 
 /// What surfaces are made of. Every parameter that may have a texture is a value, or
@@ -261,9 +261,9 @@ impl MaterialForm {
 
     fn rough_rays(&self) -> Result<u32, String> {
         match self.rough_rays.unwrap_or(0) {
-            rays @ 0..=MOST_ROUGH_RAYS => Ok(rays),
+            rays @ 0..=MAX_ROUGH_RAYS => Ok(rays),
             rays => Err(format!(
-                "its `rough_rays` is {rays}: give 0 to {MOST_ROUGH_RAYS}, and more samples a pixel"
+                "its `rough_rays` is {rays}: give 0 to {MAX_ROUGH_RAYS}, and more samples a pixel"
             )),
         }
     }

@@ -88,7 +88,7 @@ pub fn bumped(n: DVec3, [dpdu, dpdv]: [DVec3; 2], [h_u, h_v]: [f32; 2]) -> DVec3
 }
 
 /// The least sine of the elevation at which a mirror sends its ray off the surface, where the viewer stands higher.
-const LEAST_ELEVATION: f64 = 0.01;
+const MIN_ELEVATION: f64 = 0.01;
 
 /// Bends the unit normal `n` no further than keeps both the viewer and the mirror image above the surface.
 ///
@@ -98,7 +98,7 @@ const LEAST_ELEVATION: f64 = 0.01;
 /// `n . wo > 0` too (after Keller et al., "The Iray light transport simulation and rendering system", 2017, A.3). It is
 /// a continuous function of `n`.
 pub fn kept_visible(n: DVec3, ng: DVec3, wo: DVec3) -> DVec3 {
-    let least = LEAST_ELEVATION.min(ng.dot(wo));
+    let least = MIN_ELEVATION.min(ng.dot(wo));
     // A normal that the viewer sees from behind counts as one seen edge on: it sends the ray straight on.
     let reflected = n * (2.0 * n.dot(wo).max(0.0)) - wo;
     if reflected.dot(ng) >= least {
@@ -216,7 +216,7 @@ mod tests {
                 assert!((kept.length() - 1.0).abs() < 1e-12);
                 assert!(kept.dot(wo) > 0.0 && kept.dot(ng) > 0.0, "{n} {wo}: {kept}");
                 assert!(reflected.dot(ng) > 0.0, "{n} {wo}: {kept}");
-                let fine = (n * (2.0 * n.dot(wo)) - wo).dot(ng) >= LEAST_ELEVATION && n.dot(wo) > 0.0;
+                let fine = (n * (2.0 * n.dot(wo)) - wo).dot(ng) >= MIN_ELEVATION && n.dot(wo) > 0.0;
                 assert!(!fine || kept == n);
             }
         }

@@ -189,7 +189,7 @@ const TRIANGLES: u32 = 24;
 /// Rays for each mesh, where there are few.
 const RAYS_A_MESH: u64 = 64;
 /// Meshes at most: more rays go to each.
-const MOST_MESHES: u64 = 4096;
+const MAX_MESHES: u64 = 4096;
 
 /// Triangles that share no corner.
 fn triangles(random: &mut Random) -> Mesh {
@@ -204,7 +204,7 @@ fn triangles(random: &mut Random) -> Mesh {
 }
 
 fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
-    let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MOST_MESHES);
+    let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MAX_MESHES);
     trial.over_parts(mesh_count as usize, &|number, part| {
         let mut random = Random::new(0xde6e, number as u64);
         let fault = &FAULTS[number % FAULTS.len()];

@@ -27,7 +27,7 @@ pub(super) const CASES: &[Case] = &[Case {
 }];
 
 /// Colours that the picture has at least: it must not be empty.
-const LEAST_LOOKS: usize = 256;
+const MIN_COLORS: usize = 256;
 /// Pixels each way.
 const SIZE: u32 = 48;
 
@@ -112,7 +112,7 @@ fn threads(trial: &Trial) -> Result<Tally, AccelError> {
         };
         let first = first.get_or_insert_with(|| bits.clone());
         let looks: HashSet<_> = bits.iter().collect();
-        if looks.len() < LEAST_LOOKS {
+        if looks.len() < MIN_COLORS {
             tally.count(Answer::Wrong, || {
                 format!("the picture has {} colours", looks.len())
             });

@@ -194,14 +194,14 @@ fn t_junctions(mesh: &Mesh, open: &[[u32; 2]]) -> u64 {
         let to = rim.partition_point(|&v| p(v).x <= a.max(b));
         rim[from..to]
             .iter()
-            .take(MOST_ASKED)
+            .take(MAX_CANDIDATES)
             .any(|&v| is_between(v, **edge))
     };
     open.iter().filter(holds_one).count() as u64
 }
 
 /// Vertices that are asked for one edge: more make a scan of a large open mesh take too long.
-const MOST_ASKED: usize = 4096;
+const MAX_CANDIDATES: usize = 4096;
 
 #[cfg(test)]
 mod tests {

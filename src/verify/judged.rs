@@ -7,7 +7,7 @@ use super::trial::Answer;
 use crate::accel::Hit;
 
 /// Most answers that are kept of a case, which take 40 bytes each.
-const MOST: usize = 1 << 24;
+const MAX_VERDICTS: usize = 1 << 24;
 
 /// An answer and what was said of it.
 #[derive(Clone, Copy, Debug)]
@@ -52,7 +52,7 @@ impl Judged {
     /// Keeps what was said of a chunk's answers, the first time.
     pub(super) fn keep(&self, chunk: Chunk, judgements: Vec<Judgement>) {
         let mut chunks = self.chunks.lock().unwrap_or_else(PoisonError::into_inner);
-        if chunks.len().saturating_mul(judgements.len()) < MOST {
+        if chunks.len().saturating_mul(judgements.len()) < MAX_VERDICTS {
             chunks.entry(chunk).or_insert_with(|| judgements.into());
         }
     }
@@ -111,7 +111,7 @@ mod tests {
         judged.keep((1, 0), said(1.0, 2));
         judged.keep((1, 0), said(2.0, 2));
         judged.keep((1, 1), said(3.0, 1));
-        judged.keep((1, 2), said(4.0, MOST));
+        judged.keep((1, 2), said(4.0, MAX_VERDICTS));
         let errors = |chunk| {
             judged
                 .recall(chunk)

@@ -68,10 +68,10 @@ const STEPS: Axis = Axis {
 };
 
 fn marches(trial: &Trial) -> Tally {
-    const MOST: u64 = 1_000_000;
+    const MAX_RAYS: u64 = 1_000_000;
     let mut tally = Tally::default();
     let mut count = 1;
-    while count <= trial.rays.min(MOST) {
+    while count <= trial.rays.min(MAX_RAYS) {
         for length in [2.0, 1.0, 1.7, 1.0 / 3.0] {
             let even = length / count as f64;
             let beside = [even.next_up(), even.next_down(), even * (1.0 + 1e-9), even * 1.1];

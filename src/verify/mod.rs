@@ -61,7 +61,7 @@ use serde::Serialize;
 pub use hygiene::Hygiene;
 pub use judged::Judged;
 pub use outline::{Outline, view};
-pub use own::{Comparison, Difference, MOST_DIFFERENCES, RayKind, Reply, ask_again, compare_all};
+pub use own::{Comparison, Difference, MAX_DIFFERENCES, RayKind, Reply, ask_again, compare_all};
 pub use path::{Closes, PATHS, Path};
 pub use place::Place;
 pub use rays_file::{RaysError, RaysFile, bits};

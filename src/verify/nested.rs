@@ -39,7 +39,7 @@ const RAYS_A_PICTURE: u64 = 16 * FOLLOWED;
 /// Rays a pixel, about: one for each wall.
 const FOLLOWED: u64 = 8;
 /// Stacks at most: larger pictures of each where there are more questions.
-const MOST_STACKS: u64 = 2000;
+const MAX_STACKS: u64 = 2000;
 
 /// A body between two heights.
 struct Layer {
@@ -130,7 +130,7 @@ impl Stack {
         // half a gap behind the wall that it has passed.
         let roundings = 8.0 / f64::from(1 << 24);
         // Where nothing is below, nothing is rounded but the sum.
-        let bound = walls.len().max(1) as f64 * (roundings + MOST_SIGMA * 0.5 * f64::from(GAP));
+        let bound = walls.len().max(1) as f64 * (roundings + MAX_SIGMA * 0.5 * f64::from(GAP));
         (depth.map(|depth: f64| light * (-depth).exp()), bound)
     }
 
@@ -167,7 +167,7 @@ impl Stack {
 }
 
 /// Most that a unit of length swallows, as an exponent.
-const MOST_SIGMA: f64 = 0.5;
+const MAX_SIGMA: f64 = 0.5;
 
 impl Layer {
     fn any(number: usize, walls: &[f32], random: &mut Random) -> Layer {
@@ -177,7 +177,7 @@ impl Layer {
             high: walls[0].max(walls[1]),
             priority: random.below(4) as i32,
             ior: random.pick(&INDICES),
-            sigma: [(); 3].map(|()| MOST_SIGMA * random.unit()),
+            sigma: [(); 3].map(|()| MAX_SIGMA * random.unit()),
             is_mesh: random.below(2) == 0,
         }
     }
@@ -229,7 +229,7 @@ impl Layer {
 }
 
 fn nested(trial: &Trial) -> Result<Tally, AccelError> {
-    let stack_count = trial.rays.div_ceil(RAYS_A_PICTURE).min(MOST_STACKS);
+    let stack_count = trial.rays.div_ceil(RAYS_A_PICTURE).min(MAX_STACKS);
     let size = (trial.rays / (FOLLOWED * stack_count)).isqrt().max(4) as u32;
     trial.over_parts(stack_count as usize, &|number, _| {
         let mut tally = Tally::default();

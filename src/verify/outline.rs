@@ -11,9 +11,9 @@ use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{HalfSpace, Shape};
 
 /// A mesh with more edges is shown by its silhouette.
-const MOST_EDGES: usize = 600;
+const MAX_EDGES: usize = 600;
 /// Lines of a whole scene.
-const MOST_LINES: usize = 4000;
+const MAX_LINES: usize = 4000;
 /// Chords of a circle.
 const CHORDS: usize = 48;
 
@@ -41,7 +41,7 @@ pub(super) fn of(scene: &Scene, met: &[[u32; 2]]) -> Outline {
     let mut outline = Outline::default();
     let target = most_met(met);
     for (number, instance) in (0..).zip(&scene.instances) {
-        if outline.lines.len() < MOST_LINES || Some(number) == target {
+        if outline.lines.len() < MAX_LINES || Some(number) == target {
             let lines = instance_lines(scene, instance);
             if target.is_none_or(|target| target == number) {
                 outline.target.extend(&lines);
@@ -64,7 +64,7 @@ pub(super) fn of(scene: &Scene, met: &[[u32; 2]]) -> Outline {
     }
     for lines in [&mut outline.lines, &mut outline.target, &mut outline.met] {
         lines.retain(|line| line.iter().all(|p| p.is_finite()));
-        lines.truncate(MOST_LINES);
+        lines.truncate(MAX_LINES);
     }
     outline
 }
@@ -103,7 +103,7 @@ fn mesh_lines(mesh: &Mesh, map: &DAffine3) -> Vec<[DVec3; 2]> {
     }
     sides.sort_unstable();
     let edges: Vec<&[Side]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
-    let is_few = edges.len() <= MOST_EDGES;
+    let is_few = edges.len() <= MAX_EDGES;
     // An open edge, or one between a face and a back.
     let is_rim = |edge: &&[Side]| edge.len() == 1 || edge[0].1 != edge[edge.len() - 1].1;
     edges

@@ -127,7 +127,7 @@ impl fmt::Display for Difference {
 }
 
 /// Differences of each kind, ties and wrong ones, that are kept of a set of rays.
-pub const MOST_DIFFERENCES: usize = 20_000;
+pub const MAX_DIFFERENCES: usize = 20_000;
 
 /// How two answers to a set of rays compare.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -140,7 +140,7 @@ pub struct Comparison {
     pub wrong: BTreeMap<Place, u64>,
     /// The first wrong one, to be asked again.
     pub example: Option<String>,
-    /// The first [`MOST_DIFFERENCES`] ties and as many wrong ones, in the order of the rays.
+    /// The first [`MAX_DIFFERENCES`] ties and as many wrong ones, in the order of the rays.
     #[serde(skip)]
     pub differences: Vec<Difference>,
     /// How many ties and wrong ones those are.
@@ -187,7 +187,7 @@ impl Comparison {
 
     fn keep(&mut self, difference: &Difference) {
         let count = &mut self.kept[usize::from(difference.is_wrong)];
-        if *count < MOST_DIFFERENCES {
+        if *count < MAX_DIFFERENCES {
             *count += 1;
             self.differences.push(*difference);
         }

@@ -61,9 +61,9 @@ pub(super) const CASES: &[Case] = &[
 ];
 
 /// More surfaces than any ray of these cases may meet: what goes on for longer does not get on.
-const MOST: usize = 12;
+const MAX_SURFACES: usize = 12;
 
-/// The instances that each ray meets one after the other, going straight on, up to [`MOST`].
+/// The instances that each ray meets one after the other, going straight on, up to [`MAX_SURFACES`].
 fn passages(
     trial: &Trial,
     (engine, departures): (&Engine, &Departures),
@@ -72,7 +72,7 @@ fn passages(
 ) -> Vec<Vec<u32>> {
     let mut met = vec![Vec::new(); rays.len()];
     let mut going: Vec<(usize, Ray)> = rays.iter().copied().enumerate().collect();
-    for _ in 0..MOST {
+    for _ in 0..MAX_SURFACES {
         let asked: Vec<Ray> = going.iter().map(|&(_, ray)| ray).collect();
         let packets = engine.traced(&asked, order(random));
         let at = packets.iter().flat_map(|packet| departures.of(packet));

@@ -507,12 +507,12 @@ fn projection(random: &mut Random, x: f64) -> Projection {
 }
 
 /// Scenes at most.
-const MOST: u64 = 1 << 16;
+const MAX_RAYS: u64 = 1 << 16;
 
 fn poisoned(trial: &Trial) -> Result<Tally, AccelError> {
     let sound = sound_scene();
     let mut tally = Tally::default();
-    for number in 0..trial.rays.min(MOST) {
+    for number in 0..trial.rays.min(MAX_RAYS) {
         let (place, add) = INPUTS[number as usize / 2 % INPUTS.len()];
         let x = [0.0, f64::NAN][number as usize % 2];
         let mut scene = sound.clone();

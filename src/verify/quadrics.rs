@@ -26,16 +26,16 @@ pub(super) const CASES: &[Case] = &[Case {
 /// Ellipsoids, each with its share of the rays.
 const COUNT: usize = 64;
 /// Powers of two of the axes: 2^-20 is just under 10^-6.
-const LEAST_POWER: usize = 20;
+const MIN_POWER: usize = 20;
 /// What a normal may be off by, in radians.
 const TILT: f64 = 1e-5;
 
 /// An ellipsoid as a shape and the map of the unit sphere to it.
 fn ellipsoid(part: usize, random: &mut Random) -> (Shape, DAffine3, DAffine3) {
-    let mut axis = || 0.5f64.powi(random.below(LEAST_POWER + 1) as i32);
+    let mut axis = || 0.5f64.powi(random.below(MIN_POWER + 1) as i32);
     // Every fourth is as thin as they come.
     let axes = match part % 4 {
-        0 => DVec3::new(1.0, 0.5f64.powi(LEAST_POWER as i32), axis()),
+        0 => DVec3::new(1.0, 0.5f64.powi(MIN_POWER as i32), axis()),
         _ => DVec3::new(axis(), 1.0, axis()),
     };
     let turn = DAffine3::from_mat3(turn(random));

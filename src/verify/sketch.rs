@@ -14,13 +14,13 @@ use crate::numeric::Ray;
 use crate::scene::{Geometry, Scene};
 
 /// Rays of each kind that are kept.
-const MOST_RAYS: usize = 24;
+const MAX_RAYS: usize = 24;
 /// Arguments that are kept, the worst one and wrong ones not counted.
-const MOST_ARGUMENTS: usize = 320;
+const MAX_ARGUMENTS: usize = 320;
 /// Close-ups of each kind of ray.
-const MOST_CLOSE_UPS: usize = 3;
+const MAX_CLOSE_UPS: usize = 3;
 /// Triangles of a close-up.
-const MOST_TRIANGLES: usize = 64;
+const MAX_TRIANGLES: usize = 64;
 /// A close-up shows so many times what the triangle in its middle measures.
 const AROUND: f64 = 1.7;
 
@@ -88,7 +88,7 @@ impl Sketch {
     /// Keeps a ray if it is among the first of its kind.
     pub(super) fn keep(&mut self, asked: Asked) {
         let count = &mut self.counts[asked.answer as usize];
-        if *count < MOST_RAYS {
+        if *count < MAX_RAYS {
             *count += 1;
             self.asked.push(asked);
         }
@@ -101,8 +101,8 @@ impl Sketch {
             self.worst = Some(error);
         }
         let count = &mut self.counts[error.answer as usize];
-        let is_early = self.errors.len() < MOST_ARGUMENTS;
-        if is_early || (error.answer == Answer::Wrong && *count < MOST_RAYS) {
+        let is_early = self.errors.len() < MAX_ARGUMENTS;
+        if is_early || (error.answer == Answer::Wrong && *count < MAX_RAYS) {
             *count += 1;
             self.errors.push(error);
         }
@@ -153,7 +153,7 @@ impl Sketch {
             let kind = (0..self.asked.len()).filter(|&i| self.asked[i].answer == answer);
             let views: Vec<CloseUp> = kind
                 .filter_map(|i| close_up(scene, &self.asked[i].ray, i))
-                .take(MOST_CLOSE_UPS)
+                .take(MAX_CLOSE_UPS)
                 .collect();
             self.close_ups.extend(views);
         }
@@ -209,7 +209,7 @@ fn close_up(scene: &Scene, ray: &Ray, asked: usize) -> Option<CloseUp> {
     }
     seen.retain(|triangle| triangle.beside < size);
     seen.sort_by(order);
-    seen.truncate(MOST_TRIANGLES);
+    seen.truncate(MAX_TRIANGLES);
     // Far ones first, for who paints them.
     seen.sort_by(|a, b| b.depth.total_cmp(&a.depth));
     Some(CloseUp {
@@ -263,10 +263,10 @@ mod tests {
         let mut sketch = Sketch::default();
         (0..1000).for_each(|_| sketch.keep(asked(Answer::Right)));
         sketch.keep(asked(Answer::Wrong));
-        assert_eq!(sketch.counts, [MOST_RAYS, 0, 1]);
+        assert_eq!(sketch.counts, [MAX_RAYS, 0, 1]);
         let twice = sketch.clone().with(sketch);
-        assert_eq!(twice.counts, [MOST_RAYS, 0, 2]);
-        assert_eq!(twice.asked.len(), MOST_RAYS + 2);
+        assert_eq!(twice.counts, [MAX_RAYS, 0, 2]);
+        assert_eq!(twice.asked.len(), MAX_RAYS + 2);
     }
 
     #[test]
@@ -326,7 +326,7 @@ mod tests {
                 },
             );
         }
-        assert_eq!(sketch.shown_errors().count(), MOST_ARGUMENTS + 1);
+        assert_eq!(sketch.shown_errors().count(), MAX_ARGUMENTS + 1);
         assert!(sketch.shown_errors().any(|error| error.at == 7777.0));
     }
 }

@@ -174,10 +174,10 @@ pub(super) fn compared(scene: &Scene, ray: &Ray, exact: Option<Hit>, hit: Option
 /// Rays for each mesh of garbage, where there are few.
 const RAYS_A_MESH: u64 = 64;
 /// Meshes of garbage at most: more rays go to each.
-const MOST_MESHES: u64 = 10_000;
+const MAX_MESHES: u64 = 10_000;
 
 fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
-    let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MOST_MESHES);
+    let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MAX_MESHES);
     trial.over_parts(mesh_count as usize, &|number, part| {
         let mut random = Random::new(0x6a7ba6e, number as u64);
         let mut scene = Scene {

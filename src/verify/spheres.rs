@@ -239,10 +239,10 @@ fn distant(trial: &Trial, powers: RangeInclusive<i32>) -> Result<Tally, AccelErr
 }
 
 fn huge(trial: &Trial) -> Result<Tally, AccelError> {
-    const LEAST: i32 = 3;
+    const MIN_EXPONENT: i32 = 3;
     const COUNT: usize = 6;
     trial.over_parts(COUNT, &|number, trial| {
-        let radius = 10f64.powi(LEAST + number as i32);
+        let radius = 10f64.powi(MIN_EXPONENT + number as i32);
         let sphere = Sphere {
             center: DVec3::new(0.0, -radius, 0.0),
             radius,

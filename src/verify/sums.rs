@@ -95,10 +95,10 @@ fn hold(
 
 /// One layer, ten, a hundred and so on, up to so many as there are questions.
 fn layers(trial: &Trial) -> Tally {
-    const MOST: u64 = 10_000_000;
+    const MAX_RAYS: u64 = 10_000_000;
     let mut tally = Tally::default();
     let mut count = 1;
-    while count <= trial.rays.min(MOST) {
+    while count <= trial.rays.min(MAX_RAYS) {
         for tau in [
             0.0,
             1e-12,
@@ -135,10 +135,10 @@ fn layers(trial: &Trial) -> Tally {
 const MIXTURES: [&[f32]; 4] = [&[1.0], &[0.1], &[1.0, 1e8, 1e-8], &[1e8, 1e-8, -1e8, 1.0]];
 
 fn pixels(trial: &Trial) -> Tally {
-    const MOST: u64 = 1 << 30;
+    const MAX_RAYS: u64 = 1 << 30;
     let mut tally = Tally::default();
     // Whole packets, in four sums.
-    let packets = (trial.rays.min(MOST) / LANES as u64).max(1);
+    let packets = (trial.rays.min(MAX_RAYS) / LANES as u64).max(1);
     for (number, mixture) in MIXTURES.iter().enumerate() {
         let sample = |i: u64| mixture[(i % mixture.len() as u64) as usize];
         let lanes = |packet: u64| -> Lanes<f32> {

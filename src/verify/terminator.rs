@@ -30,7 +30,7 @@ pub(super) const CASES: &[Case] = &[Case {
 /// Rings of the coarsest sphere and of the finest.
 const RINGS: [u32; 2] = [8, 512];
 /// Triangles that are asked about however few rays there are.
-const LEAST_TRIANGLES: u64 = 4096;
+const MIN_TRIANGLES: u64 = 4096;
 /// Half the height of what is seen.
 const REACH: f64 = 1.05;
 /// Pixels each way, at least and at most.
@@ -98,7 +98,7 @@ fn terminators(trial: &Trial) -> Result<Tally, AccelError> {
     };
     let mut coarser = f64::INFINITY;
     let mut ring_count = RINGS[0];
-    while ring_count <= RINGS[1] && 4 * u64::from(ring_count).pow(2) <= trial.rays.max(LEAST_TRIANGLES) {
+    while ring_count <= RINGS[1] && 4 * u64::from(ring_count).pow(2) <= trial.rays.max(MIN_TRIANGLES) {
         let Some(found) = seen(trial, Geometry::Mesh(ball(ring_count)), size)? else {
             break;
         };

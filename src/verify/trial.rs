@@ -330,11 +330,11 @@ impl<'a> Trial<'a> {
 }
 
 /// Runs of tallies that are summed up each by one thread, at most: as many are kept until all are there.
-const MOST_RUNS: u64 = 1 << 10;
+const MAX_RUNS: u64 = 1 << 10;
 
 /// Returns the sum of `tally(0..count)` in that order, or the error of the first that fails.
 fn sum<E: Send>(count: u64, tally: &(dyn Fn(u64) -> Result<Tally, E> + Sync)) -> Result<Tally, E> {
-    let run = count.div_ceil(MOST_RUNS).max(1);
+    let run = count.div_ceil(MAX_RUNS).max(1);
     let runs = parallel::try_map(count.div_ceil(run) as usize, &|number| {
         let first = number as u64 * run;
         let mut sum = tally(first)?;

@@ -2,7 +2,7 @@
 
 use super::composite::Composite;
 use super::depth::opacity;
-use super::{MOST_STEPS, VolumeError};
+use super::{MAX_STEPS, VolumeError};
 
 /// A medium that is the same everywhere.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +31,7 @@ impl Fog {
         if !(step > 0.0 && step.is_finite()) {
             return wrong("has a step that is not positive");
         }
-        if extinction > 0.0 && !(extinction * step * MOST_STEPS >= 1.0) {
+        if extinction > 0.0 && !(extinction * step * MAX_STEPS >= 1.0) {
             return wrong("has steps so short that a march through it would hardly end");
         }
         Ok(Fog {
@@ -57,7 +57,7 @@ impl Fog {
     #[must_use]
     pub fn with_steps(self, factor: f64) -> Fog {
         let step = factor * self.step;
-        let ends = self.extinction == 0.0 || self.extinction * step * MOST_STEPS >= 1.0;
+        let ends = self.extinction == 0.0 || self.extinction * step * MAX_STEPS >= 1.0;
         if ends { Fog { step, ..self } } else { self }
     }
 

@@ -137,7 +137,7 @@ pub enum VolumeError {
 }
 
 /// Steps through a volume's diameter at most: a ray of 2^26 takes about a second.
-const MOST_STEPS: f64 = (1u64 << 26) as f64;
+const MAX_STEPS: f64 = (1u64 << 26) as f64;
 
 impl Volume {
     /// Checks and places a volume, and finds its empty space.
@@ -152,7 +152,7 @@ impl Volume {
         let cube_from_world = inverse(&world_from_cube)?;
         let step = step.unwrap_or_else(|| 0.5 * shortest_edge(&density, &world_from_cube));
         let diameter = 2.0 * DVec3::from_array(axis_lengths(&world_from_cube)).length();
-        let least = diameter / MOST_STEPS;
+        let least = diameter / MAX_STEPS;
         if !(step >= least && step.is_finite()) {
             return Err(VolumeError::Step {
                 step,
@@ -228,7 +228,7 @@ impl Volume {
     pub fn with_steps(self, factor: f64) -> Volume {
         let diameter = 2.0 * DVec3::from_array(axis_lengths(&self.world_from_cube)).length();
         Volume {
-            step: (factor * self.step).max(diameter / MOST_STEPS),
+            step: (factor * self.step).max(diameter / MAX_STEPS),
             ..self
         }
     }

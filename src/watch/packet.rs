@@ -22,7 +22,7 @@ const CREATE: u8 = 4;
 const UPDATE: u8 = 6;
 
 /// Bytes of pixels that one packet holds at most: tev reads a mebibyte at once, and a slow line is given up on by packets.
-const MOST_BYTES: usize = 1 << 18;
+const MAX_BYTES: usize = 1 << 18;
 
 /// A packet in the making.
 struct Packet(Vec<u8>);
@@ -115,7 +115,7 @@ pub(super) fn update<'a>(
 
 /// Parts of a rectangle that fit into a packet each: rows, or parts of them where rows are long.
 fn pieces(whole: Rectangle, channel_count: usize) -> impl Iterator<Item = Rectangle> {
-    let most_pixels = (MOST_BYTES / (size_of::<f32>() * channel_count)).max(1) as u32;
+    let most_pixels = (MAX_BYTES / (size_of::<f32>() * channel_count)).max(1) as u32;
     let width = whole.width.min(most_pixels).max(1);
     let height = (most_pixels / width).max(1);
     let rows = (0..whole.height).step_by(height as usize);
@@ -164,7 +164,7 @@ mod tests {
             assert_eq!(all.iter().map(area).sum::<u64>(), area(&whole), "{whole:?}");
             assert!(
                 all.iter()
-                    .all(|piece| whole.holds(piece) && 12 * area(piece) <= MOST_BYTES as u64)
+                    .all(|piece| whole.holds(piece) && 12 * area(piece) <= MAX_BYTES as u64)
             );
         }
     }

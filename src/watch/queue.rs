@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 use super::tev::Rectangle;
 
 /// Bytes that may wait: a picture of 22 million pixels.
-const MOST_BYTES: usize = 1 << 28;
+const MAX_BYTES: usize = 1 << 28;
 /// Messages that may wait: they are looked through whenever one is added, which so takes microseconds.
-const MOST_MESSAGES: usize = 1 << 12;
+const MAX_MESSAGES: usize = 1 << 12;
 
 /// Packets that belong together.
 pub(super) struct Message {
@@ -74,7 +74,7 @@ impl Queue {
         });
         state.byte_count = byte_count;
         state.waiting.push_back(message);
-        while state.byte_count > MOST_BYTES || state.waiting.len() > MOST_MESSAGES {
+        while state.byte_count > MAX_BYTES || state.waiting.len() > MAX_MESSAGES {
             let oldest = state.waiting.iter().position(|old| old.changes.is_some());
             let Some(left_out) = oldest.and_then(|place| state.waiting.remove(place)) else {
                 break;
@@ -204,7 +204,7 @@ mod tests {
             packets: vec![vec![1; 10]],
         });
         for byte in 2..5 {
-            queue.push(change("a", u32::from(byte), 1, byte, MOST_BYTES / 2 - 10));
+            queue.push(change("a", u32::from(byte), 1, byte, MAX_BYTES / 2 - 10));
         }
         assert_eq!(waiting(&queue), [1, 3, 4]);
     }

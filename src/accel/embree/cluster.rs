@@ -23,7 +23,7 @@ const COST: Cost = Cost {
     cut: 1.0,
 };
 /// Fewer spheres stay alone: they would take more memory than as primitives of their own.
-const LEAST_MEMBERS: usize = 3;
+const MIN_MEMBERS: usize = 3;
 
 /// Spheres side by side, in four lines of the cache.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,7 +89,7 @@ impl SphereClusters {
         };
         for members in found.iter() {
             let members = members.iter().map(|&i| spheres[i as usize]);
-            if members.len() < LEAST_MEMBERS {
+            if members.len() < MIN_MEMBERS {
                 alone.extend(members.map(|(instance, _)| instance));
                 continue;
             }

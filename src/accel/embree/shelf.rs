@@ -44,7 +44,7 @@ struct Kept<T> {
 }
 
 /// What is older than that is forgotten: two scenes may be set up at a time, each of which tells it once it has asked.
-const MOST_AGE: u32 = 2;
+const MAX_AGE: u32 = 2;
 
 impl<T> Default for MeshShelf<T> {
     fn default() -> MeshShelf<T> {
@@ -85,7 +85,7 @@ impl<T> MeshShelf<T> {
         for kept in meshes.values_mut() {
             kept.retain_mut(|kept| {
                 kept.age += 1;
-                kept.age <= MOST_AGE
+                kept.age <= MAX_AGE
             });
         }
         meshes.retain(|_, kept| !kept.is_empty());
@@ -196,7 +196,7 @@ mod tests {
         let make = |x: f32, made: u32| *shelf.of(&mesh(x), || made);
         make(0.0, 1);
         make(5.0, 2);
-        for _ in 0..=MOST_AGE {
+        for _ in 0..=MAX_AGE {
             shelf.clear_out();
             assert_eq!(make(0.0, 3), 1);
         }

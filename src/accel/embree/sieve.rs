@@ -18,9 +18,9 @@ use crate::shape::Sphere;
 /// By how much radii are larger, in parts of the distances involved: 32 units of roundoff.
 const SLACK: f32 = 32.0 / (1 << 24) as f32;
 /// What is added to every radius for numbers too small for f32 to hold, 2^-60: squares are at most 2^-126 off.
-const LEAST_REACH: f64 = 1.0 / (1u64 << 60) as f64;
+const MIN_REACH: f64 = 1.0 / (1u64 << 60) as f64;
 /// Rays whose direction has a lesser square, 2^-100, miss nothing surely.
-const LEAST_SQUARE: f32 = 1.0 / (1u128 << 100) as f32;
+const MIN_SQUARE: f32 = 1.0 / (1u128 << 100) as f32;
 
 /// A sphere for a sieve.
 pub(super) struct Ball {
@@ -36,7 +36,7 @@ impl Ball {
         let [x, y, z] = center.map(f64::abs);
         // Products with what lies farther away than rays do might overflow.
         let is_near = x.max(y).max(z) < f64::from(Ray::LIMIT);
-        let reach = sphere.radius + f64::from(SLACK) * (x + y + z + sphere.radius) + LEAST_REACH;
+        let reach = sphere.radius + f64::from(SLACK) * (x + y + z + sphere.radius) + MIN_REACH;
         Ball {
             center: center.map(|x| x as f32),
             reach: if is_near { reach as f32 } else { f32::INFINITY },
@@ -63,7 +63,7 @@ impl<const W: usize> Sieve<W> {
         for lane in 0..W {
             let [x, y, z] = [0, 1, 2].map(|axis| direction[axis][lane]);
             let square = x * x + y * y + z * z;
-            per_square[lane] = if square >= LEAST_SQUARE {
+            per_square[lane] = if square >= MIN_SQUARE {
                 1.0 / square
             } else {
                 f32::NAN

@@ -19,9 +19,9 @@ pub struct Ball {
 }
 
 /// Exchanges after which the search ends: it takes ten or so, however many the points.
-const MOST_STEPS: usize = 64;
+const MAX_STEPS: usize = 64;
 /// Growth of the radius under which the search ends: a few roundings.
-const LEAST_GROWTH: f64 = 1.0 + 16.0 * f64::EPSILON;
+const MIN_GROWTH: f64 = 1.0 + 16.0 * f64::EPSILON;
 
 impl Ball {
     /// The lecture's: around the mean of the points, as far as the farthest of them. Empty at the origin for no points.
@@ -48,7 +48,7 @@ impl Ball {
             center: first,
             radius: 0.0,
         };
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let farthest = farthest(ball.center, points);
             let distance = farthest.distance(ball.center);
             if distance < best.radius {
@@ -57,7 +57,7 @@ impl Ball {
                     ..ball
                 };
             }
-            if distance <= ball.radius * LEAST_GROWTH {
+            if distance <= ball.radius * MIN_GROWTH {
                 break;
             }
             support.push(farthest);

@@ -26,7 +26,7 @@ const EXTENT_TESTS: usize = 256;
 /// Rays that are asked of an object.
 const OBJECT_RAYS: usize = 64;
 /// Triangles of a mesh that are timed; all cost the same.
-const MOST_TRIANGLES: usize = 256;
+const MAX_TRIANGLES: usize = 256;
 /// Of so many timings the shortest counts: interruptions only ever add.
 const TIMINGS: usize = 3;
 
@@ -172,10 +172,10 @@ impl Work for Calibration<'_> {
 /// Nanoseconds for one ray and the object, rays coming from all around towards points in its box.
 fn object_cost(geometry: &Geometry, instance: &Instance, hull: &Hull) -> f64 {
     let (sample, scale) = match geometry {
-        Geometry::Mesh(mesh) if mesh.triangles.len() > MOST_TRIANGLES => {
+        Geometry::Mesh(mesh) if mesh.triangles.len() > MAX_TRIANGLES => {
             let mut part = mesh.clone();
-            part.triangles = mesh.triangles[..MOST_TRIANGLES].to_vec().into();
-            let scale = mesh.triangles.len() as f64 / MOST_TRIANGLES as f64;
+            part.triangles = mesh.triangles[..MAX_TRIANGLES].to_vec().into();
+            let scale = mesh.triangles.len() as f64 / MAX_TRIANGLES as f64;
             (Geometry::Mesh(part), scale)
         }
         _ => (geometry.clone(), 1.0),

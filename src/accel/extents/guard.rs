@@ -22,9 +22,9 @@ use crate::scene::{Geometry, Instance};
 pub(super) const UNIT: f64 = 1.0 / (1u64 << 24) as f64;
 /// Placements that mix axes so much that rounding moves hits by more than 64 times that get no extent; for them also
 /// the inverse in f64 would need a bound.
-const MOST_MIXING: f64 = 64.0;
+const MAX_MIXING: f64 = 64.0;
 /// Coordinates beyond this get no extent: squares of differences would overflow f32.
-const MOST_MAGNITUDE: f64 = 1e18;
+const MAX_MAGNITUDE: f64 = 1e18;
 
 /// Bounds on what rounding does to the hits on one object; lengths are in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,7 +68,7 @@ impl Guard {
         };
         let reach = own.max_element() + depth + object_bounds.transformed(&map).magnitude();
         // NaN fails the comparison too.
-        (mixing <= MOST_MIXING && reach < MOST_MAGNITUDE).then(|| Guard {
+        (mixing <= MAX_MIXING && reach < MAX_MAGNITUDE).then(|| Guard {
             // One more for the rounding of the moved origin itself.
             by_origin: 2.0 * UNIT * (6.0 * mixing + 1.0),
             // Behind the origin, slab parameters are off by 16u of `depth`.

@@ -21,8 +21,8 @@ use crate::scene::{CameraView, Instance, Scene};
 const FILM_SLACK: f64 = 1.0 / (1u64 << 30) as f64;
 /// Cameras whose matrix mixes coordinates so much that 16 roundings of 2^-53 of them would come near
 /// [`FILM_SLACK`] have no projection: their angle is under a thousandth of a radian.
-const MOST_MIXING: f64 = (1u32 << 12) as f64;
-/// By this part the depth of a direction that is rounded to f32 may differ from 1: u times [`MOST_MIXING`], with room.
+const MAX_MIXING: f64 = (1u32 << 12) as f64;
+/// By this part the depth of a direction that is rounded to f32 may differ from 1: u times [`MAX_MIXING`], with room.
 const DEPTH_SLACK: f64 = 1.0 / (1u32 << 10) as f64;
 /// What f64 computations leave over, relative to their terms: a dozen roundings of 2^-53.
 const WIDE_SLACK: f64 = 1.0 / (1u64 << 48) as f64;
@@ -174,7 +174,7 @@ impl Film {
             // Its depth is a length, not a ratio.
             CameraRays::Along(_) => terms.x.max(terms.y),
         };
-        (mixing <= MOST_MIXING).then_some(Film {
+        (mixing <= MAX_MIXING).then_some(Film {
             film_from_world,
             origin,
             rays,

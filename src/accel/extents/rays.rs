@@ -18,7 +18,7 @@ pub(super) type Lanes = [f32; LANES];
 const FULL: u32 = (1 << LANES) - 1;
 /// Squared lengths below this have lost digits to the end of the range of f32, or will: its smallest normal number by
 /// the unit of rounding, 2^-126 / 2^-24.
-pub(super) const LEAST_SQUARE: f32 = 1.972_152_3e-31;
+pub(super) const MIN_SQUARE: f32 = 1.972_152_3e-31;
 
 /// What the tests need of sixteen rays.
 pub(crate) struct RayLanes {
@@ -78,7 +78,7 @@ impl RayLanes {
             inverse_square,
             inverse_length,
             t_near: packet.t_near,
-            always: FULL & !isa.le(&[LEAST_SQUARE; LANES], &square),
+            always: FULL & !isa.le(&[MIN_SQUARE; LANES], &square),
         }
     }
 

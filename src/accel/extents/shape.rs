@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::ball::Ball;
 use super::guard::{Guard, UNIT};
-use super::rays::LEAST_SQUARE;
+use super::rays::MIN_SQUARE;
 use crate::numeric::{Bounds, Ray};
 
 /// Relative error of the squared distance of a line from a point, in units of the squared distance of its origin: 4u
@@ -80,7 +80,7 @@ impl SphereExtent {
         SphereExtent {
             center: center.to_array(),
             shrink: ((1.0 - SQUARE_SLACK - e - e * e) as f32).next_down(),
-            square: up((1.0 + e + SQUARE_SLACK) * radius * radius) + LEAST_SQUARE,
+            square: up((1.0 + e + SQUARE_SLACK) * radius * radius) + MIN_SQUARE,
             reach: up((radius + guard.depth) * (1.0 + ALONG_SLACK)),
             slack: up(e + ALONG_SLACK),
         }

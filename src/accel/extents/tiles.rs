@@ -18,11 +18,11 @@ use crate::scene::{CameraView, Geometry, Scene};
 /// Fewest tiles along a side.
 const FEWEST_TILES: usize = 16;
 /// Most tiles along a side: of 8 pixels each in a picture of 1024.
-const MOST_TILES: usize = 128;
+const MAX_TILES: usize = 128;
 /// Most entries of all lists together, 64 MB.
-const MOST_ENTRIES: usize = 1 << 24;
+const MAX_ENTRIES: usize = 1 << 24;
 /// Packets that touch more tiles are not worth looking up: blocks of 4 pixels in a picture of 256 touch 3 by 3.
-const MOST_TILES_OF_PACKET: usize = 9;
+const MAX_TILES_OF_PACKET: usize = 9;
 
 /// A backend whose camera rays skip objects by projection extents.
 pub struct ProjectedAccel<'a, 's> {
@@ -149,7 +149,7 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
         let (film, depths) = self.projection.film_of(packet)?;
         let range = self.tiles.range(&film);
         let [[x0, x1], [y0, y1]] = range;
-        let fits = (x1 - x0 + 1) * (y1 - y0 + 1) <= MOST_TILES_OF_PACKET && !self.tiles.any_left(range);
+        let fits = (x1 - x0 + 1) * (y1 - y0 + 1) <= MAX_TILES_OF_PACKET && !self.tiles.any_left(range);
         fits.then_some((film, depths, range))
     }
 }
@@ -318,7 +318,7 @@ impl Tiles {
 /// Tiles along a side: so many that few objects share one, if their lists are not too many.
 fn side_for(seen: &[Seen]) -> usize {
     let wish = (2.0 * (seen.len() as f64).sqrt()) as usize;
-    let mut side = wish.next_power_of_two().clamp(FEWEST_TILES, MOST_TILES);
+    let mut side = wish.next_power_of_two().clamp(FEWEST_TILES, MAX_TILES);
     let entries = |side: usize| -> usize {
         let of = |seen: &Seen| {
             let [[x0, x1], [y0, y1]] = range(side, &seen.film);
@@ -326,7 +326,7 @@ fn side_for(seen: &[Seen]) -> usize {
         };
         seen.iter().filter(|seen| !seen.film.is_nowhere()).map(of).sum()
     };
-    while side > 1 && entries(side) > MOST_ENTRIES {
+    while side > 1 && entries(side) > MAX_ENTRIES {
         side /= 2;
     }
     side

@@ -9,7 +9,7 @@ use super::watching::WatchingArgs;
 use crate::batch::Shard;
 
 /// More than a week would be a mistake.
-const MOST_SECONDS: f64 = 604_800.0;
+const MAX_SECONDS: f64 = 604_800.0;
 /// The units in which memory is given.
 const UNITS: [(char, u32); 4] = [('k', 10), ('m', 20), ('g', 30), ('t', 40)];
 
@@ -54,7 +54,7 @@ pub(in crate::cli) struct BatchArgs {
     pub(in crate::cli) slurm: Option<PathBuf>,
 
     /// Tasks of that script
-    #[arg(long, value_name = "N", requires = "slurm", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::batch::slurm::MOST_TASKS)))]
+    #[arg(long, value_name = "N", requires = "slurm", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::batch::slurm::MAX_TASKS)))]
     pub(in crate::cli) shards: u32,
 
     /// Keep what there is of a frame about so often, so that little of a long one can be lost
@@ -114,8 +114,8 @@ fn seconds(text: &str) -> Result<f64, String> {
         .unwrap_or(text)
         .parse()
         .ok()
-        .filter(|seconds| (0.0..=MOST_SECONDS).contains(seconds))
-        .ok_or_else(|| format!("give seconds from 0 to {MOST_SECONDS}"))
+        .filter(|seconds| (0.0..=MAX_SECONDS).contains(seconds))
+        .ok_or_else(|| format!("give seconds from 0 to {MAX_SECONDS}"))
 }
 
 fn bytes(text: &str) -> Result<u64, String> {

@@ -11,9 +11,9 @@ pub(in crate::cli) const DEFAULT_BENCH_SPP: u32 = 1;
 /// Most repetitions of a benchmark.
 const MAX_REPEAT: i64 = 1000;
 /// Triangles of the largest mesh that is made, where nothing else is said.
-const DEFAULT_MOST_TRIANGLES: u64 = 10_000_000;
+const DEFAULT_MAX_TRIANGLES: u64 = 10_000_000;
 /// Triangles of the smallest mesh that is made.
-pub(in crate::cli) const LEAST_TRIANGLES: u64 = 1_000;
+pub(in crate::cli) const MIN_TRIANGLES: u64 = 1_000;
 /// More would not fit into the memory of any machine that this is likely to meet.
 const MAX_TRIANGLES: u64 = 300_000_000;
 
@@ -57,7 +57,7 @@ pub(in crate::cli) struct BenchArgs {
     pub(in crate::cli) sweep: bool,
 
     /// Triangles of the largest of these meshes; the sweep ends before it where memory is short
-    #[arg(long, requires = "sweep", conflicts_with = "scenes", value_name = "N", default_value_t = DEFAULT_MOST_TRIANGLES, value_parser = clap::value_parser!(u64).range(LEAST_TRIANGLES..=MAX_TRIANGLES))]
+    #[arg(long, requires = "sweep", conflicts_with = "scenes", value_name = "N", default_value_t = DEFAULT_MAX_TRIANGLES, value_parser = clap::value_parser!(u64).range(MIN_TRIANGLES..=MAX_TRIANGLES))]
     pub(in crate::cli) most_triangles: u64,
 
     /// Measure with 1, 2, 4 and so on up to --threads threads too

@@ -23,7 +23,7 @@ use super::limits::Limits;
 use super::picture;
 use super::plan::Plan;
 use super::queue::Task;
-use super::rows::{MOST_KEPT, Steps, is_one};
+use super::rows::{MAX_BUFFERED_BYTES, Steps, is_one};
 use super::stage::Stage;
 
 /// What came of a frame.
@@ -260,7 +260,7 @@ impl<'a> Making<'a> {
                 }
                 steps.took(&rows, begun.elapsed().as_secs_f64());
                 let is_due = self.kept_since.elapsed().as_secs_f64() >= self.limits.checkpoint;
-                if (is_due && rows.end < shot.settings.height) || self.kept_bytes() > MOST_KEPT {
+                if (is_due && rows.end < shot.settings.height) || self.kept_bytes() > MAX_BUFFERED_BYTES {
                     self.flush()?;
                 }
             }

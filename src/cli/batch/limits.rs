@@ -13,7 +13,7 @@ use super::stage::{Kept, Loaded};
 /// Tiles that each thread has at a time, so that few of them wait while a frame runs out of tiles.
 const TILES_OF_THREAD: u64 = 8;
 /// Pixels that are made at a time, but for those of a single frame.
-const MOST_PIXELS: u64 = 1 << 25;
+const MAX_PIXELS: u64 = 1 << 25;
 
 /// What frames are to keep to.
 #[derive(Clone, Copy)]
@@ -76,7 +76,7 @@ impl Limits<'_> {
         let side = u64::from(TILE_SIDE);
         let tiles = width.div_ceil(side) * height.div_ceil(side);
         let busy = (TILES_OF_THREAD * threads as u64).div_ceil(tiles);
-        (1 + busy).min((MOST_PIXELS / (width * height)).max(1))
+        (1 + busy).min((MAX_PIXELS / (width * height)).max(1))
     }
 }
 

@@ -8,7 +8,7 @@ use crate::report::memory;
 /// Tiles for each thread in the first rows that are rendered, by which is told how long the others will take.
 const FIRST_TILES: usize = 8;
 /// Bytes of finished rows that are kept in memory; more go to the disk. Rows take no more while they are rendered.
-pub(super) const MOST_KEPT: usize = 1 << 28;
+pub(super) const MAX_BUFFERED_BYTES: usize = 1 << 28;
 
 /// Whether a picture can only be made at once: where its pixels depend on each other, or on when they are made.
 pub(super) fn is_one(settings: &RenderSettings) -> bool {
@@ -22,7 +22,7 @@ pub(super) fn film_bytes(film: &Film, time: Option<f64>) -> u64 {
         return whole;
     }
     // Rows in the making, and those that are kept, which may be too many by the last that came to them.
-    whole.min(2 * film.bytes_of(film.most_rows()) + MOST_KEPT as u64)
+    whole.min(2 * film.bytes_of(film.most_rows()) + MAX_BUFFERED_BYTES as u64)
 }
 
 /// What is kept of a picture.
@@ -41,7 +41,7 @@ impl Film {
 
     /// How many rows may be rendered at a time: whole tiles.
     fn most_rows(&self) -> u32 {
-        let fitting = MOST_KEPT as u64 / self.bytes_of(TILE_SIDE);
+        let fitting = MAX_BUFFERED_BYTES as u64 / self.bytes_of(TILE_SIDE);
         let rows = fitting.max(1).saturating_mul(u64::from(TILE_SIDE));
         u32::try_from(rows).unwrap_or(u32::MAX / TILE_SIDE * TILE_SIDE)
     }
@@ -129,7 +129,7 @@ mod tests {
         assert_eq!(fast.end - fast.start, wide.most_rows());
         let bytes = wide.bytes_of(fast.end - fast.start);
         assert!(
-            (MOST_KEPT as u64 / 2..=MOST_KEPT as u64).contains(&bytes),
+            (MAX_BUFFERED_BYTES as u64 / 2..=MAX_BUFFERED_BYTES as u64).contains(&bytes),
             "{bytes}"
         );
     }
@@ -137,7 +137,7 @@ mod tests {
     #[test]
     fn a_huge_picture_takes_little_but_where_all_of_it_is_made_at_once() {
         let huge = film(1 << 17, 1 << 17);
-        assert!(film_bytes(&huge, None) <= 3 * MOST_KEPT as u64);
+        assert!(film_bytes(&huge, None) <= 3 * MAX_BUFFERED_BYTES as u64);
         assert_eq!(film_bytes(&huge, Some(1.0)), huge.bytes_of(1 << 17));
         let mut costly = film(1 << 17, 1 << 17);
         costly.settings.cost_aovs = true;

@@ -10,7 +10,7 @@ use super::super::live::{self, Live};
 use super::super::progress::Progress;
 
 /// Pictures that the viewer shows at a time; older ones are closed.
-const MOST_SHOWN: usize = 8;
+const MAX_SHOWN: usize = 8;
 
 /// A viewer, and what it shows.
 pub(super) struct Viewer {
@@ -32,7 +32,7 @@ impl Viewer {
     /// Shows a black picture for a frame that is begun.
     pub(super) fn begin<'a>(&'a self, name: &'a str, size: [u32; 2]) -> Live<'a> {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
-        if shown.len() == MOST_SHOWN {
+        if shown.len() == MAX_SHOWN {
             shown.pop_front().iter().for_each(|oldest| self.tev.close(oldest));
         }
         shown.push_back(name.to_owned());

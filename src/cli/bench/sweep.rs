@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use crate::cli::args::LEAST_TRIANGLES;
+use crate::cli::args::MIN_TRIANGLES;
 use crate::cli::failure::Failure;
 use crate::mesh::{Mesh, bumpy_sphere};
 use crate::report::memory;
@@ -29,7 +29,7 @@ const INTENSITY: f32 = 75.0;
 pub(super) fn sizes(most: u64) -> Vec<u64> {
     let of_step = |step: i32| {
         let factor = 10f64.powf(f64::from(step) / f64::from(SIZES_A_DECADE));
-        (LEAST_TRIANGLES as f64 * factor).round() as u64
+        (MIN_TRIANGLES as f64 * factor).round() as u64
     };
     let mut sizes: Vec<u64> = (0..)
         .map(of_step)

@@ -12,7 +12,7 @@ use crate::cli::events::{self, Event};
 use crate::cli::failure::Failure;
 
 /// Names of pictures that a bar has room for.
-const MOST_NAMES: usize = 2;
+const MAX_NAMES: usize = 2;
 
 /// A picture in the making.
 struct Current {
@@ -232,11 +232,11 @@ fn message(images: &[String], seconds_left: Option<f64>) -> String {
         Some(seconds) => format!("{} left", duration(seconds)),
         None => "time left unknown".to_owned(),
     };
-    let names = images[..images.len().min(MOST_NAMES)].join(", ");
+    let names = images[..images.len().min(MAX_NAMES)].join(", ");
     match images.len() {
         0 => left,
-        1..=MOST_NAMES => format!("{left}: {names}"),
-        more => format!("{left}: {names} and {} more", more - MOST_NAMES),
+        1..=MAX_NAMES => format!("{left}: {names}"),
+        more => format!("{left}: {names} and {} more", more - MAX_NAMES),
     }
 }
 

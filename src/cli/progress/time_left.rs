@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 /// Durations of frames that are looked at: as many as tell what frames take now, later in a batch too.
-const MOST_DURATIONS: usize = 64;
+const MAX_DURATIONS: usize = 64;
 
 /// Seconds that are left of what has taken `seconds` up to `fraction` of it; `None` where that cannot be told.
 pub(in crate::cli) fn of_phase(fraction: f64, seconds: f64) -> Option<f64> {
@@ -27,7 +27,7 @@ pub(super) struct Durations(VecDeque<f64>);
 impl Durations {
     /// Notes how long a frame took.
     pub(super) fn note(&mut self, seconds: f64) {
-        if self.0.len() == MOST_DURATIONS {
+        if self.0.len() == MAX_DURATIONS {
             self.0.pop_front();
         }
         self.0.push_back(seconds);

@@ -17,7 +17,7 @@ const SHOWN: f64 = 0.85;
 const ABOVE: [f64; 3] = [0.36 * 2.51, 0.6 * 0.03, 0.0];
 const BELOW: [f64; 3] = [0.36 * 2.43, 0.6 * 0.59, 0.14];
 /// The least that a reference's median luminance is taken for, so that there are no more than some dozens of exposures.
-const LEAST_MEDIAN: f64 = f32::EPSILON as f64;
+const MIN_MEDIAN: f64 = f32::EPSILON as f64;
 
 /// The error of each pixel, 0 to 1, of two pictures of one size and linear radiance.
 pub(super) fn hdr_error_map(reference: &LinearImage, test: &LinearImage, pixels_per_degree: f64) -> Vec<f32> {
@@ -48,7 +48,7 @@ fn exposures(reference: &LinearImage) -> Vec<f64> {
     };
     let stops_for = |luminance: f64| (radiance_shown_at(SHOWN) / luminance).log2();
     let first = stops_for(brightest);
-    let last = stops_for(all[all.len() / 2].max(LEAST_MEDIAN)).max(first);
+    let last = stops_for(all[all.len() / 2].max(MIN_MEDIAN)).max(first);
     let count = (last - first).ceil().max(2.0);
     (0..count as u32)
         .map(|i| first + f64::from(i) * (last - first) / (count - 1.0))

@@ -18,7 +18,7 @@ use super::{ExrChannel, SampleType, Samples, Window};
 use crate::parallel;
 
 /// Most bytes of a block of rows: 64 channels of 32 rows of 2^17 pixels.
-const MOST_BLOCK_BYTES: u64 = 1 << 30;
+const MAX_BLOCK_BYTES: u64 = 1 << 30;
 
 /// An EXR file of one part of scan lines, of which rows are read as they are asked for.
 #[derive(Debug)]
@@ -237,7 +237,7 @@ fn check_kind(meta: &MetaData) -> ExrResult<()> {
         return refuse("it has channels with fewer values than pixels");
     }
     let row_bytes = header.layer_size.width() as u64 * header.channels.bytes_per_pixel as u64;
-    if row_bytes.saturating_mul(header.compression.scan_lines_per_block() as u64) > MOST_BLOCK_BYTES {
+    if row_bytes.saturating_mul(header.compression.scan_lines_per_block() as u64) > MAX_BLOCK_BYTES {
         return refuse("its rows are too long");
     }
     Ok(())

@@ -14,7 +14,7 @@ use crate::numeric::Bounds;
 use crate::parallel;
 
 /// Most lines along one axis of a lattice: more points than are ever asked for.
-const MOST_LINES: f64 = 65536.0;
+const MAX_LINES: f64 = 65536.0;
 
 /// Points where lines cross a surface within `bounds`, in object space, of which no two neighbours lie farther apart
 /// than `spacing` in the world.
@@ -55,7 +55,7 @@ impl<'a> Lattice<'a> {
         let m = &world_from_object.matrix3;
         let count = |axis: usize| {
             let lines = extent[axis] * m.col(axis).length() / spacing;
-            lines.ceil().clamp(1.0, MOST_LINES) as u32
+            lines.ceil().clamp(1.0, MAX_LINES) as u32
         };
         let counts = [0, 1, 2].map(count);
         let steps = [0, 1, 2].map(|axis| extent[axis] / f64::from(counts[axis]));

@@ -24,7 +24,7 @@ pub(super) struct Forecast {
 
 /// How many times more of the squared error a round must take away than its samples shared out evenly: errors are
 /// estimates themselves.
-const LEAST_ADVANTAGE: f64 = 1.1;
+const MIN_ADVANTAGE: f64 = 1.1;
 
 impl Forecast {
     /// Counts a pixel of this squared error, so much of which is noise; it has `count` samples and will have `next`.
@@ -79,7 +79,7 @@ impl Forecast {
     /// Whether the round does more than its samples, and all earlier ones, shared out evenly.
     pub(super) fn is_worth_it(&self) -> bool {
         let evenly = self.evenly(self.samples / self.pixel_count);
-        self.squares_now - self.squares >= LEAST_ADVANTAGE * (self.squares_now - evenly)
+        self.squares_now - self.squares >= MIN_ADVANTAGE * (self.squares_now - evenly)
     }
 }
 

@@ -158,7 +158,7 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Mon
     };
     picture.known.turns = (0..picture.known.turns.len()).map(turn).collect();
     let mut ledger = Ledger::default();
-    for _ in 0..pilot::MOST_ROUNDS {
+    for _ in 0..pilot::MAX_ROUNDS {
         let visited = render_visits(&Waves::new(frame), picture.visits(sites), monitor, None)?;
         let first_rounds: Vec<Estimate> = visited.iter().flat_map(|visited| &visited.2).copied().collect();
         let before = frame.even_count;

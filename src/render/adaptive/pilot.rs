@@ -20,7 +20,7 @@ const BLOCK: usize = 8;
 const SETTLED: f64 = 1.2;
 
 /// Rounds until it is taken as it is: each is a quarter of a sample for every pixel of the picture.
-pub(super) const MOST_ROUNDS: usize = 4;
+pub(super) const MAX_ROUNDS: usize = 4;
 
 /// Whether a pixel is asked: the middle one of its block, or the last there is.
 pub(super) fn is_asked([column, row]: [usize; 2], [width, height]: [usize; 2]) -> bool {

@@ -11,7 +11,7 @@ use crate::scene::{AlphaMode, Camera, Falloff, Geometry, Instance, Light, LightK
 use crate::shape::Shape;
 
 /// Objects whose pairs are looked at; in larger scenes every light is taken to be hidden somewhere.
-const MOST_OBJECTS: usize = 64;
+const MAX_OBJECTS: usize = 64;
 
 /// What one light's feelers can meet.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,7 +50,7 @@ struct Object<'s> {
 
 /// What each light's feelers can meet, in the order of the lights.
 pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightReach> {
-    if scene.instances.len() > MOST_OBJECTS {
+    if scene.instances.len() > MAX_OBJECTS {
         let reason = format!("any of {} objects", scene.instances.len());
         return vec![LightReach::some(reason); scene.lights.len()];
     }

@@ -11,7 +11,7 @@ use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Implicit, Shape, ShapeRay};
 
 /// Points of a body however far light goes in it: shadows on it have edges.
-const LEAST_POINTS: f64 = 4096.0;
+const MIN_POINTS: f64 = 4096.0;
 
 /// Lines along each edge of the box around a shape by which its area is estimated.
 const LINES: f64 = 48.0;
@@ -84,7 +84,7 @@ impl<'s> Asking<'s> {
         if !(area > 0.0 && area < f64::INFINITY) {
             return None;
         }
-        let spacing = dipole.sample_spacing().min((area / LEAST_POINTS).sqrt());
+        let spacing = dipole.sample_spacing().min((area / MIN_POINTS).sqrt());
         Some(Asking {
             index,
             instance,

@@ -30,7 +30,7 @@ const TILES_A_ROW: usize = 1 << 10;
 
 /// Irradiance up to which no sum over all points leaves the range of f32: 2^21 of them make 2 10^30, which leaves 10^8
 /// for what areas and dipoles make of that.
-const MOST_IRRADIANCE: f64 = 1e24;
+const MAX_IRRADIANCE: f64 = 1e24;
 
 /// All of the light, in every lane.
 const ALL: Lanes3<f32> = [[1.0; LANES]; 3];
@@ -143,7 +143,7 @@ impl<'f, 's> Receiver<'f, 's> {
         let sums = &self.outcome.film.sums()[..points.len()];
         let total = |sum: &[f64; 3]| {
             let channel = |c: usize| match sum[c] + self.ambient[c] {
-                light if light > 0.0 => light.min(MOST_IRRADIANCE) as f32,
+                light if light > 0.0 => light.min(MAX_IRRADIANCE) as f32,
                 // Not a number counts as nothing.
                 _ => 0.0,
             };

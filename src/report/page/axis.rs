@@ -6,7 +6,7 @@ use crate::cost::Interval;
 /// An interval's lower end is shown down to this part of the least value; what reaches lower is cut off there.
 const REACH: f64 = 0.25;
 /// An axis of a single value spans so much on either side, and no axis spans less in all.
-const LEAST: f64 = 2.0;
+const MIN_SPAN: f64 = 2.0;
 /// Room at either end, as a part of what is shown.
 const ROOM: f64 = 0.05;
 /// Room below the least value if others are 0, which stand at the foot, as a part of what is shown.
@@ -47,7 +47,7 @@ impl<'a> LogAxis<'a> {
         let low = ends.fold(least, f64::min).log10();
         let ends = all.iter().map(|interval| interval.high);
         let high = ends.chain(values()).filter(usable).fold(least, f64::max).log10();
-        let lacking = (LEAST.log10() - 0.5 * (high - low)).max(0.0);
+        let lacking = (MIN_SPAN.log10() - 0.5 * (high - low)).max(0.0);
         let (low, high) = (low - lacking, high + lacking);
         let below = if has_zero { ROOM_FOR_ZERO } else { ROOM };
         LogAxis {

@@ -19,7 +19,7 @@ const FARTHEST: f64 = 40.0;
 /// Ticks of the axis, at most about.
 const TICKS: f64 = 9.0;
 /// Letters of a level that are written; the whole is told where one points at it.
-const MOST_LETTERS: usize = 13;
+const MAX_LETTERS: usize = 13;
 
 /// An end of a bar.
 #[derive(Clone, Debug, PartialEq)]
@@ -217,10 +217,10 @@ fn tick(power: i32) -> String {
 }
 
 fn shortened(level: &str) -> String {
-    if level.chars().count() <= MOST_LETTERS {
+    if level.chars().count() <= MAX_LETTERS {
         return level.to_owned();
     }
-    let kept: String = level.chars().take(MOST_LETTERS - 1).collect();
+    let kept: String = level.chars().take(MAX_LETTERS - 1).collect();
     format!("{}…", kept.trim_end())
 }
 

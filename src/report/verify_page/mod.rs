@@ -10,7 +10,7 @@ use super::verify::{VerifyRow, required_of, word};
 use crate::verify::{Answer, Verdict, bits, describe};
 
 /// Wrong answers of a path that are shown with their bits.
-const MOST_SHOWN: usize = 3;
+const MAX_SHOWN: usize = 3;
 
 /// What a page says of the run besides its rows.
 #[derive(Clone, Debug)]
@@ -192,7 +192,7 @@ fn failures(row: &VerifyRow) -> String {
         .iter()
         .filter(|asked| asked.answer == Answer::Wrong);
     let mut lines: Vec<String> = wrong
-        .take(MOST_SHOWN)
+        .take(MAX_SHOWN)
         .map(|asked| {
             format!(
                 "{}\n    bits {}",

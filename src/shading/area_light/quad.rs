@@ -24,7 +24,7 @@ const SQUARENESS: f64 = 16.0 * f64::EPSILON;
 /// Solid angles below this are sampled by area. They come as a difference of angles of up to 2π, so to some 2^-50, and
 /// the point within with the same error: 2^-37 of 2^-13. So small a rectangle is seen at nearly one distance and angle,
 /// which is when the two ways agree.
-const LEAST_SOLID_ANGLE: f64 = 1.0 / 8192.0;
+const MIN_SOLID_ANGLE: f64 = 1.0 / 8192.0;
 
 impl QuadLight {
     /// The parallelogram of these half sides around `center`, in metres.
@@ -45,7 +45,7 @@ impl QuadLight {
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
         if self.is_rectangle {
             let seen = SphericalRectangle::new(self, p);
-            if seen.solid_angle > LEAST_SOLID_ANGLE {
+            if seen.solid_angle > MIN_SOLID_ANGLE {
                 return seen.sample(p, self, u);
             }
         }

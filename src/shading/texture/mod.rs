@@ -85,7 +85,7 @@ struct ImageLookup<'s> {
 }
 
 /// Look-ups along the longer axis of a footprint, at most: as many as GPUs take.
-const MOST_PROBES: f64 = 16.0;
+const MAX_PROBES: f64 = 16.0;
 
 impl<'s> TextureSet<'s> {
     /// Prepares the textures of a scene that has been validated.
@@ -292,7 +292,7 @@ impl Probes {
         let ratio = (longer.length() / shorter.length()).ceil();
         Probes {
             // An axis of no length leaves no ratio; NaN means neither has any.
-            count: if ratio > 1.0 { ratio.min(MOST_PROBES) } else { 1.0 },
+            count: if ratio > 1.0 { ratio.min(MAX_PROBES) } else { 1.0 },
             axis: longer,
         }
     }

@@ -60,7 +60,7 @@ pub(super) struct Layout {
 }
 
 /// The most channels: red, green, blue and density.
-const MOST_CHANNELS: usize = 4;
+const MAX_CHANNELS: usize = 4;
 
 impl Element {
     /// Bytes of one number.
@@ -129,7 +129,7 @@ impl Layout {
             }
             stride = numbers;
         }
-        if layout.channels > MOST_CHANNELS {
+        if layout.channels > MAX_CHANNELS {
             return Err(Fault::new(
                 format!("has {} channels", layout.channels),
                 THREE_AXES,

@@ -6,7 +6,7 @@ use super::{Fault, SAVE_AGAIN, THREE_AXES};
 /// The first bytes of every file.
 const MAGIC: &[u8] = b"\x93NUMPY";
 /// The longest dictionary: NumPy itself refuses longer ones.
-const MOST_HEADER: usize = 10_000;
+const MAX_HEADER: usize = 10_000;
 
 /// An array and where its numbers begin.
 #[derive(Debug)]
@@ -36,7 +36,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
         }
         _ => return Err(broken()),
     };
-    if length > MOST_HEADER {
+    if length > MAX_HEADER {
         return Err(Fault::new("has a header of unlikely length", SAVE_AGAIN));
     }
     let text = bytes.get(start..start + length).ok_or_else(broken)?;

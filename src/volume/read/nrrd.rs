@@ -14,9 +14,9 @@ use super::{Fault, ReadError, ReadVolume, SAVE_AGAIN, THREE_AXES, bytes_of, cont
 use crate::volume::box_from_cube;
 
 /// The longest header that is looked for.
-const MOST_HEADER: usize = 1 << 20;
+const MAX_HEADER: usize = 1 << 20;
 /// What deflate can shrink at most, 1032 to 1, and a little for the last block.
-const MOST_SHRINKAGE: u64 = 1033;
+const MAX_SHRINKAGE: u64 = 1033;
 
 /// How the numbers are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,7 +78,7 @@ fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Fault> {
         ));
     }
     let mut end = 0;
-    for line in bytes[..bytes.len().min(MOST_HEADER)].split_inclusive(|&byte| byte == b'\n') {
+    for line in bytes[..bytes.len().min(MAX_HEADER)].split_inclusive(|&byte| byte == b'\n') {
         end += line.len();
         if line == b"\n" || line == b"\r\n" {
             break;
@@ -247,7 +247,7 @@ impl<'h> Header<'h> {
 /// The numbers of a gzip stream, as many as `layout` has, after the first `skip` bytes.
 fn inflate(layout: &Layout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Vec<u8>, Fault> {
     let (wanted, packed) = (layout.bytes(), data.len() as u64);
-    let most = packed.saturating_mul(MOST_SHRINKAGE);
+    let most = packed.saturating_mul(MAX_SHRINKAGE);
     if wanted.saturating_add(skip) > most {
         let fault = format!("is cut off: {packed} packed bytes cannot hold {wanted}");
         return Err(Fault::new(fault, SAVE_AGAIN));

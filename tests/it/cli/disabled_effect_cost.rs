@@ -23,7 +23,7 @@ use std::process::Command;
 use std::thread;
 
 /// Share of the instructions that may differ.
-const MOST: f64 = 1e-3;
+const MAX_COST: f64 = 1e-3;
 
 const OBJECTS: &str = r#"
 camera = { from = [0, 2, 6], at = [0, 0.5, 0], fov = 40 }
@@ -196,7 +196,7 @@ fn effects_that_a_scene_does_not_call_for_take_no_instructions_by_being_there() 
                 100.0 * more
             );
             println!("{told}");
-            if more.abs() > MOST {
+            if more.abs() > MAX_COST {
                 faults.push(told);
             }
             assert_eq!(there.callbacks, absent.callbacks, "{name} through {backend}");

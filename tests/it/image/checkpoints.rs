@@ -11,7 +11,7 @@ use whit::render::{
 use whit::scene::Scene;
 
 /// Beyond this number of goes something begins anew.
-const MOST_GOES: usize = 1000;
+const MAX_RUNS: usize = 1000;
 
 fn settings(size: [u32; 2], spp: u32) -> RenderSettings {
     RenderSettings {
@@ -76,7 +76,7 @@ fn a_picture_in_many_goes_has_the_bits_of_one_go_and_nothing_is_done_twice() {
         let mut goes = 0;
         let last = loop {
             goes += 1;
-            assert!(goes < MOST_GOES, "{name}");
+            assert!(goes < MAX_RUNS, "{name}");
             // Every go knows of one more look at what is to be kept than the one before.
             let mut kept = None;
             let mut keep = |rounds: &Rounds| {

@@ -26,7 +26,7 @@ const DIFFERENT: usize = 500;
 /// Mean difference allowed, of 1 more than the value: half of what the rounding of the files may do.
 const MEAN: f64 = 1.0 / 4096.0;
 /// Bytes of all files together.
-const MOST_BYTES: u64 = 1_200_000;
+const MAX_BYTES: u64 = 1_200_000;
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden")
@@ -116,7 +116,7 @@ fn every_golden_picture_is_that_of_a_scene_and_all_are_small() {
         bytes += entry.metadata().unwrap().len();
     }
     println!("{bytes} bytes");
-    assert!(bytes < MOST_BYTES, "{bytes} bytes");
+    assert!(bytes < MAX_BYTES, "{bytes} bytes");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use super::hits::{Decision, Doubt};
 use super::shapes::Chart;
 
 /// Sine of the elevation under which a mirrored viewer is at least seen, if the viewer stands higher.
-const LEAST_ELEVATION: f64 = 0.01;
+const MIN_ELEVATION: f64 = 0.01;
 
 /// The normal that (2 `texel` - 1) means, X and Y times the layer's strength, in the frame of right and up in the image
 /// around `n`.
@@ -57,10 +57,10 @@ pub fn bumped(n: Approx3, chart: &Chart, [h_u, h_v]: [Approx; 2]) -> Approx3 {
 /// between the viewer and that image raised to the least elevation.
 pub fn kept_visible(n: Approx3, ng: Approx3, wo: Approx3, doubt: &mut Doubt) -> Approx3 {
     let viewer = ng.dot(wo);
-    let least = if viewer.value < LEAST_ELEVATION {
+    let least = if viewer.value < MIN_ELEVATION {
         viewer
     } else {
-        Approx::rounded(LEAST_ELEVATION)
+        Approx::rounded(MIN_ELEVATION)
     };
     let cos = n.dot(wo).positive_part();
     let image = n * (cos + cos) - wo;

@@ -40,7 +40,7 @@ const FADED: f64 = 2.25;
 /// What is left of the magnitude of noise that has faded: its mean.
 const MEAN_MAGNITUDE: f64 = 0.2204;
 /// The most points that a long footprint is divided into.
-const MOST_POINTS: f64 = 16.0;
+const MAX_POINTS: f64 = 16.0;
 
 /// Σ over the corners of the cell: the quintic weight of the corner times its direction's rise.
 fn noise(p: DVec3) -> f64 {
@@ -150,7 +150,7 @@ fn share(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
 /// Into how many parts the longer axis of a footprint is divided, each about as long as it is wide.
 pub fn parts(ratio: f64) -> f64 {
     if ratio > 1.0 {
-        ratio.ceil().min(MOST_POINTS)
+        ratio.ceil().min(MAX_POINTS)
     } else {
         1.0
     }
@@ -208,7 +208,7 @@ pub fn second_share(procedural: &Procedural, p: Approx3, axes: [Approx3; 2]) -> 
         let ratio = ratio.value + side * ratio.error;
         mean_share(procedural, p.value(), [longer, shorter], ratio)
     });
-    found.widened((high - low).abs() + (MOST_POINTS + 4.0) * ROUNDING)
+    found.widened((high - low).abs() + (MAX_POINTS + 4.0) * ROUNDING)
 }
 
 /// The derivatives of the red channel by the three coordinates of the pattern's space, of a ray without width.

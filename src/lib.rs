@@ -1,6 +1,6 @@
 //! A Whitted-style ray tracer for glTF meshes and analytic shapes.
 //!
-//! Camera rays, shadow feelers, recursive reflection and refraction; hits are found by the system's Embree or by an
+//! Camera rays, shadow rays, recursive reflection and refraction; hits are found by the system's Embree or by an
 //! axis-aligned BSP tree of our own, and the two check each other. All shading, shadow and recursion logic is Rust.
 //!
 //! # The way of the data

@@ -298,7 +298,8 @@ mod tests {
 
     #[test]
     fn what_is_cheaper_to_ask_about_apart_is_apart() {
-        // Half areas: 12 of each cube, 4 + 2 · 204 = 412 of both. Together (1 + 0.1 - 1) 412 = 41.2, apart 2 · 1.05 · 12 = 25.2.
+        // Half areas: 12 of each cube, 4 + 2 · 204 = 412 of both. Together (1 + 0.1 - 1) 412 = 41.2, apart 2 · 1.05 · 12
+        // = 25.2.
         let boxes = [0.0, 100.0].map(|x| around(DVec3::new(x, 0.0, 0.0), 1.0));
         assert_eq!(of_boxes(&boxes, &COST).len(), 2);
         // Where members cost nothing there is no end to it.

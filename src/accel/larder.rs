@@ -1,8 +1,8 @@
 //! What was built for the meshes of scenes before, for those that are built next: from frame to frame of a film most
 //! meshes stay as they are.
 //!
-//! Embree's watertight triangles are kept, which take most of the time of a build; trees are built anew. What is kept is a
-//! function of a mesh alone, so no answer depends on whether it was.
+//! Embree's watertight triangles are kept, which take most of the time of a build; trees are built anew. What is kept is
+//! a function of a mesh alone, so no answer depends on whether it was.
 
 #[cfg(feature = "embree")]
 use super::embree::{MeshShelf, Patches};

@@ -54,8 +54,8 @@ pub(super) fn sphere_at(instance: u32, t: f32) -> Hit {
     }
 }
 
-/// The sphere in world space that an instance is, if it is one and stands still: rays need not be carried anywhere to meet
-/// it.
+/// The sphere in world space that an instance is, if it is one and stands still: rays need not be carried anywhere to
+/// meet it.
 #[inline(always)]
 pub(super) fn world_sphere(pose: &Pose, shape: &Shape) -> Option<Sphere> {
     match shape {

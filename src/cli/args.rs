@@ -238,8 +238,8 @@ pub(super) struct SamplingArgs {
 
     /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and
     /// `variance`; rays, time: rays and nanoseconds of each pixel, in all and by effect, as `rays`, `rays.shadow`,
-    /// `time`, `time.shadow`; lights, effects: the picture's own light by lamp and by effect, which add up to it, with the
-    /// box filter only; the others tell what camera rays meet first, as means over a pixel's samples
+    /// `time`, `time.shadow`; lights, effects: the picture's own light by lamp and by effect, which add up to it, with
+    /// the box filter only; the others tell what camera rays meet first, as means over a pixel's samples
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
     pub(super) aov: Vec<Aov>,
 }

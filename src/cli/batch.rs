@@ -1,8 +1,8 @@
 //! `whit batch`: many frames, which get finished whatever happens on the way.
 //!
 //! Frames of one scene are made side by side, two at least: while one is written or runs out of tiles another has the
-//! processors; so are small scenes of a frame each. What is finished is noted in a manifest; see [`crate::batch`] for what
-//! may happen meanwhile.
+//! processors; so are small scenes of a frame each. What is finished is noted in a manifest; see [`crate::batch`] for
+//! what may happen meanwhile.
 
 mod dry_run;
 mod frame;

@@ -98,8 +98,8 @@ impl RaySet {
     }
 }
 
-/// Leaves lanes that are off no interval: a processor that takes packets of eight at most has Embree ask for lanes of a packet
-/// of sixteen by their intervals alone, and whatever else they hold must not be looked at.
+/// Leaves lanes that are off no interval: a processor that takes packets of eight at most has Embree ask for lanes of a
+/// packet of sixteen by their intervals alone, and whatever else they hold must not be looked at.
 fn empty_idle_lanes(packet: &mut RayPacket) {
     for lane in 0..LANES {
         if !packet.is_active(lane) {

@@ -226,8 +226,8 @@ impl Pictures {
         self.products.iter().sum::<f64>() / (self.count * 3 * self.sum.len()) as f64
     }
 
-    /// Variance of the mean of the products of a picture, all blocks added up, as pictures of other random numbers have it;
-    /// of a single one nothing is known, and it is taken for what is to be told.
+    /// Variance of the mean of the products of a picture, all blocks added up, as pictures of other random numbers have
+    /// it; of a single one nothing is known, and it is taken for what is to be told.
     fn noise_of_pictures(&self) -> f64 {
         let count = self.count as f64;
         if self.count < 2 {

@@ -19,8 +19,8 @@ use crate::parallel;
 use crate::render::{HitPoint, LayerSet, LightLayers, RecordedRays, RenderSettings, record};
 use crate::scene::Effect;
 
-/// What rounding may move a ray by, of its direction's length and of its origin's largest coordinate: sixteen roundings of
-/// f32, as many as a triple product and the differences that it is made from have.
+/// What rounding may move a ray by, of its direction's length and of its origin's largest coordinate: sixteen roundings
+/// of f32, as many as a triple product and the differences that it is made from have.
 const ROUNDING: f32 = 16.0 / (1 << 24) as f32;
 /// Part of the budget, and seconds, that go into this at most.
 const PART: f64 = 0.02;

@@ -10,8 +10,8 @@ use crate::numeric::SpawnPolicy;
 use crate::render::{Adaptive, FilterKind, HitPoint, Pattern, Plan, RenderSettings};
 use crate::scene::{Effect, Geometry, LightKind, Scene};
 
-/// Parts of the scene's size by which rays start off surfaces, in place of a bound on the error: what is usual, and what is
-/// too little and too much of it.
+/// Parts of the scene's size by which rays start off surfaces, in place of a bound on the error: what is usual, and what
+/// is too little and too much of it.
 const FIXED_OFFSETS: [f64; 3] = [1e-7, 1e-5, 1e-3];
 
 /// Something that trades error for seconds.

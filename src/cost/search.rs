@@ -129,7 +129,8 @@ impl<'f> Search<'f> {
             square = square.min(1.0);
         }
         let mut mean_square = self.by_line(forecast).unwrap_or(forecast.mean_square * square);
-        // Few samples of which some number lies well may do better than more, and noise grows no faster than they get fewer.
+        // Few samples of which some number lies well may do better than more, and noise grows no faster than they get
+        // fewer.
         let best = self.best().filter(|_| hopeful);
         if let Some(best) = best.filter(|best| self.offered[best.place].turns == forecast.turns) {
             let fewer = self.offered[best.place].time_ratio / forecast.time_ratio;

@@ -77,8 +77,8 @@ pub fn mean(values: &[f64]) -> f64 {
 
 /// The median and where it lies.
 ///
-/// The ends are order statistics, which hold the true median 95 times of 100 whatever values are distributed like; of less
-/// than six values none do, and the ends are the extremes.
+/// The ends are order statistics, which hold the true median 95 times of 100 whatever values are distributed like; of
+/// less than six values none do, and the ends are the extremes.
 pub fn median_interval(values: &[f64]) -> Interval {
     let mut sorted = values.to_vec();
     let value = median_of(&mut sorted);
@@ -143,8 +143,8 @@ mod tests {
 
     #[test]
     fn order_statistics_are_those_of_published_tables() {
-        // Least and greatest of 6 values hold the median with 96.9 %; of 20 the 6th and 15th with 95.9 %, as tables of the
-        // sign test have it.
+        // Least and greatest of 6 values hold the median with 96.9 %; of 20 the 6th and 15th with 95.9 %, as tables of
+        // the sign test have it.
         let skipped: Vec<usize> = [5, 6, 8, 9, 10, 12, 15, 20, 25, 50].map(skipped_of).into();
         assert_eq!(skipped, [0, 0, 0, 1, 1, 2, 3, 5, 7, 17]);
     }

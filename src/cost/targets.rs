@@ -22,7 +22,8 @@ const CHOOSING_SEED: u32 = 10_000;
 const HELD_OUT_SEED: u32 = 20_000;
 
 impl Stage<'_, '_> {
-    /// Settings for `target`, and their configuration; `points` and `configurations` are those of a study, the base first.
+    /// Settings for `target`, and their configuration; `points` and `configurations` are those of a study, the base
+    /// first.
     pub(super) fn choose(
         &mut self,
         target: Target,

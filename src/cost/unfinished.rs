@@ -1,5 +1,5 @@
-//! What a study had measured when it was interrupted, as bytes: a line that names the format, a line of JSON, then numbers,
-//! the least significant byte first.
+//! What a study had measured when it was interrupted, as bytes: a line that names the format, a line of JSON, then
+//! numbers, the least significant byte first.
 
 use std::collections::BTreeMap;
 

@@ -1,8 +1,8 @@
 //! Meshes that are not shown as they are: morph targets (glTF 2.0, section 3.7.2.2), then skins.
 //!
-//! Targets displace positions, normals and tangents by their weights; a skin then moves them by its joints, normals by the
-//! inverse transpose. All is worked out in f64 and rounded to f32 once. A mesh whose weights are all zero and that has no
-//! skin is no such mesh: its arrays stay where the file has them.
+//! Targets displace positions, normals and tangents by their weights; a skin then moves them by its joints, normals by
+//! the inverse transpose. All is worked out in f64 and rounded to f32 once. A mesh whose weights are all zero and that
+//! has no skin is no such mesh: its arrays stay where the file has them.
 
 use std::collections::HashMap;
 use std::sync::Arc;

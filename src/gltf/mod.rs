@@ -7,8 +7,9 @@
 //! Read are triangles (lists, strips, fans), node transforms, metallic-roughness materials with their textures (PNG,
 //! JPEG), vertex colours, tangents, cameras and the extensions listed in `document.rs`. Where a normal map has no
 //! tangents they are made by MikkTSpace. Meshes are shown as their morph targets and skins have them, and animations at a
-//! moment ([`LoadOptions::pose`]). Points and lines are skipped, each with a warning. Both sides of every surface are shown, whether `doubleSided` or not: a
-//! ray tracer that culled back faces would lose the far sides of mirrors and the exits of glass.
+//! moment ([`LoadOptions::pose`]). Points and lines are skipped, each with a warning. Both sides of every surface are
+//! shown, whether `doubleSided` or not: a ray tracer that culled back faces would lose the far sides of mirrors and the
+//! exits of glass.
 //!
 //! A file without a camera gets one that frames its bounds: 45 degrees high, seen from the front, slightly right and
 //! above. A file without lights gets white sunlight of ¾ π lux from behind the camera's left shoulder and surroundings

@@ -1,7 +1,7 @@
 //! Skins: joints that carry the vertices of a mesh along (glTF 2.0, section 3.7.3).
 //!
-//! Each vertex is moved by the weighted mean of the maps of its joints, whatever the node of the mesh is at. The means are
-//! taken about a point near the mesh, so that a figure far from the world's origin keeps its shape in f32.
+//! Each vertex is moved by the weighted mean of the maps of its joints, whatever the node of the mesh is at. The means
+//! are taken about a point near the mesh, so that a figure far from the world's origin keeps its shape in f32.
 
 use std::collections::HashMap;
 
@@ -188,7 +188,8 @@ impl Joints {
         ))
     }
 
-    /// The map of a vertex that no joint has any weight for: that of the first of its joints. Sound files have such vertices.
+    /// The map of a vertex that no joint has any weight for: that of the first of its joints. Sound files have such
+    /// vertices.
     fn loose_map(&self, sets: &[Influences], vertex: usize) -> Result<DAffine3, String> {
         let first = sets.first().map_or(0.0, |set| set.joints[vertex][0]);
         let map = self.map_of(first).copied();

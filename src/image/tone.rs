@@ -1,8 +1,8 @@
 //! Linear radiance -> sRGB of 8 or 16 bits: exposure, the exact curve, rounding to the nearest code.
 //!
-//! For eight bits the curve of IEC 61966-2-1 is turned round: a code is a count of the 255 radiances at which the rounded curve
-//! steps, so that no power is taken per pixel and the result is exact. The float's own exponent and leading mantissa
-//! bits index a table that starts the count at most two steps short.
+//! For eight bits the curve of IEC 61966-2-1 is turned round: a code is a count of the 255 radiances at which the rounded
+//! curve steps, so that no power is taken per pixel and the result is exact. The float's own exponent and leading
+//! mantissa bits index a table that starts the count at most two steps short.
 
 use std::sync::LazyLock;
 

@@ -35,22 +35,23 @@
 //! ```
 //!
 //! * **Settings** are given as flags are: `true` is a flag without a value, `false` takes away one that all jobs have.
-//! * **Frames** are numbered as written. Scenes, cameras, values of sweeps and frames multiply. A job without `frames` has
-//!   those of its path, or of its animation from `from` to `to`, else one.
+//! * **Frames** are numbered as written. Scenes, cameras, values of sweeps and frames multiply. A job without `frames`
+//!   has those of its path, or of its animation from `from` to `to`, else one.
 //! * **Turntable**: frame k of n, from 0, stands at k/n of the turns, so that the last does not repeat the first; frames
-//!   that a step leaves out are counted. `axis` is a direction, +y unless given; `center` a point, else the middle of what
-//!   there is.
+//!   that a step leaves out are counted. `axis` is a direction, +y unless given; `center` a point, else the middle of
+//!   what there is.
 //! * **Paths**: a smooth one follows cubics whose slope at a key is that of the parabola through it and its neighbours;
 //!   it goes through all keys. `up` is +y unless given; `fov` and `roll`, with which the camera leans to its right, are
 //!   degrees.
-//! * **Animations**: the first frame is at `from` seconds, and each number more is 1/`fps` later, also where a step leaves
-//!   numbers out.
+//! * **Animations**: the first frame is at `from` seconds, and each number more is 1/`fps` later, also where a step
+//!   leaves numbers out.
 //! * **Sweeps** change a scene file before it is read: tables by name or, from 0, by number; parts with points in quotes,
 //!   as in `'material."a.b".ior'`. The last word may be new to the file. Steps are whole numbers where the ends are and
 //!   the steps allow it. With `zip = true` keys do not multiply but go together: their first values, their second, ...
-//! * **Names** may have `{scene}`, `{camera}`, `{job}`, `{frame}`, `{time}`, and the last word of each swept key, or as many
-//!   last words as tell it from the others, as in `{ball.roughness}`; a width as in `{frame:04}` fills up with zeros. What
-//!   is neither a letter, a digit, a space nor one of `-_+.,=@` becomes `_`. No two frames may have the same name.
+//! * **Names** may have `{scene}`, `{camera}`, `{job}`, `{frame}`, `{time}`, and the last word of each swept key, or as
+//!   many last words as tell it from the others, as in `{ball.roughness}`; a width as in `{frame:04}` fills up with
+//!   zeros. What is neither a letter, a digit, a space nor one of `-_+.,=@` becomes `_`. No two frames may have the same
+//!   name.
 //!
 //! Nothing here opens a scene.
 

@@ -1,5 +1,5 @@
-//! Job files as users write them: the example becomes its frames, and what is bad is told in one sentence with file, line,
-//! item and remedy.
+//! Job files as users write them: the example becomes its frames, and what is bad is told in one sentence with file,
+//! line, item and remedy.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -238,7 +238,8 @@ mod tests {
             [x(-5.0), x(0.0), x(1.0), x(3.0), x(9.0)],
             [0.0, 0.0, 1.0, 9.0, 9.0]
         );
-        // From (1, 1) with slope 2 to (3, 9) with slope 4, that of the last line: in the middle (1 + 9) / 2 + 2 (2 - 4) / 8.
+        // From (1, 1) with slope 2 to (3, 9) with slope 4, that of the last line: in the middle (1 + 9) / 2 + 2 (2 - 4) /
+        // 8.
         assert!((x(2.0) - 4.5).abs() < NEAR);
         assert!((smooth(2.0).y_fov.unwrap() - 4.5).abs() < NEAR);
         assert_eq!(along(&[], Interpolation::Smooth, 1.0), None);

@@ -67,7 +67,8 @@ pub struct SingularMatrix {
 const MAX_CONDITION: f64 = 1e12;
 
 /// What the product of a map and its inverse may differ from the identity by, for each unit of the condition number: 3
-/// roundings of a cofactor, 5 of the determinant, 2 of the quotient and 5 of the product, of 2^-53 each, in rows of three.
+/// roundings of a cofactor, 5 of the determinant, 2 of the quotient and 5 of the product, of 2^-53 each, in rows of
+/// three.
 const MAX_RESIDUAL: f64 = 32.0 * f64::EPSILON;
 
 /// The inverse of an affine map by cofactors.

@@ -1,7 +1,7 @@
 //! Fresnel's equations for the smooth boundary of two dielectrics.
 //!
-//! All differences are taken with twice the digits, as they cancel: at the critical angle, at grazing
-//! incidence, at Brewster's angle, and for indices that nearly match (see `interface`). Transmittance is computed directly, not as one
+//! All differences are taken with twice the digits, as they cancel: at the critical angle, at grazing incidence, at
+//! Brewster's angle, and for indices that nearly match (see `interface`). Transmittance is computed directly, not as one
 //! minus the reflectance, which would lose it where it is small.
 
 use super::interface::Interface;
@@ -99,8 +99,8 @@ mod tests {
     fn hard_cases_agree_with_sixty_digits_to_the_derived_bounds() {
         for [cos_i, eta_i, eta_t, r_s, r_p, t_s, t_p, cos_t] in EXACT {
             let found = dielectric(cos_i, eta_i, eta_t);
-            // Counting roundings of u = EPSILON / 2: sums and differences are right to 1, so is q. An amplitude has 3, its
-            // square 7; t_s has 7, t_p 2 more as its sum is divided; cos_t 2.
+            // Counting roundings of u = EPSILON / 2: sums and differences are right to 1, so is q. An amplitude has 3,
+            // its square 7; t_s has 7, t_p 2 more as its sum is divided; cos_t 2.
             let check = |name, found: f64, exact: f64, roundings: f64| {
                 let error = (found - exact).abs() / (0.5 * f64::EPSILON * exact);
                 assert!(
@@ -208,8 +208,8 @@ mod tests {
         for step in 1..=1000 {
             let there = dielectric(f64::from(step) / 1000.0, 1.0, 1.5);
             let back = dielectric(there.cos_t, 1.5, 1.0);
-            // cos_t is off by 3 u at most; back from it, cos_i is off by 2.25 cos_t / cos_i times that, and no reflectance
-            // changes faster than by 4 / cos_t per unit of the cosine that it starts from.
+            // cos_t is off by 3 u at most; back from it, cos_i is off by 2.25 cos_t / cos_i times that, and no
+            // reflectance changes faster than by 4 / cos_t per unit of the cosine that it starts from.
             let bound = (10.0 + 2.25 * 3.0 * 4.0 / there.cos_t * 1000.0 / f64::from(step)) * f64::EPSILON;
             assert!(
                 (there.transmittance.mean() - back.transmittance.mean()).abs() <= bound,

@@ -1,12 +1,12 @@
 //! The one computation behind refraction and Fresnel's equations: `eta_t cos_t` to twice the digits of f64.
 //!
 //! With p = eta_i cos_i and q = eta_t cos_t, Snell's law reads q² = p² - delta, delta = (eta_i - eta_t)(eta_i + eta_t).
-//! Everything else follows from sums and differences of p and q, and of eta_t p and eta_i q: the amplitudes are
-//! (p - q)/(p + q) and (eta_t² cos_i - eta_i q)/(eta_t² cos_i + eta_i q), the refracted direction is
-//! (eta_i d + delta/(p + q) n)/eta_t. The differences cancel: at the critical angle, between media that nearly match, at
-//! Brewster's angle. They are therefore taken in double-double arithmetic (Dekker, "A floating-point technique for
-//! extending the available precision", 1971; Knuth's two-sum), without fused multiply-add so that all instruction sets
-//! give the same bits and lanes vectorise. So near the critical angle that even these digits cancel, q² is summed exactly.
+//! Everything else follows from sums and differences of p and q, and of eta_t p and eta_i q: the amplitudes are (p -
+//! q)/(p + q) and (eta_t² cos_i - eta_i q)/(eta_t² cos_i + eta_i q), the refracted direction is (eta_i d + delta/(p + q)
+//! n)/eta_t. The differences cancel: at the critical angle, between media that nearly match, at Brewster's angle. They
+//! are therefore taken in double-double arithmetic (Dekker, "A floating-point technique for extending the available
+//! precision", 1971; Knuth's two-sum), without fused multiply-add so that all instruction sets give the same bits and
+//! lanes vectorise. So near the critical angle that even these digits cancel, q² is summed exactly.
 
 use glam::DVec3;
 
@@ -47,7 +47,8 @@ impl Interface {
         }
     }
 
-    /// The same without branches, and whether it is too near the critical angle for that; [`Interface::new`] knows more then.
+    /// The same without branches, and whether it is too near the critical angle for that; [`Interface::new`] knows more
+    /// then.
     #[inline(always)]
     pub(super) fn away_from_critical(cos_i: f64, eta_i: f64, eta_t: f64) -> (Interface, bool) {
         let cos_i = if cos_i > 1.0 { 1.0 } else { cos_i };

@@ -25,8 +25,8 @@ pub struct DielectricLanes {
 }
 
 impl DielectricLanes {
-    /// Asks again about the ray of a lane, which is very near the critical angle: by axis direction and normal, and the two
-    /// indices.
+    /// Asks again about the ray of a lane, which is very near the critical angle: by axis direction and normal, and the
+    /// two indices.
     #[cold]
     #[inline(never)]
     fn settle(&mut self, l: usize, axes: [(f64, f64); 3], [eta_i, eta_t]: [f64; 2]) {

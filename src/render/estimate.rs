@@ -168,8 +168,8 @@ impl Estimate {
     ///
     /// The mean of r evenly spread samples has a variance of 1 / r that of noise, and 1 / r^1.5 that of edges. So the
     /// means of runs of r samples, among themselves, tell which it is. The longest that there are two of are asked, the
-    /// halves that were merged last: what looks like noise to few samples may be an edge to more, and the other way round,
-    /// where a texture is finer than they can tell.
+    /// halves that were merged last: what looks like noise to few samples may be an edge to more, and the other way
+    /// round, where a texture is finer than they can tell.
     pub(super) fn noise_variance(&self) -> f64 {
         let (length, of_means) = if self.halves.count > 0 {
             let length = f64::from(self.halves.count);
@@ -247,8 +247,8 @@ mod tests {
 
     #[test]
     fn means_of_runs_tell_noise_from_edges() {
-        // Runs of four that differ: of 8 / 7 for the samples, means have 2, which is 8 for four of them. Half of 8 / 7 would
-        // be left of edges: (8 - 4 / 7) / (1 - 1 / 2).
+        // Runs of four that differ: of 8 / 7 for the samples, means have 2, which is 8 for four of them. Half of 8 / 7
+        // would be left of edges: (8 - 4 / 7) / (1 - 1 / 2).
         let apart = estimate(&[0.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0]);
         assert!((apart.noise_variance() - 104.0 / 7.0).abs() < 1e-13);
         // And runs that agree.
@@ -259,8 +259,8 @@ mod tests {
 
     #[test]
     fn halves_have_the_word_as_soon_as_there_are_two() {
-        // Of 32 / 31 for the samples, means of sixteen have 2, which is 32 for sixteen of them; a quarter would be left of
-        // edges.
+        // Of 32 / 31 for the samples, means of sixteen have 2, which is 32 for sixteen of them; a quarter would be left
+        // of edges.
         let variance = 32.0 / 31.0;
         let halves = estimate(&[[0.0; 16], [2.0; 16]].concat());
         let expected = (32.0 - 0.25 * variance) / 0.75;

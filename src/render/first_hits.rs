@@ -1,7 +1,7 @@
 //! What the camera rays of a tile met first, summed up pixel by pixel for the picture's [layers](super::layers).
 //!
-//! Hits are those that are shaded, with the points and materials that shading takes: a layer costs its sums. Whoever wants
-//! none pays for one question a packet.
+//! Hits are those that are shaded, with the points and materials that shading takes: a layer costs its sums. Whoever
+//! wants none pays for one question a packet.
 
 use multiversion::multiversion;
 

@@ -1,10 +1,10 @@
 //! Lights with an extent as a frame asks them; among them lamps, which are objects.
 //!
-//! Other lights are not seen, and have nothing that a feeler could meet. A lamp's surface is there, and the feeler to a
-//! point of it must neither meet that surface at its end nor miss what lies close before it. So it ends off the
+//! Other lights are not seen, and have nothing that a shadow ray could meet. A lamp's surface is there, and the shadow
+//! ray to a point of it must neither meet that surface at its end nor miss what lies close before it. So it ends off the
 //! surface, on the side that it comes from, by a bound on the rounding of both: that of a ray which leaves the surface
-//! there ([`SpawnError`]) and that of a traversal over the feeler's length. A convex lamp thus never hides its points,
-//! and a dented one where it does.
+//! there ([`SpawnError`]) and that of a traversal over the shadow ray's length. A convex lamp thus never hides its
+//! points, and a dented one where it does.
 
 use glam::{DMat3, DVec3};
 
@@ -14,11 +14,11 @@ use crate::scene::{AreaShape, Effect, EffectSet, Geometry, Instance, Layer, Ligh
 use crate::shading::{AreaLight, DiskLight, LightSample, QuadLight, SphereLight, TexturePoint, TextureSet};
 use crate::shape::Implicit;
 
-/// What the roundings of a traversal in f32 move a feeler's end by, and the surface that it ends at, relative to its
+/// What the roundings of a traversal in f32 move a shadow ray's end by, and the surface that it ends at, relative to its
 /// length along each axis of object space: 2^-24 for the direction, for the corners less the origin, for each of three
 /// products and two sums of the distance from a plane and of the approach to it, and for their quotient; and three each
 /// for what a placement makes of origin and direction.
-const FEELER_ERROR: f64 = 19.0 / (1 << 24) as f64;
+const SHADOW_RAY_ERROR: f64 = 19.0 / (1 << 24) as f64;
 
 /// A light with an extent.
 pub(super) struct SoftLight<'s> {
@@ -38,7 +38,7 @@ struct Lamp<'s> {
 pub(super) struct SoftSample {
     /// Unit vector to there.
     pub(super) direction: DVec3,
-    /// Where a feeler to there ends.
+    /// Where a shadow ray to there ends.
     pub(super) end: DVec3,
     /// Density of the direction per steradian.
     pub(super) pdf: f64,
@@ -128,7 +128,7 @@ impl<'s> Lamp<'s> {
         }
     }
 
-    /// Where a feeler to a point of the lamp ends: off the surface, to the side that it comes from.
+    /// Where a shadow ray to a point of the lamp ends: off the surface, to the side that it comes from.
     fn end(&self, sample: &LightSample, p_object: DVec3) -> DVec3 {
         let (map, inverse) = (
             self.instance.world_from_object(),
@@ -142,7 +142,7 @@ impl<'s> Lamp<'s> {
             Geometry::Shape(shape) => shape.point(p_object, sample.primitive).error,
         };
         let way = (sample.distance * sample.direction).abs();
-        let in_object = FEELER_ERROR * (abs(&inverse.matrix3) * way);
+        let in_object = SHADOW_RAY_ERROR * (abs(&inverse.matrix3) * way);
         let error = SpawnError(on_surface.0 + in_object).transformed(&map, &inverse, sample.position);
         let n = if sample.is_front() {
             sample.normal

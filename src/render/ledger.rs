@@ -159,7 +159,7 @@ pub struct Ledger {
     pub depth_limit: Loss,
     /// Of the lost rays, those that weighed too little.
     pub weight_cutoff: Loss,
-    /// Samples that marches interpolated in volumes, along rays and feelers; those that were leapt over do not count.
+    /// Samples that marches interpolated in volumes, along rays and shadow rays; those that were leapt over do not count.
     pub volume_samples: u64,
 }
 

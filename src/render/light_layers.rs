@@ -1,8 +1,8 @@
 //! Layers of light: what each lamp, and each way by which light is seen, gives to a picture. Each kind adds up to it.
 //!
 //! Whatever is added to a tile's film says where it comes from ([`Source`]). The first step of its way from the camera
-//! stands in the label that every ray carries beside its pixel, so that no queue holds more for it: rays get it when their
-//! generation is traced, and those that they send inherit it. Layers are sums beside the picture's own.
+//! stands in the label that every ray carries beside its pixel, so that no queue holds more for it: rays get it when
+//! their generation is traced, and those that they send inherit it. Layers are sums beside the picture's own.
 
 use super::film::TILE;
 use super::layers::Layer;
@@ -18,8 +18,8 @@ use crate::scene::{Effect, EffectSet, Light};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LightLayers {
     /// `light.NAME.R`, `.G`, `.B` of each light, by what surfaces and volumes get from it; `light.environment` of the
-    /// environment map, as far as feelers found it; `light.subsurface` of all light that leaves bodies which scatter it
-    /// within; and `light.emission` of all that is seen without a feeler: emission, ambient light and background.
+    /// environment map, as far as shadow rays found it; `light.subsurface` of all light that leaves bodies which scatter
+    /// it within; and `light.emission` of all that is seen without a shadow ray: emission, ambient light and background.
     pub lights: bool,
     /// `effect.NAME.R`, `.G`, `.B` by the first step of the way from the camera, of the effects that are on:
     /// `effect.direct` of what it sees with none, `effect.reflection` and so on.
@@ -49,11 +49,11 @@ impl LightLayers {
 /// Where light comes from that reaches the film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Source {
-    /// It is seen without a feeler.
+    /// It is seen without a shadow ray.
     Emission,
     /// The light of that number.
     Light(u32),
-    /// The environment map, by feelers.
+    /// The environment map, by shadow rays.
     Environment,
     /// A body that scatters light within.
     Subsurface,
@@ -207,8 +207,8 @@ impl LightSheet {
 
 /// What lights are called in channels, each differently.
 ///
-/// Whatever is no ASCII letter or digit, `-` or `_` becomes `_`. Of names that clash with an earlier one, or with that of a
-/// layer that is no light's, those after it get `_2`, `_3` and so on, the first that is free.
+/// Whatever is no ASCII letter or digit, `-` or `_` becomes `_`. Of names that clash with an earlier one, or with that of
+/// a layer that is no light's, those after it get `_2`, `_3` and so on, the first that is free.
 fn light_names(lights: &[Light]) -> Vec<String> {
     let mut taken: Vec<String> = ["emission", "environment", "subsurface"].map(String::from).into();
     let reserved = taken.len();

@@ -154,8 +154,8 @@ fn whole_pieces(settings: &RenderSettings) -> [u32; 2] {
 
 /// Renders a mosaic of the picture that `settings` ask for, in the current rayon pool. `None` if it was cancelled.
 ///
-/// [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and [`RenderSettings::cost_aovs`] are ignored. `scene` must have passed
-/// [`Scene::validate`], and `accel` must have been built from it.
+/// [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and [`RenderSettings::cost_aovs`] are ignored. `scene`
+/// must have passed [`Scene::validate`], and `accel` must have been built from it.
 pub fn render_mosaic(
     (scene, camera): (&Scene, &Camera),
     accel: &dyn Accel,

@@ -1,4 +1,4 @@
-//! What shaded rays give: light on the film, feelers to lights, and the rays of the next generation.
+//! What shaded rays give: light on the film, shadow rays to lights, and the rays of the next generation.
 
 use std::cell::OnceCell;
 
@@ -11,7 +11,7 @@ use super::light_layers::Source;
 use super::losses::{Limit, TileLosses};
 use super::meter::{Accounts, Meter, Moment};
 use super::planes::TileLayer;
-use super::queue::{Feelers, Generation, Paths, Sent};
+use super::queue::{Generation, Paths, Sent, ShadowQueue};
 use super::surface::Surfaces;
 use super::texturing::Widths;
 use super::travel::{Travel, TravelPacket};
@@ -29,13 +29,13 @@ pub(super) struct Outcome<'f, 's> {
     pub(super) first_hits: Option<Box<FirstHits<'f, 's>>>,
     /// Column and row of the film's first pixel in the picture.
     pub(super) corner: [u32; 2],
-    pub(super) feelers: Box<Feelers>,
+    pub(super) shadow_queue: Box<ShadowQueue>,
     /// Which light is being asked; not kept in scenes with plain effects only.
     pub(super) asked: Source,
     pub(super) next: Generation,
     pub(super) meter: Meter,
     pub(super) losses: TileLosses,
-    /// Surfaces that feelers meet, in scenes where light goes through some.
+    /// Surfaces that shadow rays meet, in scenes where light goes through some.
     pub(super) sheets: Option<Box<Surfaces>>,
     /// In scenes with volumes or fog.
     pub(super) marches: Option<Box<Marches<'s>>>,
@@ -66,7 +66,7 @@ impl<'f, 's> Outcome<'f, 's> {
             film,
             first_hits: FirstHits::of(frame),
             corner: [0; 2],
-            feelers: Feelers::new(frame.effects()),
+            shadow_queue: ShadowQueue::new(frame.effects()),
             asked: Source::Emission,
             next: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
             meter: Meter::new(&frame.settings),
@@ -108,8 +108,8 @@ impl<'f, 's> Outcome<'f, 's> {
 
     /// The effects that are on.
     ///
-    /// Functions with `PLAIN` serve scenes in which none but [`EffectSet::PLAIN`] are. All others are off there at compile
-    /// time, so that a step that is not taken does not even cost the question.
+    /// Functions with `PLAIN` serve scenes in which none but [`EffectSet::PLAIN`] are. All others are off there at
+    /// compile time, so that a step that is not taken does not even cost the question.
     #[inline(always)]
     pub(super) fn effects<const PLAIN: bool>(&self) -> EffectSet {
         let all = self.frame.effects();
@@ -183,7 +183,7 @@ impl<'f, 's> Outcome<'f, 's> {
             }
             self.meter.leave();
         }
-        self.answer_feelers::<PLAIN>(stage.order);
+        self.trace_shadow_rays::<PLAIN>(stage.order);
     }
 
     #[cold]
@@ -299,7 +299,7 @@ impl<'f, 's> Outcome<'f, 's> {
         self.meter.part(Account::Film);
     }
 
-    /// Sends feelers to all lights.
+    /// Sends shadow rays to all lights.
     pub(super) fn ask_lights<const PLAIN: bool>(&mut self, traced: &Traced, lit: &shade::Lit, stage: Stage) {
         let frame = self.frame;
         let effects = self.effects::<PLAIN>();
@@ -311,14 +311,14 @@ impl<'f, 's> Outcome<'f, 's> {
             if effects.has(Effect::AreaLight) && self.ask_area_light(number, traced, lit, stage) {
                 continue;
             }
-            if self.feelers.is_full() {
+            if self.shadow_queue.is_full() {
                 self.meter.part(Account::Lighting);
-                self.answer_feelers::<PLAIN>(stage.order);
+                self.trace_shadow_rays::<PLAIN>(stage.order);
                 self.meter.resume(traced.pixel, &traced.packet.active);
             }
-            let (packet, feeler) = self.feelers.next();
-            if shade::feel(light, lit, packet, &mut feeler.radiance) {
-                self.keep_feelers::<PLAIN>(traced, casts);
+            let (packet, payload) = self.shadow_queue.next();
+            if shade::sample_direct(light, lit, packet, &mut payload.radiance) {
+                self.commit_shadow_rays::<PLAIN>(traced, casts);
             }
         }
         if effects.has(Effect::Environment) {
@@ -391,38 +391,38 @@ impl<'f, 's> Outcome<'f, 's> {
         self.next.push(sent);
     }
 
-    /// Asks which of the waiting feelers reach their lights, and lets those lights in.
-    pub(super) fn answer_feelers<const PLAIN: bool>(&mut self, order: RayOrder) {
+    /// Asks which of the waiting shadow rays reach their lights, and lets those lights in.
+    pub(super) fn trace_shadow_rays<const PLAIN: bool>(&mut self, order: RayOrder) {
         self.meter.lap_shading();
         if self.effects::<PLAIN>().has(Effect::TransparentShadow) {
             return self.answer_through_sheets(order);
         }
-        let sources = self.feelers.sources();
-        let (packets, feelers) = self.feelers.take();
+        let sources = self.shadow_queue.sources();
+        let (packets, payloads) = self.shadow_queue.drain();
         if packets.is_empty() {
             return;
         }
         let accel = self.frame.accel;
         let casts = self.frame.effects().has(Effect::Shadow);
         if casts {
-            let whose = |index: usize| (&feelers[index].pixel, Accounts::All(Account::Shadow));
+            let whose = |index: usize| (&payloads[index].pixel, Accounts::All(Account::Shadow));
             let traced = self
                 .meter
                 .trace(packets, whose, |packets| accel.occluded(packets, order));
             self.meter.ledger.book(Account::Shadow, traced);
         }
-        for (index, (packet, feeler)) in packets.iter().zip(feelers.iter_mut()).enumerate() {
+        for (index, (packet, payload)) in packets.iter().zip(payloads.iter_mut()).enumerate() {
             if casts {
-                shade::block(packet, &mut feeler.radiance);
+                shade::block(packet, &mut payload.radiance);
             }
             if let Some(marches) = self.marches.as_mut().filter(|_| !PLAIN) {
-                let samples = marches.dim(packet, &packet.t_far, &mut feeler.radiance);
+                let samples = marches.dim(packet, &packet.t_far, &mut payload.radiance);
                 self.meter.ledger.volume_samples += samples;
             }
             let source = if PLAIN { Source::Emission } else { sources[index] };
-            self.film.add(&feeler.pixel, &feeler.radiance, source);
+            self.film.add(&payload.pixel, &payload.radiance, source);
         }
-        let lanes = (0..packets.len()).map(|index| (&feelers[index].pixel, &packets[index].active));
+        let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[index].active));
         self.meter.lap_over(Account::Film, lanes);
     }
 }

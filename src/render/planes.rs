@@ -1,4 +1,5 @@
-//! Layers in the making: tiles put their pixels where they belong as soon as they are finished, so that none is kept twice.
+//! Layers in the making: tiles put their pixels where they belong as soon as they are finished, so that none is kept
+//! twice.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};

@@ -1,4 +1,4 @@
-//! Rays that wait to be traced, with what they carry home: generations of mirror rays, and shadow feelers.
+//! Rays that wait to be traced, with what they carry home: generations of mirror rays, and shadow rays.
 //!
 //! Memory is kept from tile to tile; packets are filled again rather than made anew.
 
@@ -297,32 +297,33 @@ impl<'a> Paths<'a> {
     }
 }
 
-/// Shadow feelers with the light that arrives if nothing is met.
-pub(super) struct Feelers {
+/// Shadow rays that wait to be traced, with the radiance that each contributes if nothing occludes it.
+pub(super) struct ShadowQueue {
     packets: [RayPacket; BATCH],
-    lights: [Feeler; BATCH],
-    /// The bodies around the points that feel.
+    payloads: [ShadowPayload; BATCH],
+    /// The bodies around the shaded points.
     media: MediaColumn,
     /// Packets in use.
     count: usize,
-    /// Which light each packet asks for; not kept in scenes with plain effects only.
+    /// The light that each packet is sent to; not written in scenes with plain effects only.
     sources: [Source; BATCH],
 }
 
+/// The pixels that a packet of shadow rays contributes to, and the unoccluded radiance.
 #[derive(Clone)]
-pub(super) struct Feeler {
+pub(super) struct ShadowPayload {
     pub(super) pixel: Lanes<u32>,
     pub(super) radiance: Lanes3<f32>,
 }
 
-impl Feelers {
-    /// For rays of these effects.
-    pub(super) fn new(effects: EffectSet) -> Box<Feelers> {
+impl ShadowQueue {
+    /// Returns an empty queue for shadow rays of these effects.
+    pub(super) fn new(effects: EffectSet) -> Box<ShadowQueue> {
         let mut media = MediaColumn::new(effects);
         media.resize(BATCH);
-        Box::new(Feelers {
+        Box::new(ShadowQueue {
             packets: std::array::from_fn(|_| RayPacket::EMPTY),
-            lights: std::array::from_fn(|_| Feeler {
+            payloads: std::array::from_fn(|_| ShadowPayload {
                 pixel: [0; LANES],
                 radiance: [[0.0; LANES]; 3],
             }),
@@ -332,66 +333,66 @@ impl Feelers {
         })
     }
 
-    /// Bytes of the packets and of their light.
-    pub(super) const BYTES: usize = size_of::<Feelers>();
+    /// Bytes of the packets and payloads.
+    pub(super) const BYTES: usize = size_of::<ShadowQueue>();
 
-    /// Adds what is kept beside the packets.
+    /// Adds the bytes of the optional columns.
     pub(super) fn add_columns_to(&self, memory: &mut Memory) {
         self.media.add_to(memory);
     }
 
-    /// Whether there is no room for another packet.
+    /// Returns whether there is no room for another packet.
     pub(super) fn is_full(&self) -> bool {
         self.count == BATCH
     }
 
-    /// Memory for one more packet, which counts once [`Feelers::keep`] is called.
-    pub(super) fn next(&mut self) -> (&mut RayPacket, &mut Feeler) {
-        (&mut self.packets[self.count], &mut self.lights[self.count])
+    /// Returns memory for one more packet, which counts once [`ShadowQueue::commit`] is called.
+    pub(super) fn next(&mut self) -> (&mut RayPacket, &mut ShadowPayload) {
+        (&mut self.packets[self.count], &mut self.payloads[self.count])
     }
 
-    /// Says which light the packet that is kept next asks for.
+    /// Sets the light that the packet committed next is sent to.
     pub(super) fn set_source(&mut self, source: Source) {
         self.sources[self.count] = source;
     }
 
-    /// Which light each of the packets asks for.
+    /// Returns the light that each packet was sent to.
     pub(super) fn sources(&self) -> [Source; BATCH] {
         self.sources
     }
 
-    /// Counts the packet last written.
-    pub(super) fn keep(&mut self) {
+    /// Adds the packet last written to the queue.
+    pub(super) fn commit(&mut self) {
         self.count += 1;
     }
 
-    /// Says what bodies are around the points of the packet last kept.
-    pub(super) fn keep_media(&mut self, travels: TravelPacket) {
+    /// Sets the bodies around the points of the packet last committed.
+    pub(super) fn set_media(&mut self, travels: TravelPacket) {
         for l in 0..LANES {
             self.media.set(self.count - 1, l, &travels.media(l));
         }
     }
 
-    /// Says what bodies are around all points of the packet that is kept next.
-    pub(super) fn keep_medium(&mut self, media: &MediaStack) {
+    /// Sets the bodies around all points of the packet that is committed next.
+    pub(super) fn set_medium(&mut self, media: &MediaStack) {
         for l in 0..LANES {
             self.media.set(self.count, l, media);
         }
     }
 
-    /// As [`Feelers::take`], with the bodies around the points.
-    pub(super) fn take_with_media(&mut self) -> (&mut [RayPacket], &mut [Feeler], &mut MediaColumn) {
+    /// Empties the queue as [`ShadowQueue::drain`] does, and returns the bodies around the points too.
+    pub(super) fn drain_with_media(&mut self) -> (&mut [RayPacket], &mut [ShadowPayload], &mut MediaColumn) {
         let count = std::mem::take(&mut self.count);
         (
             &mut self.packets[..count],
-            &mut self.lights[..count],
+            &mut self.payloads[..count],
             &mut self.media,
         )
     }
 
-    /// Hands all packets over and is empty again.
-    pub(super) fn take(&mut self) -> (&mut [RayPacket], &mut [Feeler]) {
+    /// Empties the queue and returns its packets and their payloads.
+    pub(super) fn drain(&mut self) -> (&mut [RayPacket], &mut [ShadowPayload]) {
         let count = std::mem::take(&mut self.count);
-        (&mut self.packets[..count], &mut self.lights[..count])
+        (&mut self.packets[..count], &mut self.payloads[..count])
     }
 }

@@ -151,7 +151,8 @@ impl<'s> Parts<'s> {
         self.frame.groups.len()
     }
 
-    /// What some packets of the samples of a rectangle's pixels add up to, and what that took. `None` if it was cancelled.
+    /// What some packets of the samples of a rectangle's pixels add up to, and what that took. `None` if it was
+    /// cancelled.
     ///
     /// # Panics
     /// If there are no such packets.

@@ -7,7 +7,7 @@
 //! of the sample for [`Purpose::LOBE`] and the step of the path: the microfacets of all samples of a pixel make one
 //! even set. Rays into a lobe count as samples of their own from there on, so what they ask of lights lies evenly too.
 //!
-//! No light counts twice. Lights are asked by feelers, which the whole lobe answers, and no ray sees them; what rays
+//! No light counts twice. Lights are asked by shadow rays, which the whole lobe answers, and no ray sees them; what rays
 //! see, the environment map, what shines and what is lit, the lobe gets by these rays alone. The ambient term keeps its
 //! diffuse part.
 //!

@@ -53,9 +53,9 @@ pub fn tile_count(width: u32, height: u32) -> usize {
 
 /// Renders `count` tiles, or all if there are fewer, in the current rayon pool. `None` if it was cancelled.
 ///
-/// Every pixel gets all of its samples: [`RenderSettings::adaptive`] is ignored, as are [`RenderSettings::sample_aovs`] and
-/// [`RenderSettings::layers`].
-/// `scene` must have passed [`Scene::validate`], and `accel` must have been built from it.
+/// Every pixel gets all of its samples: [`RenderSettings::adaptive`] is ignored, as are [`RenderSettings::sample_aovs`]
+/// and [`RenderSettings::layers`]. `scene` must have passed [`Scene::validate`], and `accel` must have been built from
+/// it.
 pub fn render_sample(
     (scene, camera): (&Scene, &Camera),
     accel: &dyn Accel,

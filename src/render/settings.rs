@@ -8,8 +8,8 @@ use crate::scene::CameraView;
 use crate::shading::ray_cone::Cone;
 
 impl RenderSettings {
-    /// Bytes that filters, adaptive sampling and AOVs take for each pixel of a scene with so many lights, beyond the picture
-    /// itself.
+    /// Bytes that filters, adaptive sampling and AOVs take for each pixel of a scene with so many lights, beyond the
+    /// picture itself.
     pub fn sampling_bytes_per_pixel(&self, light_count: usize) -> u64 {
         let estimates = if self.target().is_some() || self.sample_aovs {
             // The tiles' and the picture's.

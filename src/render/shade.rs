@@ -1,4 +1,4 @@
-//! The lane arithmetic between hits and the next rays: surroundings, glow, feelers, mirror rays.
+//! The lane arithmetic between hits and the next rays: surroundings, glow, shadow rays, mirror rays.
 //!
 //! Each function is compiled for several instruction sets and chosen at run time; none contracts a multiply and an add,
 //! so all give the same bits.
@@ -112,15 +112,21 @@ pub(super) fn glow(
     radiance
 }
 
-/// Makes the feelers to one light and the radiance that arrives where they meet nothing. Returns whether there is any.
+/// Makes the shadow rays to one light and the radiance that arrives where they meet nothing. Returns whether there is
+/// any.
 ///
-/// A lane has no feeler where the light is behind the surface or nothing would be reflected.
+/// A lane has no shadow ray where the light is behind the surface or nothing would be reflected.
 #[inline(always)]
-pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
+pub(super) fn sample_direct(
+    light: &Light,
+    lit: &Lit,
+    shadow_rays: &mut RayPacket,
+    radiance: &mut Lanes3<f32>,
+) -> bool {
     if lit.materials.effects.is_rich() {
-        feel_rich(light, lit, feeler, radiance)
+        sample_direct_full(light, lit, shadow_rays, radiance)
     } else {
-        feel_bare(light, lit, feeler, radiance)
+        sample_direct_basic(light, lit, shadow_rays, radiance)
     }
 }
 
@@ -128,88 +134,99 @@ pub(super) fn feel(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn feel_rich(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
-    feel_of::<true>(light, lit, feeler, radiance)
+fn sample_direct_full(
+    light: &Light,
+    lit: &Lit,
+    shadow_rays: &mut RayPacket,
+    radiance: &mut Lanes3<f32>,
+) -> bool {
+    sample_direct_lanes::<true>(light, lit, shadow_rays, radiance)
 }
 
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn feel_bare(light: &Light, lit: &Lit, feeler: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
-    feel_of::<false>(light, lit, feeler, radiance)
+fn sample_direct_basic(
+    light: &Light,
+    lit: &Lit,
+    shadow_rays: &mut RayPacket,
+    radiance: &mut Lanes3<f32>,
+) -> bool {
+    sample_direct_lanes::<false>(light, lit, shadow_rays, radiance)
 }
 
 #[inline(always)]
-fn feel_of<const RICH: bool>(
+fn sample_direct_lanes<const RICH: bool>(
     light: &Light,
     lit: &Lit,
-    feeler: &mut RayPacket,
+    shadow_rays: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
     let surfaces = lit.points;
     let arriving = illuminate(light, &surfaces.p);
     let irradiance = |channel: usize, l: usize| light.intensity[channel] * arriving.attenuation[l];
-    let any = send_feelers::<RICH>(lit, &arriving.wi, irradiance, (&mut *feeler, radiance));
+    let any = fill_shadow_rays::<RICH>(lit, &arriving.wi, irradiance, (&mut *shadow_rays, radiance));
     match light.kind {
         // Points of it are asked one by one.
         LightKind::Area { .. } => return false,
-        LightKind::Directional { .. } => aim_along(&arriving.wi, feeler),
+        LightKind::Directional { .. } => aim_along(&arriving.wi, shadow_rays),
         LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
-            aim_at(&position.to_array().map(|axis| [axis; LANES]), feeler);
+            aim_at(&position.to_array().map(|axis| [axis; LANES]), shadow_rays);
         }
     }
     any
 }
 
-/// Makes the feelers to points of a light, or along directions, and the radiance that arrives where they meet nothing.
-/// Returns whether there is any.
+/// Makes the shadow rays to points of a light, or along directions, and the radiance that arrives where they meet
+/// nothing. Returns whether there is any.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-pub(super) fn feel_sample(
+pub(super) fn sample_direct_area(
     arrivals: &Arrivals,
     lit: &Lit,
-    feeler: &mut RayPacket,
+    shadow_rays: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
     let irradiance = |channel: usize, l: usize| arrivals.irradiance[channel][l];
     let any = if lit.materials.effects.is_rich() {
-        send_feelers::<true>(lit, &arrivals.wi, irradiance, (&mut *feeler, radiance))
+        fill_shadow_rays::<true>(lit, &arrivals.wi, irradiance, (&mut *shadow_rays, radiance))
     } else {
-        send_feelers::<false>(lit, &arrivals.wi, irradiance, (&mut *feeler, radiance))
+        fill_shadow_rays::<false>(lit, &arrivals.wi, irradiance, (&mut *shadow_rays, radiance))
     };
     match &arrivals.from {
-        None => aim_along(&arrivals.wi, feeler),
-        Some(from) => aim_at(from, feeler),
+        None => aim_along(&arrivals.wi, shadow_rays),
+        Some(from) => aim_at(from, shadow_rays),
     }
     any
 }
 
-/// What surfaces make of the light that comes from `wi`, and where the feelers to it start. Returns whether there is any.
+/// What surfaces make of the light that comes from `wi`, and where the shadow rays to it start. Returns whether there is
+/// any.
 #[inline(always)]
-fn send_feelers<const RICH: bool>(
+fn fill_shadow_rays<const RICH: bool>(
     lit: &Lit,
     wi: &Lanes3<f32>,
     irradiance: impl Fn(usize, usize) -> f32,
-    (feeler, radiance): (&mut RayPacket, &mut Lanes3<f32>),
+    (shadow_rays, radiance): (&mut RayPacket, &mut Lanes3<f32>),
 ) -> bool {
-    feeler.origin = lit.points.origin;
-    let any = answer::<RICH>(lit, wi, irradiance, (&mut *feeler, radiance));
+    shadow_rays.origin = lit.points.origin;
+    let any = answer::<RICH>(lit, wi, irradiance, (&mut *shadow_rays, radiance));
     if RICH {
-        start_behind(lit, wi, feeler);
+        start_behind(lit, wi, shadow_rays);
     }
     any
 }
 
-/// What surfaces make of the light that comes from `wi`; a lane's feeler is active where that is anything.
+/// What surfaces make of the light that comes from `wi`; a lane's shadow ray is active where that is anything.
 #[inline(always)]
 fn answer<const RICH: bool>(
     lit: &Lit,
     wi: &Lanes3<f32>,
     irradiance: impl Fn(usize, usize) -> f32,
-    (feeler, radiance): (&mut RayPacket, &mut Lanes3<f32>),
+    (shadow_rays, radiance): (&mut RayPacket, &mut Lanes3<f32>),
 ) -> bool {
     let surfaces = lit.points;
     let effects = if RICH {
@@ -257,7 +274,7 @@ fn answer<const RICH: bool>(
             largest = largest.max(radiance[channel][l].abs());
         }
         let active = -i32::from(largest > 0.0);
-        feeler.active[l] = active;
+        shadow_rays.active[l] = active;
         any |= active;
     }
     any != 0
@@ -273,48 +290,49 @@ fn above(surfaces: &SurfacePacket, wi: &Lanes3<f32>, l: usize) -> f32 {
     above
 }
 
-/// Lets feelers start on the other side of sheets whose light is there.
+/// Lets shadow rays start on the other side of sheets whose light is there.
 #[inline(always)]
-fn start_behind(lit: &Lit, wi: &Lanes3<f32>, feeler: &mut RayPacket) {
+fn start_behind(lit: &Lit, wi: &Lanes3<f32>, shadow_rays: &mut RayPacket) {
     let surfaces = lit.points;
     if !lit.materials.effects.has(Effect::Translucency) {
         return;
     }
     for l in 0..LANES {
-        if (feeler.active[l] != 0) & (above(surfaces, wi, l) < 0.0) {
+        if (shadow_rays.active[l] != 0) & (above(surfaces, wi, l) < 0.0) {
             let origin = surfaces.leave(l, -surfaces.geometric_normal(l));
-            (0..3).for_each(|axis| feeler.origin[axis][l] = origin[axis]);
+            (0..3).for_each(|axis| shadow_rays.origin[axis][l] = origin[axis]);
         }
     }
 }
 
-/// Feelers that go on for ever.
+/// Shadow rays that go on for ever.
 #[inline(always)]
-fn aim_along(wi: &Lanes3<f32>, feeler: &mut RayPacket) {
-    feeler.direction = *wi;
-    feeler.t_far = [f32::INFINITY; LANES];
+fn aim_along(wi: &Lanes3<f32>, shadow_rays: &mut RayPacket) {
+    shadow_rays.direction = *wi;
+    shadow_rays.t_far = [f32::INFINITY; LANES];
 }
 
-/// Feelers that end at points: those are at t = 1 exactly, so nothing behind them can block.
+/// Shadow rays that end at points: those are at t = 1 exactly, so nothing behind them can block.
 #[inline(always)]
-fn aim_at(points: &Lanes3<f64>, feeler: &mut RayPacket) {
+fn aim_at(points: &Lanes3<f64>, shadow_rays: &mut RayPacket) {
     for axis in 0..3 {
         for l in 0..LANES {
-            feeler.direction[axis][l] = (points[axis][l] - f64::from(feeler.origin[axis][l])) as f32;
+            shadow_rays.direction[axis][l] =
+                (points[axis][l] - f64::from(shadow_rays.origin[axis][l])) as f32;
         }
     }
-    feeler.t_far = [1.0; LANES];
+    shadow_rays.t_far = [1.0; LANES];
 }
 
-/// Takes the light from the lanes whose feelers were blocked.
+/// Takes the light from the lanes whose shadow rays were blocked.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-pub(super) fn block(feeler: &RayPacket, radiance: &mut Lanes3<f32>) {
+pub(super) fn block(shadow_rays: &RayPacket, radiance: &mut Lanes3<f32>) {
     for channel in radiance {
         for l in 0..LANES {
-            channel[l] = if feeler.t_far[l] == f32::NEG_INFINITY {
+            channel[l] = if shadow_rays.t_far[l] == f32::NEG_INFINITY {
                 0.0
             } else {
                 channel[l]

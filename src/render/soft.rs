@@ -1,13 +1,13 @@
-//! Soft light: feelers to points of lights with an extent.
+//! Soft light: shadow rays to points of lights with an extent.
 //!
 //! Each surface that a ray meets asks some points of every such light, picked by the numbers of the ray's own sample
 //! for [`Purpose::LIGHT`], the light and the step of the path: the samples of a pixel ask points that lie evenly over
 //! the light, and nothing depends on which thread renders what when. A light's radiance over the density of the
-//! direction is what the surface gets if the feeler meets nothing, right on average ([`crate::shading::AreaLight`]).
+//! direction is what the surface gets if the shadow ray meets nothing, right on average ([`crate::shading::AreaLight`]).
 //! Rays into which one ray splits at a surface ask the same points.
 //!
-//! Smooth surfaces see lamps, which are objects, by their mirror rays, so to feelers to those they answer without their
-//! lobe: it would count twice.
+//! Smooth surfaces see lamps, which are objects, by their mirror rays, so to shadow rays to those they answer without
+//! their lobe: it would count twice.
 
 use glam::DVec3;
 
@@ -101,7 +101,7 @@ fn without_seen_lobes(materials: &MaterialPacket) -> MaterialPacket {
 }
 
 impl Outcome<'_, '_> {
-    /// Sends feelers to points of light `number`. Returns `false` if that light has no extent.
+    /// Sends shadow rays to points of light `number`. Returns `false` if that light has no extent.
     pub(super) fn ask_area_light(&mut self, number: usize, traced: &Traced, lit: &Lit, stage: Stage) -> bool {
         let frame = self.frame;
         let light = &frame.scene.lights[number];
@@ -164,7 +164,7 @@ impl Outcome<'_, '_> {
         arrivals
     }
 
-    /// Lets a packet of feelers wait for what they bring, if that is anything.
+    /// Lets a packet of shadow rays wait for what they bring, if that is anything.
     pub(super) fn ask(
         &mut self,
         arrivals: &Arrivals,
@@ -172,14 +172,14 @@ impl Outcome<'_, '_> {
         casts: bool,
         stage: Stage,
     ) {
-        if self.feelers.is_full() {
+        if self.shadow_queue.is_full() {
             self.meter.part(Account::Lighting);
-            self.answer_feelers::<false>(stage.order);
+            self.trace_shadow_rays::<false>(stage.order);
             self.meter.resume(traced.pixel, &traced.packet.active);
         }
-        let (packet, feeler) = self.feelers.next();
-        if shade::feel_sample(arrivals, lit, packet, &mut feeler.radiance) {
-            self.keep_feelers::<false>(traced, casts);
+        let (packet, payload) = self.shadow_queue.next();
+        if shade::sample_direct_area(arrivals, lit, packet, &mut payload.radiance) {
+            self.commit_shadow_rays::<false>(traced, casts);
         }
     }
 
@@ -193,14 +193,14 @@ impl Outcome<'_, '_> {
         .numbers(&self.frame.settings, draw)
     }
 
-    /// Counts the packet of feelers last written; those to a light that nothing can hide are not traced.
-    pub(super) fn keep_feelers<const PLAIN: bool>(&mut self, traced: &Traced, casts: bool) {
+    /// Counts the packet of shadow rays last written; those to a light that nothing can hide are not traced.
+    pub(super) fn commit_shadow_rays<const PLAIN: bool>(&mut self, traced: &Traced, casts: bool) {
         let effects = self.effects::<PLAIN>();
         if !PLAIN {
-            self.feelers.set_source(self.asked);
+            self.shadow_queue.set_source(self.asked);
         }
-        let (packet, feeler) = self.feelers.next();
-        feeler.pixel = *traced.pixel;
+        let (packet, payload) = self.shadow_queue.next();
+        payload.pixel = *traced.pixel;
         if effects.has(Effect::MotionBlur) {
             packet.time = traced.packet.time;
         }
@@ -208,9 +208,9 @@ impl Outcome<'_, '_> {
             // Nothing to ask; but light is summed in the order in which it was found.
             packet.active = [0; LANES];
         }
-        self.feelers.keep();
+        self.shadow_queue.commit();
         if let Some(travels) = traced.travels.filter(|_| effects.has(Effect::Refraction)) {
-            self.feelers.keep_media(travels);
+            self.shadow_queue.set_media(travels);
         }
     }
 }

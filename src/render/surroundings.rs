@@ -1,8 +1,8 @@
 //! What lies behind everything, and the light that an environment map gives to surfaces.
 //!
-//! Rays that miss see the background. With a map, surfaces also send feelers in directions in which it is bright,
+//! Rays that miss see the background. With a map, surfaces also send shadow rays in directions in which it is bright,
 //! picked as points of lights with an extent are ([`super::soft`]). Surfaces that see the map by mirror rays, or by
-//! rays into their lobes, answer these feelers without their lobe: it would count twice.
+//! rays into their lobes, answer these shadow rays without their lobe: it would count twice.
 
 use super::Frame;
 use super::outcome::{Outcome, Stage, Traced};
@@ -105,7 +105,7 @@ impl Frame<'_> {
 }
 
 impl Outcome<'_, '_> {
-    /// Sends feelers to where the environment map is bright.
+    /// Sends shadow rays to where the environment map is bright.
     pub(super) fn ask_surroundings(&mut self, traced: &Traced, lit: &Lit, stage: Stage) {
         let frame = self.frame;
         let Some(environment) = &frame.environment else {

@@ -1,14 +1,14 @@
-//! Shadow feelers in scenes where light goes through surfaces: they are followed straight on, surface by surface, and
+//! Shadow rays in scenes where light goes through surfaces: they are followed straight on, surface by surface, and
 //! take the colour of what they pass.
 //!
 //! The lecture's rule: a transparent occluder tints the light and does not bend it. Each surface takes off what
-//! Fresnel's equations reflect there and multiplies by its colour, each body on the way swallows its part. A feeler
+//! Fresnel's equations reflect there and multiplies by its colour, each body on the way swallows its part. A shadow ray
 //! goes on as the same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
 
 use super::ledger::Account;
 use super::meter::{Accounts, Meter};
 use super::outcome::Outcome;
-use super::queue::{BATCH, Feeler};
+use super::queue::{BATCH, ShadowPayload};
 use super::surface::Surfaces;
 use super::texturing::Widths;
 use super::transparent::Tints;
@@ -19,41 +19,41 @@ use crate::numeric::{LANES, Lanes};
 use crate::optics::LINE_D;
 use crate::scene::Effect;
 
-/// Surfaces after which a feeler counts as blocked: no light is left behind so many of any real material.
+/// Surfaces after which a shadow ray counts as blocked: no light is left behind so many of any real material.
 const MAX_SHEETS: usize = 256;
 
-/// Feelers that wait, what they bring, and the bodies around the points that feel.
-type Waiting<'a> = (&'a mut [RayPacket], &'a mut [Feeler], &'a mut MediaColumn);
+/// Shadow rays that wait, what they bring, and the bodies around the shaded points.
+type Waiting<'a> = (&'a mut [RayPacket], &'a mut [ShadowPayload], &'a mut MediaColumn);
 
 impl Outcome<'_, '_> {
-    /// Lets in the light that reaches the waiting feelers' points, in whatever colour is left of it.
+    /// Lets in the light that reaches the waiting shadow rays' points, in whatever colour is left of it.
     pub(super) fn answer_through_sheets(&mut self, order: RayOrder) {
         let Some(sheets) = &mut self.sheets else { return };
-        let sources = self.feelers.sources();
-        let (packets, feelers, media) = self.feelers.take_with_media();
-        let waiting = (&mut *packets, &mut *feelers, media);
+        let sources = self.shadow_queue.sources();
+        let (packets, payloads, media) = self.shadow_queue.drain_with_media();
+        let waiting = (&mut *packets, &mut *payloads, media);
         let reaches = through_sheets(self.frame, waiting, sheets, &mut self.meter, order);
-        for (((packet, feeler), reach), source) in packets.iter().zip(feelers).zip(&reaches).zip(sources) {
+        for (((packet, payload), reach), source) in packets.iter().zip(payloads).zip(&reaches).zip(sources) {
             if let Some(marches) = &mut self.marches {
-                let samples = marches.dim(packet, reach, &mut feeler.radiance);
+                let samples = marches.dim(packet, reach, &mut payload.radiance);
                 self.meter.ledger.volume_samples += samples;
             }
-            self.film.add(&feeler.pixel, &feeler.radiance, source);
+            self.film.add(&payload.pixel, &payload.radiance, source);
         }
         self.meter.lap(Account::Film);
     }
 }
 
-/// Leaves of the light that feelers bring what the surfaces and bodies on their way let through. Returns how far away,
-/// as ray parameters, the lights are.
+/// Leaves of the light that shadow rays bring what the surfaces and bodies on their way let through. Returns how far
+/// away, as ray parameters, the lights are.
 pub(super) fn through_sheets(
     frame: &Frame,
-    (packets, feelers, media): Waiting,
+    (packets, payloads, media): Waiting,
     sheets: &mut Surfaces,
     meter: &mut Meter,
     order: RayOrder,
 ) -> [Lanes<f32>; BATCH] {
-    // The memory is that of earlier feelers, which have left where they went.
+    // The memory is that of earlier shadow rays, which have left where they went.
     for packet in packets.iter_mut() {
         packet.t_near = [0.0; LANES];
         (0..LANES).for_each(|l| packet.forget_hit(l));
@@ -67,7 +67,7 @@ pub(super) fn through_sheets(
         if !packets.iter().any(RayPacket::any_active) {
             break;
         }
-        let whose = |index: usize| (&feelers[index].pixel, Accounts::All(account));
+        let whose = |index: usize| (&payloads[index].pixel, Accounts::All(account));
         let traced = meter.trace(packets, whose, |packets| frame.accel.intersect(packets, order));
         meter.ledger.book(account, traced);
         account = Account::TransparentShadow;
@@ -78,13 +78,13 @@ pub(super) fn through_sheets(
                     media,
                     index,
                 };
-                way.pass_next(frame, packet, &mut feelers[index], sheets);
+                way.pass_next(frame, packet, &mut payloads[index], sheets);
             }
         }
-        let lanes = (0..packets.len()).map(|index| (&feelers[index].pixel, &packets[index].active));
+        let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[index].active));
         meter.lap_over(account, lanes);
     }
-    for (packet, feeler) in packets.iter_mut().zip(feelers) {
+    for (packet, payload) in packets.iter_mut().zip(payloads) {
         // Whoever is still on the way counts as blocked.
         for l in 0..LANES {
             packet.t_far[l] = if packet.active[l] != 0 {
@@ -93,12 +93,12 @@ pub(super) fn through_sheets(
                 0.0
             };
         }
-        shade::block(packet, &mut feeler.radiance);
+        shade::block(packet, &mut payload.radiance);
     }
     reaches
 }
 
-/// The rest of the way of sixteen feelers.
+/// The rest of the way of sixteen shadow rays.
 struct Way<'a> {
     /// Where the lights are, as ray parameters.
     reach: &'a Lanes<f32>,
@@ -114,7 +114,7 @@ impl Way<'_> {
         mut self,
         frame: &Frame,
         packet: &mut RayPacket,
-        feeler: &mut Feeler,
+        payload: &mut ShadowPayload,
         sheets: &mut Surfaces,
     ) {
         let any_hit = (0..LANES).any(|l| packet.active[l] != 0 && packet.instance[l] != NO_HIT);
@@ -138,8 +138,8 @@ impl Way<'_> {
                 let through = self.tint(frame, packet, sheets, l);
                 (0..3).for_each(|c| left[c] *= through[c]);
             }
-            (0..3).for_each(|c| feeler.radiance[c][l] *= left[c]);
-            let is_dark = (0..3).all(|c| feeler.radiance[c][l] == 0.0);
+            (0..3).for_each(|c| payload.radiance[c][l] *= left[c]);
+            let is_dark = (0..3).all(|c| payload.radiance[c][l] == 0.0);
             if !is_hit || is_dark {
                 packet.active[l] = 0;
                 continue;

@@ -1,12 +1,13 @@
 //! Rays through smoke, fire and fog: what these send to the viewer, and what they leave of all light on its way.
 //!
-//! A traced ray's stretch, from where it begins to what it hits, is marched before the hit is shaded: radiance goes to the
-//! film, and the path goes on with what is left of its weight. Samples are lit by every light and by the environment map
-//! (single scattering, evenly in all directions: the phase function is 1 / 4 pi) through shadow feelers, and by the ambient
-//! light from all around. All feelers, those of surfaces too, lose what lies on their way.
+//! A traced ray's stretch, from where it begins to what it hits, is marched before the hit is shaded: radiance goes to
+//! the film, and the path goes on with what is left of its weight. Samples are lit by every light and by the environment
+//! map (single scattering, evenly in all directions: the phase function is 1 / 4 pi) through shadow rays, and by the
+//! ambient light from all around. All shadow rays, those of surfaces too, lose what lies on their way.
 //!
-//! In f64: what is seen ray by ray, as a march takes many samples a ray, and its packets are those of neighbours along the
-//! ray; feelers by the packet, as theirs are few. Light that a volume sends through a body is not dimmed by that body.
+//! In f64: what is seen ray by ray, as a march takes many samples a ray, and its packets are those of neighbours along
+//! the ray; shadow rays by the packet, as theirs are few. Light that a volume sends through a body is not dimmed by that
+//! body.
 
 use std::f64::consts::PI;
 
@@ -18,7 +19,7 @@ use super::light_layers::{LightSheet, Source};
 use super::memory::Memory;
 use super::meter::{Accounts, Meter};
 use super::outcome::{Outcome, Stage};
-use super::queue::{Feelers, PathPacket};
+use super::queue::{PathPacket, ShadowQueue};
 use super::sampler::Purpose;
 use super::soft::{Draw, Origin};
 use super::surface::Surfaces;
@@ -39,10 +40,10 @@ const PHASE: f32 = (0.25 / PI) as f32;
 pub(super) struct Marches<'f> {
     /// Along traced rays.
     seen: March<'f>,
-    /// Along feelers, while the other is on its way.
+    /// Along shadow rays, while the other is on its way.
     shadow: March<'f>,
     /// From the samples of a march to one light at a time.
-    feelers: Box<Feelers>,
+    shadow_queue: Box<ShadowQueue>,
     /// Where lights are told apart.
     shares: Option<LightShares>,
 }
@@ -54,22 +55,22 @@ impl<'f> Marches<'f> {
         Marches {
             seen: march(),
             shadow: march(),
-            feelers: Feelers::new(frame.effects()),
+            shadow_queue: ShadowQueue::new(frame.effects()),
             shares: LightShares::of(&frame.light_sheet),
         }
     }
 
-    /// Adds what marches and their feelers hold.
+    /// Adds what marches and their shadow rays hold.
     pub(super) fn add_to(&self, memory: &mut Memory) {
-        let own = size_of::<Marches>() + Feelers::BYTES;
-        memory.add(Effect::Volume.name(), "marches and their feelers", own);
-        self.feelers.add_columns_to(memory);
+        let own = size_of::<Marches>() + ShadowQueue::BYTES;
+        memory.add(Effect::Volume.name(), "marches and their shadow rays", own);
+        self.shadow_queue.add_columns_to(memory);
         let shares = self.shares.as_ref().map_or(0, LightShares::byte_count);
         memory.add(Effect::Volume.name(), "light of each lamp", shares);
     }
 
-    /// Takes what lies on the way to the light from the radiance that the feelers of `packet` bring, each of which is as
-    /// long as `reach` says. Returns how many samples that took.
+    /// Takes what lies on the way to the light from the radiance that the shadow rays of `packet` bring, each of which is
+    /// as long as `reach` says. Returns how many samples that took.
     pub(super) fn dim(&mut self, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) -> u64 {
         dim(&mut self.shadow, packet, reach, radiance)
     }
@@ -104,8 +105,8 @@ fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut
 }
 
 impl Outcome<'_, '_> {
-    /// Adds what the rays of a packet see on their way to the film, and returns their weights at its end; `weight` is what
-    /// these would be in clear air.
+    /// Adds what the rays of a packet see on their way to the film, and returns their weights at its end; `weight` is
+    /// what these would be in clear air.
     pub(super) fn march(
         &mut self,
         packet: &RayPacket,
@@ -130,7 +131,7 @@ impl Outcome<'_, '_> {
             let mut lamps = Lamps {
                 frame: self.frame,
                 shadow: &mut marches.shadow,
-                feelers: &mut marches.feelers,
+                shadow_queue: &mut marches.shadow_queue,
                 shares: marches.shares.as_mut(),
                 source: Source::Emission,
                 sheets: self.sheets.as_deref_mut(),
@@ -181,8 +182,8 @@ impl Outcome<'_, '_> {
 
 /// What each light gives to marches.
 ///
-/// A march is linear in its light: it is walked again with what each lamp alone gave to its samples, for which no feeler is
-/// sent, and what shines by itself is taken off.
+/// A march is linear in its light: it is walked again with what each lamp alone gave to its samples, for which no shadow
+/// ray is sent, and what shines by itself is taken off.
 struct LightShares {
     /// Of each plane of lights, the light at the samples of a march, call by call.
     lit: Vec<Vec<Lanes3<f64>>>,
@@ -254,7 +255,7 @@ impl LightShares {
 struct Lamps<'a, 'f, 's> {
     frame: &'a Frame<'s>,
     shadow: &'a mut March<'f>,
-    feelers: &'a mut Feelers,
+    shadow_queue: &'a mut ShadowQueue,
     /// What each light gives, where that is wanted.
     shares: Option<&'a mut LightShares>,
     /// The light that is being asked.
@@ -282,8 +283,8 @@ impl Lamps<'_, '_, '_> {
         for (number, (light, &casts)) in lights.enumerate() {
             self.source = Source::Light(number as u32);
             let LightKind::Area { samples, .. } = light.kind else {
-                let (packet, feeler) = self.feelers.next();
-                if feel(light, points, packet, &mut feeler.radiance) {
+                let (packet, payload) = self.shadow_queue.next();
+                if sample_light(light, points, packet, &mut payload.radiance) {
                     self.add(casts, &mut arriving);
                 }
                 continue;
@@ -299,14 +300,14 @@ impl Lamps<'_, '_, '_> {
                 };
                 let u = self.origin.numbers(&frame.settings, draw);
                 let share = PHASE / samples as f32;
-                let (packet, feeler) = self.feelers.next();
+                let (packet, payload) = self.shadow_queue.next();
                 let radiance = light.intensity.map(|channel| channel * share);
                 let textures = frame.surfaces.textures();
-                if feel_extent(
+                if sample_area_light(
                     (shape, radiance, u),
                     (textures, points),
                     packet,
-                    &mut feeler.radiance,
+                    &mut payload.radiance,
                 ) {
                     self.add(casts, &mut arriving);
                 }
@@ -332,16 +333,16 @@ impl Lamps<'_, '_, '_> {
             };
             let share = PHASE * (sample.pdf * f64::from(draw.of)).recip() as f32;
             let sent = sample.radiance.map(|channel| channel * share);
-            let (packet, feeler) = self.feelers.next();
-            if feel_along((sample.direction, sent), points, packet, &mut feeler.radiance) {
+            let (packet, payload) = self.shadow_queue.next();
+            if sample_direction((sample.direction, sent), points, packet, &mut payload.radiance) {
                 self.add(frame.effects().has(Effect::Shadow), arriving);
             }
         }
     }
 
-    /// Adds to `arriving` what of the light arrives that the packet of feelers written last asks for.
+    /// Adds to `arriving` what of the light arrives that the packet of shadow rays written last asks for.
     fn add(&mut self, casts: bool, arriving: &mut Lanes3<f64>) {
-        self.feelers.next().1.pixel = [self.origin.label; LANES];
+        self.shadow_queue.next().1.pixel = [self.origin.label; LANES];
         let radiance = self.answer(casts);
         if let Some(plane) = self.frame.light_sheet.plane_of(self.source)
             && let Some(shares) = &mut self.shares
@@ -355,23 +356,23 @@ impl Lamps<'_, '_, '_> {
         }
     }
 
-    /// What of the light arrives that the packet of feelers written last asks for.
+    /// What of the light arrives that the packet of shadow rays written last asks for.
     fn answer(&mut self, casts: bool) -> Lanes3<f32> {
-        let reach = self.feelers.next().0.t_far;
+        let reach = self.shadow_queue.next().0.t_far;
         if casts {
             if self.frame.effects().has(Effect::MotionBlur) {
-                self.feelers.next().0.time = [self.time; LANES];
+                self.shadow_queue.next().0.time = [self.time; LANES];
             }
-            self.feelers.keep_medium(&self.media);
-            self.feelers.keep();
-            let (packets, feelers, media) = self.feelers.take_with_media();
-            let lanes = std::iter::once((&feelers[0].pixel, &packets[0].active));
+            self.shadow_queue.set_medium(&self.media);
+            self.shadow_queue.commit();
+            let (packets, payloads, media) = self.shadow_queue.drain_with_media();
+            let lanes = std::iter::once((&payloads[0].pixel, &packets[0].active));
             self.meter.lap_over(Account::Volume, lanes);
             match &mut self.sheets {
                 Some(sheets) => {
                     through_sheets(
                         self.frame,
-                        (&mut *packets, &mut *feelers, media),
+                        (&mut *packets, &mut *payloads, media),
                         sheets,
                         self.meter,
                         self.stage.order,
@@ -379,25 +380,30 @@ impl Lamps<'_, '_, '_> {
                 }
                 None => {
                     let accel = self.frame.accel;
-                    let whose = |_| (&feelers[0].pixel, Accounts::All(Account::Shadow));
+                    let whose = |_| (&payloads[0].pixel, Accounts::All(Account::Shadow));
                     let traced = self.meter.trace(packets, whose, |packets| {
                         accel.occluded(packets, self.stage.order)
                     });
                     self.meter.ledger.book(Account::Shadow, traced);
-                    shade::block(&packets[0], &mut feelers[0].radiance);
+                    shade::block(&packets[0], &mut payloads[0].radiance);
                 }
             }
         }
         // The memory is still that of the packet that was answered.
-        let (packet, feeler) = self.feelers.next();
-        self.meter.ledger.volume_samples += dim(self.shadow, packet, &reach, &mut feeler.radiance);
-        feeler.radiance
+        let (packet, payload) = self.shadow_queue.next();
+        self.meter.ledger.volume_samples += dim(self.shadow, packet, &reach, &mut payload.radiance);
+        payload.radiance
     }
 }
 
-/// Makes the feelers from `points` to one light and what that sends to the viewer where they meet nothing. Returns whether
-/// there is any.
-fn feel(light: &Light, points: &PointLanes, packet: &mut RayPacket, radiance: &mut Lanes3<f32>) -> bool {
+/// Makes the shadow rays from `points` to one light and what that sends to the viewer where they meet nothing. Returns
+/// whether there is any.
+fn sample_light(
+    light: &Light,
+    points: &PointLanes,
+    packet: &mut RayPacket,
+    radiance: &mut Lanes3<f32>,
+) -> bool {
     let arriving = illuminate(light, &points.points);
     let mut any = 0;
     for l in 0..LANES {
@@ -435,9 +441,9 @@ fn feel(light: &Light, points: &PointLanes, packet: &mut RayPacket, radiance: &m
     any != 0
 }
 
-/// The same to the point of a light with an extent that the numbers `u` pick, whose radiance is given. All points of a ray
-/// go by the same numbers.
-fn feel_extent(
+/// The same to the point of a light with an extent that the numbers `u` pick, whose radiance is given. All points of a
+/// ray go by the same numbers.
+fn sample_area_light(
     (light, intensity, u): (&SoftLight, [f32; 3], [f64; 2]),
     (textures, points): (&TextureSet, &PointLanes),
     packet: &mut RayPacket,
@@ -463,7 +469,7 @@ fn feel_extent(
 }
 
 /// The same along one direction, from infinitely far away, for all points of a ray; `sent` is what is sent to the viewer.
-fn feel_along(
+fn sample_direction(
     (direction, sent): (DVec3, [f32; 3]),
     points: &PointLanes,
     packet: &mut RayPacket,

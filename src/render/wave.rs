@@ -1,7 +1,7 @@
 //! Waves: the ray tree of a tile, walked breadth-first so that packets stay full.
 //!
 //! `I(P) = emission + ambient + direct light + I(reflected)`. A generation of rays is traced a few packets at a time,
-//! small enough to stay in the first-level cache; its hits are shaded at once, which emits shadow feelers (answered
+//! small enough to stay in the first-level cache; its hits are shaded at once, which emits shadow rays (answered
 //! before the next few packets) and the rays of the next generation. The tree ends where no ray is left, at the depth
 //! limit, or where a ray's weight falls under the cut-off.
 
@@ -21,7 +21,7 @@ use super::memory::{Held, Memory};
 use super::meter::Accounts;
 use super::outcome::{Outcome, Stage};
 use super::planes::Planes;
-use super::queue::{BATCH, Feelers, Generation, Sorts};
+use super::queue::{BATCH, Generation, ShadowQueue, Sorts};
 use super::sampler::SampleGroup;
 use super::samples::SampleFilm;
 use super::surface::Surfaces;
@@ -358,12 +358,12 @@ impl Wave<'_, '_> {
         for generation in [&self.current, &outcome.next] {
             generation.add_columns_to(&mut memory, effects);
         }
-        let feeling = match effects.has(Effect::Shadow) {
+        let shadow_effect = match effects.has(Effect::Shadow) {
             true => Account::Shadow,
             false => Account::Lighting,
         };
-        memory.add(feeling.name(), "feelers", Feelers::BYTES);
-        outcome.feelers.add_columns_to(&mut memory);
+        memory.add(shadow_effect.name(), "shadow rays", ShadowQueue::BYTES);
+        outcome.shadow_queue.add_columns_to(&mut memory);
         memory.add(
             Account::Surface.name(),
             "points and materials",
@@ -387,8 +387,8 @@ impl Wave<'_, '_> {
         memory
     }
 
-    /// Adds the queues of rays: camera packets wait a batch at a time, and what is beyond that is for what waited there when
-    /// most did.
+    /// Adds the queues of rays: camera packets wait a batch at a time, and what is beyond that is for what waited there
+    /// when most did.
     fn add_queues_to(&self, memory: &mut Memory) {
         let all = self.current.byte_count() + self.outcome.next.byte_count();
         let camera = all.min(BATCH * Generation::PACKET_BYTES);

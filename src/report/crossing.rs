@@ -1,8 +1,8 @@
 //! Where the lines of two ways over the size of a mesh cross: `whit bench --sweep`.
 //!
-//! Of two ways one is ahead at a size if all of its repetitions were better than all of the other's there; elsewhere nobody
-//! can tell. Lines cross between two sizes with different ones ahead, at the place where the medians do, which are joined
-//! by straight lines over both logarithms.
+//! Of two ways one is ahead at a size if all of its repetitions were better than all of the other's there; elsewhere
+//! nobody can tell. Lines cross between two sizes with different ones ahead, at the place where the medians do, which are
+//! joined by straight lines over both logarithms.
 
 use std::fmt::Write;
 

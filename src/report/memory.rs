@@ -5,8 +5,8 @@ use std::fs;
 use crate::render::subsurface_bytes;
 use crate::scene::{Geometry, Scene};
 
-/// A pixel's linear image (12 bytes), its codes on the way into a PNG of 16 bits (6), and the encoded file, which grows in
-/// leaps (10).
+/// A pixel's linear image (12 bytes), its codes on the way into a PNG of 16 bits (6), and the encoded file, which grows
+/// in leaps (10).
 const FILM_BYTES_PER_PIXEL: u64 = 28;
 
 /// Bytes that the film of an image takes, until it is written.

@@ -22,8 +22,8 @@ const MARK: u32 = 240;
 /// A pixel of a letter is this share of the picture's height.
 const LETTER: u32 = 200;
 
-/// Where on the film a ray belongs: a camera ray where it is sent through, any other where it starts. `None` where that is
-/// behind the camera.
+/// Where on the film a ray belongs: a camera ray where it is sent through, any other where it starts. `None` where that
+/// is behind the camera.
 pub fn place(view: &CameraView, difference: &Difference) -> Option<DVec2> {
     let ray = &difference.ray;
     let p = match difference.kind {

@@ -18,8 +18,8 @@ pub struct Tile {
 
 /// The `most` tiles that differ most, worst first, without those that do not differ at all. Both pictures have one size.
 ///
-/// Tiles at the right and the lower edge are moved inward where the picture is no whole number of tiles, and lie partly on
-/// those beside them.
+/// Tiles at the right and the lower edge are moved inward where the picture is no whole number of tiles, and lie partly
+/// on those beside them.
 pub fn worst(reference: &LinearImage, picture: &LinearImage, tone: ToneMap, most: usize) -> Vec<Tile> {
     let size = [reference.width, reference.height].map(|side| side.min(SIDE));
     let rows = starts(reference.height);

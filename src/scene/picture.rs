@@ -31,8 +31,8 @@ pub const MAX_FILTER_RADIUS: f64 = 4.0;
 
 /// How the samples of a pixel are spread over it.
 ///
-/// Sobol points have the least error a sample (figures in the README, measured by `tests/it/image/sampling.rs`); R2 is the
-/// default for the sake of pictures that were made with it.
+/// Sobol points have the least error a sample (figures in the README, measured by `tests/it/image/sampling.rs`); R2 is
+/// the default for the sake of pictures that were made with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(

@@ -199,8 +199,8 @@ pub fn through(
 }
 
 /// The mirror ray of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, zero where the surface is
-/// rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe; the lecture's kr in its lanes. `RICH` is needed where the
-/// material's effects are rich.
+/// rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe; the lecture's kr in its lanes. `RICH` is needed where
+/// the material's effects are rich.
 #[inline(always)]
 pub fn mirror<const RICH: bool>(
     material: &MaterialPacket,

@@ -208,10 +208,10 @@ pub(crate) enum FirstCrossing {
 /// Steps of a march until it gives up: a ray that grazes the surface takes many.
 const MARCH_STEPS: usize = 256;
 
-/// Where a ray that starts well away from the surface of a torus of tube radius `r` first crosses it, in or out, by marches
-/// of the distance that is still free (Hart, "Sphere tracing", 1996), up to where it is within `share` of the parameter:
-/// for all surfaces that are moved by `delta` or less. The distances are off by less than half of `delta`. `None` where that
-/// does not tell, as where the ray grazes.
+/// Where a ray that starts well away from the surface of a torus of tube radius `r` first crosses it, in or out, by
+/// marches of the distance that is still free (Hart, "Sphere tracing", 1996), up to where it is within `share` of the
+/// parameter: for all surfaces that are moved by `delta` or less. The distances are off by less than half of `delta`.
+/// `None` where that does not tell, as where the ray grazes.
 pub(crate) fn first_crossing_of_torus(
     r: f64,
     delta: f64,

@@ -201,7 +201,8 @@ fn first_within([t0, t1]: [f64; 2], [t_near, t_far]: [f64; 2]) -> f64 {
 }
 
 /// Share of r² that the constant term of a ray which approaches may fall to before f64 no longer gives its root to a unit
-/// of f32. The distance |f| is off by 4 roundings of 2^-53 of itself, and so is the term by 8 of r²: 2^-25 of itself here.
+/// of f32. The distance |f| is off by 4 roundings of 2^-53 of itself, and so is the term by 8 of r²: 2^-25 of itself
+/// here.
 const CLOSE: f64 = 1.0 / (1u64 << 25) as f64;
 /// The same for a ray that goes away, whose roots are behind it: only where the term may have the wrong sign.
 const TOUCHING: f64 = 8.0 * f64::EPSILON;

@@ -198,8 +198,8 @@ impl Case {
     }
 }
 
-/// Puts a case to a path with about `rays` questions; Embree is held to the instruction set `isa` if one is given. `judged`
-/// is for all paths that are asked as many questions of the case.
+/// Puts a case to a path with about `rays` questions; Embree is held to the instruction set `isa` if one is given.
+/// `judged` is for all paths that are asked as many questions of the case.
 ///
 /// # Errors
 ///

@@ -1,7 +1,7 @@
 //! Triangles that are hardly there: slivers seen edge-on, and triangles of any bits at all.
 //!
-//! Embree's robust test reports slivers at parameters far beyond its own error bounds now and then; only a path with another
-//! test is required to do better.
+//! Embree's robust test reports slivers at parameters far beyond its own error bounds now and then; only a path with
+//! another test is required to do better.
 
 use glam::{DVec3, Vec3};
 
@@ -127,8 +127,8 @@ impl Needle {
     }
 }
 
-/// Roundings of a triple product, of 2^-53 of its size each: 3 differences, 3 products, 5 sums, and as many for what it is
-/// compared with.
+/// Roundings of a triple product, of 2^-53 of its size each: 3 differences, 3 products, 5 sums, and as many for what it
+/// is compared with.
 const NEEDLE_ERROR: f64 = 16.0 * f64::EPSILON;
 
 /// The first triangle that the ray meets, and where, among those whose numbers `is_near` admits.
@@ -225,8 +225,8 @@ fn any_mesh(random: &mut Random) -> Mesh {
     )
 }
 
-/// Reach of a ray at a triangle below which the sums of a parameter lose digits: 2^-34, as a distance times an edge function
-/// is of its cube, and that times 2^-24 is just normal.
+/// Reach of a ray at a triangle below which the sums of a parameter lose digits: 2^-34, as a distance times an edge
+/// function is of its cube, and that times 2^-24 is just normal.
 const SMALLEST: f32 = 1.0 / (1u64 << 34) as f32;
 
 fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {

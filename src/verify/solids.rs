@@ -4,7 +4,8 @@
 //! the smaller solid surely meets must be hit, and what is hit must lie between the two.
 //!
 //! Embree walks to user geometry without the care that it takes for robust triangles: boxes of shapes are missed by some
-//! roundings of the distance of a ray's origin, which their padding covers for as far away as a camera of the scene stands.
+//! roundings of the distance of a ray's origin, which their padding covers for as far away as a camera of the scene
+//! stands.
 
 use std::sync::Arc;
 

@@ -140,6 +140,6 @@ fn judge(ring_count: u32, size: u32, (exact, found): (&[f64], &[f64]), tally: &m
     error / sum
 }
 
-/// What the light of the analytic sphere may be off by: the normal and the sum over its products are rounded to f32, three
-/// times each.
+/// What the light of the analytic sphere may be off by: the normal and the sum over its products are rounded to f32,
+/// three times each.
 const COSINE_ERROR: f64 = 8.0 / (1 << 24) as f64;

@@ -219,8 +219,8 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// Puts its share of the questions to each of `count` parts, several at once, and adds up what they count: the same for
-    /// every number of threads.
+    /// Puts its share of the questions to each of `count` parts, several at once, and adds up what they count: the same
+    /// for every number of threads.
     pub(super) fn over_parts(
         &self,
         count: usize,
@@ -292,8 +292,8 @@ impl<'a> Trial<'a> {
         tally
     }
 
-    /// Asks for the nearest hits of rays that `ray` makes, and counts what `judge` says of each, and the error that it notes.
-    /// An answer that another subject gave is not judged again.
+    /// Asks for the nearest hits of rays that `ray` makes, and counts what `judge` says of each, and the error that it
+    /// notes. An answer that another subject gave is not judged again.
     pub(super) fn nearest(
         &self,
         engine: &Engine,

@@ -179,8 +179,8 @@ impl EmptySpace {
         }
     }
 
-    /// Up to where along the ray there is nothing, from the empty block on that it is in at `t`: a parameter, computed with
-    /// rounding.
+    /// Up to where along the ray there is nothing, from the empty block on that it is in at `t`: a parameter, computed
+    /// with rounding.
     #[inline(always)]
     pub(super) fn leap(&self, ray: &VoxelRay, t: f64) -> f64 {
         const SIZE: f64 = SIDE as f64;
@@ -276,7 +276,8 @@ fn full_cells(from: [usize; 3], to: [usize; 3], is_empty: impl Fn([usize; 3], [u
     full
 }
 
-/// The box around the blocks whose distance is 0, a voxel wider than they are, which is more than any rounding of a place.
+/// The box around the blocks whose distance is 0, a voxel wider than they are, which is more than any rounding of a
+/// place.
 fn around_matter(distance: &[u8], [nx, ny, nz]: [usize; 3]) -> [DVec3; 2] {
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;

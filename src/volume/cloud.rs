@@ -1,8 +1,8 @@
 //! Procedural clouds: fractal noise in a shape, baked into a grid.
 //!
-//! The density at a point is how far the shape's own density, roughened by noise, exceeds a threshold, so that clouds have
-//! billows and clear sky between them (D. Ebert et al., "Texturing and Modeling: A Procedural Approach", 3rd ed., 2003,
-//! ch. 9: "hypertexture" and "puffy clouds"). What is under the threshold is exactly 0, hence empty space.
+//! The density at a point is how far the shape's own density, roughened by noise, exceeds a threshold, so that clouds
+//! have billows and clear sky between them (D. Ebert et al., "Texturing and Modeling: A Procedural Approach", 3rd ed.,
+//! 2003, ch. 9: "hypertexture" and "puffy clouds"). What is under the threshold is exactly 0, hence empty space.
 
 use glam::{DVec3, Vec3Swizzles};
 

@@ -1,8 +1,8 @@
 //! Compositing front to back: C += (1 - A) alpha c, A += (1 - A) alpha, and the correction of an opacity for the step.
 //!
-//! The operator is that of Porter and Duff ("Compositing digital images", SIGGRAPH 1984), met from the viewer on. An opacity
-//! holds for the step it was measured over; over another step it is 1 - (1 - alpha)^ratio (Bruckner, thesis, 2004,
-//! eq. 3.13), here through logarithms that do not cancel: the plain power loses all of an opacity of 10^-7 in f32.
+//! The operator is that of Porter and Duff ("Compositing digital images", SIGGRAPH 1984), met from the viewer on. An
+//! opacity holds for the step it was measured over; over another step it is 1 - (1 - alpha)^ratio (Bruckner, thesis,
+//! 2004, eq. 3.13), here through logarithms that do not cancel: the plain power loses all of an opacity of 10^-7 in f32.
 
 use super::depth::{opacity, optical_depth};
 

@@ -1,7 +1,7 @@
 //! Sixteen rays through one volume, set up together: where each goes through it, and the steps that may have matter.
 //!
-//! Feelers are short, so that as much is done for a ray as for its samples. Lanes do it for all at once, in the arithmetic
-//! of a ray alone, which gives the same bits.
+//! Shadow rays are short, so that as much is done for a ray as for its samples. Lanes do it for all at once, in the
+//! arithmetic of a ray alone, which gives the same bits.
 
 use std::ops::Range;
 

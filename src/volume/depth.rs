@@ -1,7 +1,8 @@
 //! Opacity from optical depth and back: 1 - exp(-tau) and -ln(1 - alpha), neither of which cancels.
 //!
 //! Straight-line arithmetic with halves of ln 2 and series that converge to the last bit, so that loops over lanes become
-//! vector instructions and every machine gives the same bits. Both are within 3 ulp of the standard library over their range.
+//! vector instructions and every machine gives the same bits. Both are within 3 ulp of the standard library over their
+//! range.
 
 /// ln 2 to its first 33 bits, so that products with small integers are exact.
 const LN2_HIGH: f64 = f64::from_bits(0x3fe6_2e42_fee0_0000);

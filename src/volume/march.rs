@@ -5,8 +5,8 @@
 //! lane waits for another ray. Rays of which transmittance alone is wanted are short: those of a packet fill their lanes
 //! together. Samples in empty space are left out; what they would add is exactly 0, so the bits are those of all samples.
 //!
-//! A march stops once the transmittance T is at most the cut-off. What it leaves out is then at most T times the brightest
-//! source behind, and at most T of the transmittance.
+//! A march stops once the transmittance T is at most the cut-off. What it leaves out is then at most T times the
+//! brightest source behind, and at most T of the transmittance.
 
 use glam::DVec3;
 
@@ -72,8 +72,8 @@ pub struct PointLanes {
     pub active: u16,
 }
 
-/// Light at sixteen points of a ray: the linear RGB radiance that matter of colour 1 sends to the viewer there. For a lamp
-/// of irradiance E that is E times the phase function, which is 1 / 4 pi for matter that scatters evenly.
+/// Light at sixteen points of a ray: the linear RGB radiance that matter of colour 1 sends to the viewer there. For a
+/// lamp of irradiance E that is E times the phase function, which is 1 / 4 pi for matter that scatters evenly.
 pub type Lighting<'l> = &'l mut dyn FnMut(&PointLanes) -> Lanes3<f64>;
 
 /// A march through volumes and fog; it keeps its working memory from ray to ray.

@@ -17,7 +17,6 @@ pub mod cloud;
 pub mod composite;
 mod courses;
 mod depth;
-mod feelers;
 mod fog;
 mod grid;
 mod march;
@@ -26,6 +25,7 @@ mod sample;
 mod steps;
 mod survey;
 mod transfer;
+mod transmittance;
 mod unlit;
 
 #[cfg(test)]

@@ -16,8 +16,8 @@ pub(super) struct Survey {
     pub(super) t: Lanes<f64>,
     /// Their lengths, in units of t.
     pub(super) length: Lanes<f64>,
-    /// How many of them, from the first on, are to be taken; the others are not of the march, or empty like what lies before
-    /// the first.
+    /// How many of them, from the first on, are to be taken; the others are not of the march, or empty like what lies
+    /// before the first.
     pub(super) wanted: usize,
     /// The step to go on from when these are done; what lies between is empty.
     pub(super) next: u64,

@@ -21,7 +21,8 @@ const CLOSE: u8 = 2;
 const CREATE: u8 = 4;
 const UPDATE: u8 = 6;
 
-/// Bytes of pixels that one packet holds at most: tev reads a mebibyte at once, and a slow line is given up on by packets.
+/// Bytes of pixels that one packet holds at most: tev reads a mebibyte at once, and a slow line is given up on by
+/// packets.
 const MAX_BYTES: usize = 1 << 18;
 
 /// A packet in the making.

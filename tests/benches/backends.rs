@@ -4,8 +4,8 @@
 //! width. Tracing takes one thread; the contestants take turns, and medians of five turns are printed.
 //!
 //! Beside them runs a BVH in Rust by others, the compressed wide one of the crate `obvhs` (Ylitie, Karras and Laine 2017,
-//! built after Meister and Bittner 2018), with the same triangles and rays, one ray at a time as it takes them. Of hits it
-//! gives distance and triangle; its test lets rays through at edges now and then, as `fast` does.
+//! built after Meister and Bittner 2018), with the same triangles and rays, one ray at a time as it takes them. Of hits
+//! it gives distance and triangle; its test lets rays through at edges now and then, as `fast` does.
 
 #[path = "../it/support/scenes.rs"]
 mod scenes;

@@ -1,15 +1,15 @@
 //! What a batch takes beyond its tracing, and what layers take beside colours:
 //! `cargo bench --bench batch -- [SCENE] [FRAMES]`.
 //!
-//! **Throughput.** FRAMES (100) turntable frames of SCENE (`scenes/first_light.gltf`), 512x512 pixels with 16 samples, by one
-//! `whit batch`, against FRAMES times the render phase of a frame by itself: the median of five that stand around the same
-//! turntable, each made by a process of its own. The part is that product over the seconds of the whole batch:
+//! **Throughput.** FRAMES (100) turntable frames of SCENE (`scenes/first_light.gltf`), 512x512 pixels with 16 samples, by
+//! one `whit batch`, against FRAMES times the render phase of a frame by itself: the median of five that stand around the
+//! same turntable, each made by a process of its own. The part is that product over the seconds of the whole batch:
 //! loading, building and writing are the rest. Busy is the processor time of the whole process over threads times
 //! seconds. Batches and single frames take turns; medians of the turns are printed.
 //!
-//! **Layers.** The render phase of `whit render` with `--aov depth,normal,albedo,ids` over that without, in turns: the median
-//! of the ratios of neighbours with the range of their middle half, on SCENE and three of the repository's own, 1024x768
-//! pixels with 16 samples, and with one.
+//! **Layers.** The render phase of `whit render` with `--aov depth,normal,albedo,ids` over that without, in turns: the
+//! median of the ratios of neighbours with the range of their middle half, on SCENE and three of the repository's own,
+//! 1024x768 pixels with 16 samples, and with one.
 //!
 //! Scenes are rendered as their files say, with as many threads as there are processors.
 

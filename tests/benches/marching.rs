@@ -1,18 +1,19 @@
-//! Times marches through volumes, with skipping of empty space and without: `cargo bench --bench marching -- [SIZE] [FILM]`.
+//! Times marches through volumes, with skipping of empty space and without: `cargo bench --bench marching -- [SIZE]
+//! [FILM]`.
 //!
 //! **Renders.** Three scenes are rendered on two threads, the film FILM (1024) pixels wide and high with one sample per
 //! pixel: a cube of thin haze of SIZE³ (256³) samples in light from all around, for which no shadow ray is traced; a cube
-//! of thick haze in the sun, with a shadow ray from every sample; neither has an empty block; and `scenes/smoke.toml`. The
-//! rate is samples over the seconds of the whole render, with surfaces and film.
+//! of thick haze in the sun, with a shadow ray from every sample; neither has an empty block; and `scenes/smoke.toml`.
+//! The rate is samples over the seconds of the whole render, with surfaces and film.
 //!
 //! **Marches alone.** FILM x FILM rays are marched through two volumes of SIZE³ samples, with no scene around them: haze
 //! without an empty block, and smoke. For the radiance of volumes that are lit by 1 everywhere, whose rate is that of the
 //! march itself; and, with skipping, for the transmittance alone, as shadow rays do.
 //!
-//! The ways take turns; medians of the turns are printed, and whether all results are the same to the last bit. A *sample*
-//! is one that was interpolated, along a camera ray or a shadow ray. What was skipped is not a sample: its number is printed
-//! as the difference of the two counts. Times and ratios are by wall clock and, where Linux reports it, by processor time,
-//! to which other programs add less.
+//! The ways take turns; medians of the turns are printed, and whether all results are the same to the last bit. A
+//! *sample* is one that was interpolated, along a camera ray or a shadow ray. What was skipped is not a sample: its
+//! number is printed as the difference of the two counts. Times and ratios are by wall clock and, where Linux reports it,
+//! by processor time, to which other programs add less.
 
 use std::error::Error;
 use std::sync::Arc;

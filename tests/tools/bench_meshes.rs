@@ -1,8 +1,8 @@
 //! The subcommand `bench-meshes`: writes meshes that are hard on structures over triangles, each as a `.glb` with a point
 //! light and a camera, into a folder.
 //!
-//! `city.glb`: houses with storeys, ledges and window frames, each a box of its own. `mixed.glb`: boxes of all sizes from a
-//! thousandth to a half, rotated against the axes. `hair.glb`: strands whose thickness is a seven-hundredth of their
+//! `city.glb`: houses with storeys, ledges and window frames, each a box of its own. `mixed.glb`: boxes of all sizes from
+//! a thousandth to a half, rotated against the axes. `hair.glb`: strands whose thickness is a seven-hundredth of their
 //! length. `fans.glb`: cylinders of 400 sides, whose lids are fans of slivers.
 
 use std::f64::consts::TAU;

@@ -1,5 +1,5 @@
-//! The subcommand `bumpy-sphere`: writes a benchmark mesh of any size, a closed, displaced sphere above a ground plane, with
-//! one point light and a camera, as `.glb`. The sphere is `whit::mesh::bumpy_sphere`.
+//! The subcommand `bumpy-sphere`: writes a benchmark mesh of any size, a closed, displaced sphere above a ground plane,
+//! with one point light and a camera, as `.glb`. The sphere is `whit::mesh::bumpy_sphere`.
 
 use std::path::PathBuf;
 

@@ -1,8 +1,8 @@
 //! The subcommand `contact-sheet`: renders scenes at a small size and lays the images out on one sheet.
 //!
-//! Without arguments every scene of `scenes`, four in a row, in the order of the files' names; with `--out` the files that
-//! are named, three in a row, in the order given; with `--effects` a pair of images for each effect, with and without it,
-//! by the table of `scenes/effects.md`.
+//! Without arguments every scene of `scenes`, four in a row, in the order of the files' names; with `--out` the files
+//! that are named, three in a row, in the order given; with `--effects` a pair of images for each effect, with and
+//! without it, by the table of `scenes/effects.md`.
 
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};

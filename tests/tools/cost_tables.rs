@@ -1,6 +1,7 @@
-//! The subcommand `cost-tables`: makes the README's tables of what accuracy costs, from the reports that `whit cost --out`
-//! wrote: the price of halving the error by each knob, and the relative times of the ways to find hits. With `--into FILE`
-//! the tables replace what stands there between the lines `<!-- cost tables -->` and `<!-- end of cost tables -->`.
+//! The subcommand `cost-tables`: makes the README's tables of what accuracy costs, from the reports that `whit cost
+//! --out` wrote: the price of halving the error by each knob, and the relative times of the ways to find hits. With
+//! `--into FILE` the tables replace what stands there between the lines `<!-- cost tables -->` and `<!-- end of cost
+//! tables -->`.
 
 use std::fmt::Write;
 use std::fs;

@@ -1,7 +1,8 @@
-//! The subcommand `neon-knot`: writes the neon tube of `scenes/glow.toml`, a trefoil knot that emits light, as binary glTF.
+//! The subcommand `neon-knot`: writes the neon tube of `scenes/glow.toml`, a trefoil knot that emits light, as binary
+//! glTF.
 //!
-//! The centre line of the tube runs on a torus, three times around its ring while twice around its axis; the torus' normal
-//! is perpendicular to the centre line, so that with it the rings of vertices close without a twist.
+//! The centre line of the tube runs on a torus, three times around its ring while twice around its axis; the torus'
+//! normal is perpendicular to the centre line, so that with it the rings of vertices close without a twist.
 
 use std::f64::consts::TAU;
 use std::fs;

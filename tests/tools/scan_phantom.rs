@@ -1,8 +1,8 @@
 //! The subcommand `scan-phantom`: writes the volume of `scenes/scan.toml`, a head as a tomograph would see it, made of
 //! ellipsoids: 64³ bytes as a NumPy array, indexed `[z, y, x]`.
 //!
-//! The ellipsoids are of our own choice, after the idea of L. Shepp and B. Logan's phantom ("The Fourier reconstruction of
-//! a head section", 1974).
+//! The ellipsoids are of our own choice, after the idea of L. Shepp and B. Logan's phantom ("The Fourier reconstruction
+//! of a head section", 1974).
 
 use std::fs;
 use std::path::PathBuf;

@@ -62,8 +62,8 @@ fn globe() -> RgbaImage {
     })
 }
 
-/// Returns a clear sky in longitude and latitude, brighter towards the horizon and the sun, over pale ground. The sun is a
-/// disk of radius 2 degrees, larger than the true one, so that it covers some pixels.
+/// Returns a clear sky in longitude and latitude, brighter towards the horizon and the sun, over pale ground. The sun is
+/// a disk of radius 2 degrees, larger than the true one, so that it covers some pixels.
 fn sky() -> Rgb32FImage {
     const SUN: [f32; 3] = [-0.62, 0.55, 0.56];
     let length = SUN.iter().map(|x| x * x).sum::<f32>().sqrt();

@@ -1,8 +1,8 @@
 //! Spheres of the world that are asked about together, up to eight to a primitive of the user geometry.
 //!
-//! A callback's time goes by being called and by waiting for memory, and Embree's by walking down to it: eight times fewer
-//! primitives make a tree that is a level lower and eight times smaller, and the spheres of a cluster are loaded together.
-//! Clusters are numbered in the order of a tree, as their boxes will be in Embree's.
+//! A callback's time goes by being called and by waiting for memory, and Embree's by walking down to it: eight times
+//! fewer primitives make a tree that is a level lower and eight times smaller, and the spheres of a cluster are loaded
+//! together. Clusters are numbered in the order of a tree, as their boxes will be in Embree's.
 
 use glam::DVec3;
 
@@ -13,9 +13,9 @@ use crate::shape::Sphere;
 
 /// Most spheres of a cluster.
 pub(super) const MEMBERS: usize = 8;
-/// What it costs Embree's walk to come to a cluster and to call, to ask about one more sphere, and to find its box under one
-/// more node: a ray is asked about all eight in a few vectors, so eight spheres to a call is best nearly everywhere (by
-/// `cargo bench --bench timing -- spheres` anything from 0 to 0.15 for a member is within the noise).
+/// What it costs Embree's walk to come to a cluster and to call, to ask about one more sphere, and to find its box under
+/// one more node: a ray is asked about all eight in a few vectors, so eight spheres to a call is best nearly everywhere
+/// (by `cargo bench --bench timing -- spheres` anything from 0 to 0.15 for a member is within the noise).
 const COST: Cost = Cost {
     limit: MEMBERS as u32,
     visit: 1.0,

@@ -8,8 +8,8 @@
 //! that are rounded twice, over their sum. With `M` the largest coordinate of the box and `R` that of the origin, all of
 //! it is under `16 u (M + R)`, by which boxes are larger on every side.
 //!
-//! The boxes of other user geometry have that room too, on every rung: Embree walks to user geometry by `b/d - o/d`, robust
-//! or not, and finds a side `b` some 3 u of the distance aside.
+//! The boxes of other user geometry have that room too, on every rung: Embree walks to user geometry by `b/d - o/d`,
+//! robust or not, and finds a side `b` some 3 u of the distance aside.
 //!
 //! That is no bound for triangles that are seen nearly edge-on, whose weights may be anything. They are met wherever they
 //! are; but which of two that lie within their own depth of each other is the nearer, rounding decides.

@@ -61,7 +61,8 @@ impl<T> MeshShelf<T> {
     /// What is kept of a mesh, or what `make` makes of it.
     pub(in crate::accel) fn of(&self, mesh: &Mesh, make: impl FnOnce() -> T) -> Arc<T> {
         let label = label(mesh);
-        // Compared while nothing is locked: other threads are waited for, and this one may take up another mesh meanwhile.
+        // Compared while nothing is locked: other threads are waited for, and this one may take up another mesh
+        // meanwhile.
         let alike = self.all().alike(label);
         let arrays = Arrays::of(mesh);
         let found = alike.into_iter().find(|(kept, _)| kept.is_same(&arrays));

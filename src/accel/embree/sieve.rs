@@ -1,15 +1,16 @@
 //! Which rays of a packet surely miss a sphere: all of them at once, in f32.
 //!
-//! Of the sphere around `c` with radius `r` and the ray `o + t d`, let `f = o - c`, `s = -f·d / d·d` where the ray is nearest
-//! to the centre, and `p = f + s d` the way from the centre to there. The ray misses where `|p| > r`, where `s + r / |d| < 0`,
-//! as it starts at 0 or after, and where `s - r / |d|` is beyond its end.
+//! Of the sphere around `c` with radius `r` and the ray `o + t d`, let `f = o - c`, `s = -f·d / d·d` where the ray is
+//! nearest to the centre, and `p = f + s d` the way from the centre to there. The ray misses where `|p| > r`, where `s +
+//! r / |d| < 0`, as it starts at 0 or after, and where `s - r / |d|` is beyond its end.
 //!
-//! With the unit roundoff `u = 2^-24`, rounding the centre and `f` moves the sphere by at most `u (|c| + |f|)`; then `s |d|`
-//! is off by `8 u |f|`, by the usual bounds for products and sums (N. Higham, "Accuracy and Stability of Numerical
+//! With the unit roundoff `u = 2^-24`, rounding the centre and `f` moves the sphere by at most `u (|c| + |f|)`; then `s
+//! |d|` is off by `8 u |f|`, by the usual bounds for products and sums (N. Higham, "Accuracy and Stability of Numerical
 //! Algorithms", 2002, ch. 3), and `p` by `11 u |f|`. The three comparisons are thus right for a radius that is larger by
-//! `u (|c| + 16 |f|)` and by `8 u r` for what they round themselves; that a root is rounded to f32 before it is compared with
-//! the end takes another `u |f|`. Here it is larger by `32 u (|c| + r + |f|)`. Roots in f64 are `2^-24` times as exact where
-//! they are asked for, and where the sphere is behind the start or beyond the end neither comes by cancellation.
+//! `u (|c| + 16 |f|)` and by `8 u r` for what they round themselves; that a root is rounded to f32 before it is compared
+//! with the end takes another `u |f|`. Here it is larger by `32 u (|c| + r + |f|)`. Roots in f64 are `2^-24` times as
+//! exact where they are asked for, and where the sphere is behind the start or beyond the end neither comes by
+//! cancellation.
 
 use crate::mesh::lanes::Isa;
 use crate::numeric::Ray;
@@ -167,7 +168,8 @@ mod tests {
             let scale = 10f64.powi((random.bits() % 25) as i32 - 12);
             let origin = (scale * random.vector()).as_vec3();
             let direction = (10f64.powi((random.bits() % 13) as i32 - 6) * random.vector()).as_vec3();
-            // Centres near and far, ahead and behind; radii that the ray just meets or misses, from a hair to the distance.
+            // Centres near and far, ahead and behind; radii that the ray just meets or misses, from a hair to the
+            // distance.
             let center =
                 origin.as_dvec3() + scale * 10f64.powi(-((random.bits() % 6) as i32)) * random.vector();
             let (f, d) = (origin.as_dvec3() - center, direction.as_dvec3().normalize());

@@ -2,8 +2,8 @@
 //! them at once, for the instruction set at hand.
 //!
 //! In a packet a sphere is asked about in f64 only where not all rays surely miss it (see `sieve`). To the bits of
-//! [`crate::accel::shapes::shape_hit`]; only for spheres that are spheres in the world: ellipsoids carry each ray into object
-//! space and go lane by lane, as all other shapes.
+//! [`crate::accel::shapes::shape_hit`]; only for spheres that are spheres in the world: ellipsoids carry each ray into
+//! object space and go lane by lane, as all other shapes.
 
 use super::call::{Question, answer};
 use super::cluster::{MEMBERS, SphereCluster};
@@ -212,8 +212,8 @@ impl<const W: usize> SphereLanes<'_, W> {
     }
 }
 
-/// One ray against the spheres of a cluster: which it meets first within its interval, and where; of equals the one that is the
-/// instance with the lower number.
+/// One ray against the spheres of a cluster: which it meets first within its interval, and where; of equals the one that
+/// is the instance with the lower number.
 struct ClusterRay<'a> {
     cluster: &'a SphereCluster,
     instances: &'a [u32; MEMBERS],

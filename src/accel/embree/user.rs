@@ -1,6 +1,6 @@
 //! The user geometry: clusters of spheres, patches of watertight triangles, and all other shapes and placed meshes, each
-//! one primitive, tested by callbacks from Embree (see `call`). What moves is a second one, as Embree walks trees of boxes
-//! that move more slowly than those of boxes that do not.
+//! one primitive, tested by callbacks from Embree (see `call`). What moves is a second one, as Embree walks trees of
+//! boxes that move more slowly than those of boxes that do not.
 
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Arc;

@@ -23,7 +23,8 @@ const FEATURE_EXPONENT: f64 = 0.5;
 /// What a screen shows of a pixel of linear radiance.
 type Shown<'a> = dyn Fn([f32; 3]) -> DVec3 + Sync + 'a;
 
-/// The error of each pixel, 0 to 1, of two pictures of one size; `shown` is what a screen shows of a pixel, linear and 0 to 1.
+/// The error of each pixel, 0 to 1, of two pictures of one size; `shown` is what a screen shows of a pixel, linear and 0
+/// to 1.
 pub(super) fn error_map(images: [&LinearImage; 2], shown: &Shown, pixels_per_degree: f64) -> Vec<f32> {
     if images[0].pixels.is_empty() {
         return Vec::new();

@@ -1,8 +1,9 @@
 //! HDR-FLIP: what an observer may see of two pictures at any of the exposures at which they are likely to be looked at.
 //!
-//! P. Andersson, J. Nilsson, P. Shirley and T. Akenine-Möller, "Visualizing Errors in Rendered High Dynamic Range Images",
-//! Eurographics 2021 (short papers). The exposures are one stop or less apart and go from where the reference's brightest
-//! pixel is shown at [`SHOWN`] to where its median is; a pixel's error is the largest that LDR-FLIP sees at any of them.
+//! P. Andersson, J. Nilsson, P. Shirley and T. Akenine-Möller, "Visualizing Errors in Rendered High Dynamic Range
+//! Images", Eurographics 2021 (short papers). The exposures are one stop or less apart and go from where the reference's
+//! brightest pixel is shown at [`SHOWN`] to where its median is; a pixel's error is the largest that LDR-FLIP sees at any
+//! of them.
 
 use glam::DVec3;
 
@@ -12,8 +13,8 @@ use crate::image::LinearImage;
 
 /// What a screen shows, as a part of white, of the pixel that an exposure is made for.
 const SHOWN: f64 = 0.85;
-/// The film-like curve that pictures are shown by: coefficients of x^2, x and 1 above and below the line (K. Narkowicz's fit
-/// of the curve of the Academy Color Encoding System, for radiances of a 0.6th).
+/// The film-like curve that pictures are shown by: coefficients of x^2, x and 1 above and below the line (K. Narkowicz's
+/// fit of the curve of the Academy Color Encoding System, for radiances of a 0.6th).
 const ABOVE: [f64; 3] = [0.36 * 2.51, 0.6 * 0.03, 0.0];
 const BELOW: [f64; 3] = [0.36 * 2.43, 0.6 * 0.59, 0.14];
 /// The least that a reference's median luminance is taken for, so that there are no more than some dozens of exposures.
@@ -77,9 +78,9 @@ mod tests {
     use super::super::pairs::{COUNT, mean, pairs};
     use super::*;
 
-    /// What `flip-evaluator` 1.7, of FLIP's authors, gives for the pairs of LDR-FLIP's tests with radiance 2^(c/32 - 4) for
-    /// the code c: first and last exposure, how many there are, the mean at 67 pixels a degree, and the errors of the pixels
-    /// (0, 0), (11, 8), (12, 8) and (23, 16).
+    /// What `flip-evaluator` 1.7, of FLIP's authors, gives for the pairs of LDR-FLIP's tests with radiance 2^(c/32 - 4)
+    /// for the code c: first and last exposure, how many there are, the mean at 67 pixels a degree, and the errors of the
+    /// pixels (0, 0), (11, 8), (12, 8) and (23, 16).
     const PUBLISHED: [(f64, f64, usize, f64, [f64; 4]); COUNT] = [
         (
             -2.433_073,

@@ -56,8 +56,8 @@ pub struct Deviation {
     pub max: f64,
 }
 
-/// How far a picture is from its reference. All is 0 for equal ones, but for the ratio [`Metrics::psnr`]; which of two is the
-/// reference matters to [`Metrics::rel_mse`] alone.
+/// How far a picture is from its reference. All is 0 for equal ones, but for the ratio [`Metrics::psnr`]; which of two is
+/// the reference matters to [`Metrics::rel_mse`] alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Metrics {
     /// Of linear radiance, before exposure; not a number where a pixel is none.
@@ -79,8 +79,8 @@ pub struct Metrics {
 pub struct Comparison {
     /// In numbers, over the whole picture.
     pub metrics: Metrics,
-    /// Mean structural similarity as displayed, 1 for pictures displayed alike; none for pictures of less than 11 pixels a
-    /// side.
+    /// Mean structural similarity as displayed, 1 for pictures displayed alike; none for pictures of less than 11 pixels
+    /// a side.
     pub ssim: Option<f64>,
     /// LDR-FLIP error of each pixel, 0 to 1, row by row, the top row first.
     pub flip_map: Vec<f32>,
@@ -114,8 +114,8 @@ pub fn compare(
     })
 }
 
-/// HDR-FLIP error of each pixel, 0 to 1, row by row: the largest at any exposure at which `reference` is likely to be looked
-/// at. For pictures of linear radiance.
+/// HDR-FLIP error of each pixel, 0 to 1, row by row: the largest at any exposure at which `reference` is likely to be
+/// looked at. For pictures of linear radiance.
 ///
 /// # Errors
 ///

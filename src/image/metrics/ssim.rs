@@ -1,8 +1,8 @@
 //! SSIM: how alike two pictures are in the lightness, the contrast and the structure around each pixel.
 //!
-//! Z. Wang, A. C. Bovik, H. R. Sheikh and E. P. Simoncelli, "Image Quality Assessment: From Error Visibility to Structural
-//! Similarity", IEEE Transactions on Image Processing 13(4), 2004, with their constants, on the luma of what is displayed;
-//! only pixels whose whole window is in the picture count.
+//! Z. Wang, A. C. Bovik, H. R. Sheikh and E. P. Simoncelli, "Image Quality Assessment: From Error Visibility to
+//! Structural Similarity", IEEE Transactions on Image Processing 13(4), 2004, with their constants, on the luma of what
+//! is displayed; only pixels whose whole window is in the picture count.
 
 use super::as_displayed;
 use super::flip_filter::{Kernel, Plane};

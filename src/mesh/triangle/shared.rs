@@ -79,8 +79,8 @@ impl<const N: usize> ShearLanes<N> {
     /// [`Shear::intersect`] does; `flat` are its corners as [`ShearLanes::flatten`] projects them, `depths` their last
     /// coordinates, and the interval is nearest and farthest parameters.
     ///
-    /// Second are the rays about which only [`Shear::intersect`] can say: those that meet an edge or a corner, and those that
-    /// may have met the triangle before they start.
+    /// Second are the rays about which only [`Shear::intersect`] can say: those that meet an edge or a corner, and those
+    /// that may have met the triangle before they start.
     #[inline(always)]
     pub(crate) fn meet(
         &self,

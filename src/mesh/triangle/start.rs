@@ -5,7 +5,8 @@
 //! places, which of a sliver is a large part of the area, and the parameter by the same part of the triangle's depth. So
 //! a hit that is as near the start as its own error is asked about again, in f64 and from the corners as they are, and is
 //! none where the plane is met behind the start. A hit that stays keeps its parameter: put at the very start it would tie
-//! there with what coincides with it, and which of two boxes that end where a ray starts is entered is a walk's own choice.
+//! there with what coincides with it, and which of two boxes that end where a ray starts is entered is a walk's own
+//! choice.
 //!
 //! With `m` the largest projected coordinate, `R` the largest depth of a corner and `S` the depth between the nearest and
 //! the farthest, all in units of the dominant axis, and `u = 2^-24`: a projected coordinate is off by at most
@@ -54,8 +55,8 @@ impl Shear {
     /// Whether the ray meets the plane of a triangle before `t_near`; false where there is no telling.
     ///
     /// Where it meets the plane is looked for between the nearest and the farthest corner. Its sign is right: differences
-    /// of f32 are exact in f64, and the ray's direction is off in its last place only, which makes the parameter longer or
-    /// shorter.
+    /// of f32 are exact in f64, and the ray's direction is off in its last place only, which makes the parameter longer
+    /// or shorter.
     #[cold]
     #[inline(never)]
     pub(super) fn meets_before(&self, corners: [[f32; 3]; 3], t_near: f32) -> bool {

@@ -2,9 +2,9 @@
 //! samples shared out evenly.
 //!
 //! Let v be the estimated squared error of a pixel's mean, a part u of it noise and the rest that of edges; n its samples
-//! now and m after the round. The pixels' errors will come to Σ v (u n/m + (1 - u) (n/m)^1.5), as evenly spread samples have
-//! it. Were all samples Σ m shared out evenly, each pixel would have their mean number M in the place of m. To either comes
-//! the error of what no sample has met yet.
+//! now and m after the round. The pixels' errors will come to Σ v (u n/m + (1 - u) (n/m)^1.5), as evenly spread samples
+//! have it. Were all samples Σ m shared out evenly, each pixel would have their mean number M in the place of m. To
+//! either comes the error of what no sample has met yet.
 
 /// The sums of a forecast.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

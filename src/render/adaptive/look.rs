@@ -9,8 +9,8 @@ use super::super::estimate::Estimate;
 pub(super) struct Look {
     /// Display value of one standard error of the mean.
     pub(super) error: f64,
-    /// How much of its square is noise, which falls with the number of samples n as 1 / n; the rest is that of edges, which
-    /// falls as 1 / n^1.5.
+    /// How much of its square is noise, which falls with the number of samples n as 1 / n; the rest is that of edges,
+    /// which falls as 1 / n^1.5.
     pub(super) noise: f64,
     /// Display values of the darkest and the brightest sample.
     pub(super) extremes: [f64; 2],

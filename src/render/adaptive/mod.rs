@@ -1,32 +1,33 @@
 //! Adaptive sampling: more samples where a pixel's mean is still uncertain, as seen on a screen.
 //!
 //! The picture is rendered in rounds. The first gives every pixel sixteen samples; each later one doubles those of the
-//! pixels that want more, as evenly spread points are evenest at powers of two. All of a round is known before the next is
-//! decided, so decisions depend on the picture alone, not on threads or tiles. A pixel wants more samples while one of these
-//! holds:
+//! pixels that want more, as evenly spread points are evenest at powers of two. All of a round is known before the next
+//! is decided, so decisions depend on the picture alone, not on threads or tiles. A pixel wants more samples while one of
+//! these holds:
 //!
 //! 1. *Its mean is uncertain*: one standard error of its mean luminance, brighter, is a display value off by more than
-//!    the target. That of n evenly spread samples is σ / n^¾ where edges are: an edge crosses about √n of n cells, and all
-//!    others are certain. It is σ / √n where the samples are noise. How much is which, [`Kinds`] tell.
-//! 2. *Its neighbourhood is uncertain*: so is the root mean square of those errors over the pixel and the eight around it.
-//!    Estimates from few samples are uncertain themselves; neighbours vouch for each other.
-//! 3. *Its neighbours know something that it has not seen*: where one of them saw a sample that is brighter or darker by a
-//!    display value of c than any of its own n, c / (n + 1) is more than the target. By Laplace's rule of succession,
-//!    1 / (n + 1) or so is what something unseen in n samples may cover.
+//!    the target. That of n evenly spread samples is σ / n^¾ where edges are: an edge crosses about √n of n cells, and
+//!    all others are certain. It is σ / √n where the samples are noise. How much is which, [`Kinds`] tell.
+//! 2. *Its neighbourhood is uncertain*: so is the root mean square of those errors over the pixel and the eight around
+//!    it. Estimates from few samples are uncertain themselves; neighbours vouch for each other.
+//! 3. *Its neighbours know something that it has not seen*: where one of them saw a sample that is brighter or darker by
+//!    a display value of c than any of its own n, c / (n + 1) is more than the target. By Laplace's rule of succession, 1
+//!    / (n + 1) or so is what something unseen in n samples may cover.
 //! 4. *It inherits*: it has had one round only and the mean of a neighbour is uncertain.
 //!
 //! Then [`Forecast`] tells whether the round does more than its samples would if all pixels shared them. Where most of a
-//! picture is about equally uncertain that is not so, and the pixels with the fewest samples join the round: such pictures
-//! are sampled evenly. The forecast also knows of things too small to be met. By Good and Turing's estimate (I. J. Good, "The
-//! population frequencies of species", Biometrika 40, 1953) what no sample has met covers about as much as what a single
-//! sample has met: for every pixel with one sample that differs from all its others and from its neighbours', as much lies
-//! hidden elsewhere. While its root mean square over the picture is more than the target, rounds go on.
+//! picture is about equally uncertain that is not so, and the pixels with the fewest samples join the round: such
+//! pictures are sampled evenly. The forecast also knows of things too small to be met. By Good and Turing's estimate (I.
+//! J. Good, "The population frequencies of species", Biometrika 40, 1953) what no sample has met covers about as much as
+//! what a single sample has met: for every pixel with one sample that differs from all its others and from its
+//! neighbours', as much lies hidden elsewhere. While its root mean square over the picture is more than the target,
+//! rounds go on.
 //!
-//! A thing smaller than a sixteenth of a pixel that has neither a larger neighbour nor its like elsewhere may be missed: no
-//! later round looks where the first saw nothing. `tests/it/image/sampling.rs` measures what all of this saves.
+//! A thing smaller than a sixteenth of a pixel that has neither a larger neighbour nor its like elsewhere may be missed:
+//! no later round looks where the first saw nothing. `tests/it/image/sampling.rs` measures what all of this saves.
 //!
-//! Between two rounds, and between two tiles of one, all that later ones need is in [`Rounds`]: whoever keeps that can go on
-//! at another time, to the same bits.
+//! Between two rounds, and between two tiles of one, all that later ones need is in [`Rounds`]: whoever keeps that can go
+//! on at another time, to the same bits.
 
 mod checkpoints;
 mod forecast;
@@ -81,7 +82,8 @@ const VISIT_BYTES: usize = size_of::<Visit>() + size_of::<Estimate>();
 /// What a pixel takes between two rounds besides its estimate.
 pub(super) const LOOK_BYTES: usize = size_of::<Look>() + size_of::<Turn>();
 
-/// What the samples of every pixel of the canvas tell, row by row, and what they took. `None` if the render was cancelled.
+/// What the samples of every pixel of the canvas tell, row by row, and what they took. `None` if the render was
+/// cancelled.
 pub(super) fn render(
     frame: &mut Frame,
     target: Adaptive,
@@ -148,8 +150,8 @@ pub(super) fn render(
     }
 }
 
-/// Makes rays as wide as [`pilot`] finds; what that took. The pixels that were asked last have had their first round, unless
-/// its rays were of another width. `None` if the render was cancelled.
+/// Makes rays as wide as [`pilot`] finds; what that took. The pixels that were asked last have had their first round,
+/// unless its rays were of another width. `None` if the render was cancelled.
 fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Monitor) -> Option<Ledger> {
     let size = [picture.width, picture.height];
     let turn = |index: usize| match pilot::is_asked([index % size[0], index / size[0]], size) {

@@ -170,8 +170,8 @@ impl Picture {
         counts.map(|estimate| u64::from(estimate.count)).sum()
     }
 
-    /// Samples that pixels of the round at hand are likely to want after it, by the errors that they had before it; `None`
-    /// where no round has ended since the picture was begun or gone on with.
+    /// Samples that pixels of the round at hand are likely to want after it, by the errors that they had before it;
+    /// `None` where no round has ended since the picture was begun or gone on with.
     pub(super) fn likely_later(&self) -> Option<u64> {
         if self.looks.is_empty() {
             return None;

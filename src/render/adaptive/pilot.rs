@@ -1,12 +1,12 @@
 //! A pilot for adaptive sampling: to how many even samples a pixel its samples will come up.
 //!
-//! Textures are blurred over what a sample stands for, so rays must be as wide as for the number of samples before the first
-//! is taken. Narrower rays leave gaps between samples, wider ones blur beyond the pixel, and rounds that each have a width
-//! of their own do both. Adaptive sampling is to give what so many even samples give, for less; so its rays are as wide as
-//! theirs. One pixel of every block of 8 x 8 has its first round before all others. By its error it tells in which round the
-//! target will be reached, and all of them together how many even samples have the same error; how much of it is noise they
-//! tell together as well. Rays as wide as for those may see more detail, so these pixels have their first round again until
-//! the number settles.
+//! Textures are blurred over what a sample stands for, so rays must be as wide as for the number of samples before the
+//! first is taken. Narrower rays leave gaps between samples, wider ones blur beyond the pixel, and rounds that each have
+//! a width of their own do both. Adaptive sampling is to give what so many even samples give, for less; so its rays are
+//! as wide as theirs. One pixel of every block of 8 x 8 has its first round before all others. By its error it tells in
+//! which round the target will be reached, and all of them together how many even samples have the same error; how much
+//! of it is noise they tell together as well. Rays as wide as for those may see more detail, so these pixels have their
+//! first round again until the number settles.
 
 use super::super::estimate::Estimate;
 use super::forecast::Forecast;
@@ -122,8 +122,8 @@ mod tests {
         let gray = estimate(&[0.5; 16]);
         // Those without an error are certain after any number of samples.
         assert_eq!(even_count(&[half, gray, gray, gray], target, 4096), 256);
-        // One that has the target after the first round keeps its error, 1/7.9 of the other's: of (7.9² + 1) / n^1.5 is left
-        // 7.9² / 16^1.5 + 1, so n is 16 · (63.41 / 1.975)^(2/3) = 161.6: 162.
+        // One that has the target after the first round keeps its error, 1/7.9 of the other's: of (7.9² + 1) / n^1.5 is
+        // left 7.9² / 16^1.5 + 1, so n is 16 · (63.41 / 1.975)^(2/3) = 161.6: 162.
         let mut calm = [0.0; 16];
         calm.iter_mut()
             .enumerate()

@@ -1,5 +1,5 @@
-//! How much of an adaptively sampled picture is done, counted in samples: those that were taken, and those that pixels are
-//! likely to want yet by what their errors are now.
+//! How much of an adaptively sampled picture is done, counted in samples: those that were taken, and those that pixels
+//! are likely to want yet by what their errors are now.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -16,7 +16,8 @@ pub(super) struct Progress {
     finished: AtomicU64,
     /// Likely in the end.
     all: u64,
-    /// The bits of the greatest fraction so far, which ascend as the numbers do: a forecast that rises takes back nothing.
+    /// The bits of the greatest fraction so far, which ascend as the numbers do: a forecast that rises takes back
+    /// nothing.
     greatest: AtomicU64,
 }
 

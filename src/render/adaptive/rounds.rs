@@ -179,8 +179,8 @@ impl Missed {
         self.squares += other.squares;
     }
 
-    /// The squared error of all pixels together, less its own standard error: one find alone, like a lamp's image in a far
-    /// mirror, says nothing about the rest of the picture.
+    /// The squared error of all pixels together, less its own standard error: one find alone, like a lamp's image in a
+    /// far mirror, says nothing about the rest of the picture.
     pub(super) fn square(&self) -> f64 {
         (self.sum - self.squares.sqrt()).max(0.0)
     }

@@ -25,7 +25,7 @@ use crate::scene::{Camera, Effect, EffectOverrides, EffectSet, Scene};
 pub struct Plan {
     /// One for every effect, in the order of [`Effect::ALL`].
     pub decisions: Vec<Decision>,
-    /// For every light whether its feelers are traced.
+    /// For every light whether its shadow rays are traced.
     pub casting: Vec<bool>,
     on: EffectSet,
     forced: EffectSet,

@@ -13,7 +13,7 @@ use crate::shape::Shape;
 /// Objects whose pairs are looked at; in larger scenes every light is taken to be hidden somewhere.
 const MAX_OBJECTS: usize = 64;
 
-/// What one light's feelers can meet.
+/// What one light's shadow rays can meet.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightReach {
     /// Whether anything may hide it.
@@ -48,7 +48,7 @@ struct Object<'s> {
     hides_itself: bool,
 }
 
-/// What each light's feelers can meet, in the order of the lights.
+/// What each light's shadow rays can meet, in the order of the lights.
 pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightReach> {
     if scene.instances.len() > MAX_OBJECTS {
         let reason = format!("any of {} objects", scene.instances.len());

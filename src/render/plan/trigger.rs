@@ -1,7 +1,7 @@
 //! What calls for an effect: one entry for every way in which a scene may ask for it.
 //!
-//! A trigger must fire wherever the effect could change a bit of the picture; that it does not fire elsewhere saves
-//! time. `tests/it/scenes/effect_plan.rs` removes the triggers one by one and sees to it that a picture changes each time.
+//! A trigger must fire wherever the effect could change a bit of the picture; that it does not fire elsewhere saves time.
+//! `tests/it/scenes/effect_plan.rs` removes the triggers one by one and sees to it that a picture changes each time.
 
 use super::Facts;
 use crate::optics::{Absorption, LINE_D};

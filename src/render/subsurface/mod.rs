@@ -2,7 +2,7 @@
 //! body there of all the light that enters it anywhere.
 //!
 //! Before the first wave every such body is covered with points ([`points`]), and the light that gets in at each of
-//! them is found by the feelers that surfaces send ([`receive`]): from lights of every kind, the environment map and
+//! them is found by the shadow rays that surfaces send ([`receive`]): from lights of every kind, the environment map and
 //! the ambient light, through whatever hides or colours it. A tree over the points ([`IrradianceTree`]) then tells the
 //! radiant exitance at every hit. Reflection stays the surface's own. Light that one body or mirror sends to another
 //! does not enter.

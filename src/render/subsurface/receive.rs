@@ -1,4 +1,4 @@
-//! The light that gets into a body at its points, by the feelers that surfaces send.
+//! The light that gets into a body at its points, by the shadow rays that surfaces send.
 //!
 //! Each point becomes a hit, seen along its normal, and a film of as many pixels as a tile has collects what arrives.
 //! So points go through the same code as what the camera sees, and random points of lights are numbered by place and
@@ -139,7 +139,7 @@ impl<'f, 's> Receiver<'f, 's> {
             };
             self.outcome.ask_lights::<false>(&traced, &lit, stage);
         }
-        self.outcome.answer_feelers::<false>(stage.order);
+        self.outcome.trace_shadow_rays::<false>(stage.order);
         let sums = &self.outcome.film.sums()[..points.len()];
         let total = |sum: &[f64; 3]| {
             let channel = |c: usize| match sum[c] + self.ambient[c] {

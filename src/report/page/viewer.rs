@@ -34,8 +34,8 @@ pub fn picture(view: &View, scale: u32) -> std::io::Result<String> {
     ))
 }
 
-/// A viewer of `views`, the first two of which can be slid over each other and take turns. Without a script, and on paper,
-/// all are shown one below the other.
+/// A viewer of `views`, the first two of which can be slid over each other and take turns. Without a script, and on
+/// paper, all are shown one below the other.
 ///
 /// # Errors
 ///

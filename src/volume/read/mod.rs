@@ -8,8 +8,8 @@
 //!
 //! OpenVDB files are refused with the advice to convert them. The one crate that reads them in Rust, vdb-rs, has had no
 //! release since January 2024, does not build its own documentation, panics on files that are damaged or of an older
-//! version, forgets background values and constant tiles, and unpacks untrusted bytes through C; the OpenVDB library itself
-//! is C++ with a dozen dependencies.
+//! version, forgets background values and constant tiles, and unpacks untrusted bytes through C; the OpenVDB library
+//! itself is C++ with a dozen dependencies.
 
 mod element;
 mod npy;

@@ -1,5 +1,5 @@
-//! NRRD, "nearly raw raster data" (G. Kindlmann, teem.sourceforge.net/nrrd/format.html): lines of text, an empty line, then
-//! numbers; or the numbers in a file of their own.
+//! NRRD, "nearly raw raster data" (G. Kindlmann, teem.sourceforge.net/nrrd/format.html): lines of text, an empty line,
+//! then numbers; or the numbers in a file of their own.
 //!
 //! Encodings are raw, gzip and text. Of four axes the first or the last is that of channels.
 

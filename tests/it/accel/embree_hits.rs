@@ -83,8 +83,8 @@ fn hit(scene: &Scene, ray: Ray) -> Option<Hit> {
     answers[0]
 }
 
-/// Embree multiplies by reciprocals that it improves from what the processor guesses: on some processors all three numbers
-/// of a hit are a rounding aside.
+/// Embree multiplies by reciprocals that it improves from what the processor guesses: on some processors all three
+/// numbers of a hit are a rounding aside.
 fn assert_nearly<const N: usize>(found: [f32; N], exact: [f32; N]) {
     let is_near = |(found, exact): (&f32, &f32)| (found - exact).abs() <= f32::EPSILON * exact;
     assert!(found.iter().zip(&exact).all(is_near), "{found:?}, not {exact:?}");

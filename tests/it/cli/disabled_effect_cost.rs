@@ -1,19 +1,19 @@
 //! What a scene does not call for costs nothing by being there, counted in instructions.
 //!
-//! Three builds of `whit` are run under `valgrind --tool=callgrind`: as it is, without the code of all effects but shadows
-//! and mirrors, and without the code of all effects (`WHIT_WITHOUT` in the compiler's environment, see `scene::Effect`). A
-//! scene in which nothing but shadows and mirrors is on, or shadows alone, must take the first two equally many
-//! instructions, to 0.1 %, and a scene in which nothing is on the first and the third.
+//! Three builds of `whit` are run under `valgrind --tool=callgrind`: as it is, without the code of all effects but
+//! shadows and mirrors, and without the code of all effects (`WHIT_WITHOUT` in the compiler's environment, see
+//! `scene::Effect`). A scene in which nothing but shadows and mirrors is on, or shadows alone, must take the first two
+//! equally many instructions, to 0.1 %, and a scene in which nothing is on the first and the third.
 //!
 //! As that holds for the absence of all these effects together, it holds for each: code that is absent takes no more
 //! instructions than code that is there, so what one effect's code takes is at most what all take. And it is the hardest
-//! of cases: the scenes have few objects, one light and rays that end soon, so that whatever is asked once a packet or once
-//! a light is a larger share of their instructions than of those of any scene that calls for more.
+//! of cases: the scenes have few objects, one light and rays that end soon, so that whatever is asked once a packet or
+//! once a light is a larger share of their instructions than of those of any scene that calls for more.
 //!
-//! Instructions are those of rendering alone: the count at one sample a pixel is subtracted from that at more. Each count is
-//! the least of three, as now and then a run takes some ten thousand more before it renders. Embree is held to one
-//! instruction set, and there is one thread. Embree calls back equally often in both builds, and never for
-//! what is off; that rays of effects that are off are none is held by `tests/it/scenes/effect_plan.rs` for random scenes.
+//! Instructions are those of rendering alone: the count at one sample a pixel is subtracted from that at more. Each count
+//! is the least of three, as now and then a run takes some ten thousand more before it renders. Embree is held to one
+//! instruction set, and there is one thread. Embree calls back equally often in both builds, and never for what is off;
+//! that rays of effects that are off are none is held by `tests/it/scenes/effect_plan.rs` for random scenes.
 //!
 //! `tests/ci/disabled_effects.sh` makes the builds and runs this; without them the test says so and passes.
 

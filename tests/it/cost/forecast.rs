@@ -1,7 +1,7 @@
 //! The forecast of `whit info`: a probe of a few strips sees what the whole picture takes.
 //!
-//! `cargo bench --bench timing -- forecast_shares` holds the shares of time against a render's ledger, which needs a quiet
-//! machine.
+//! `cargo bench --bench timing -- forecast_shares` holds the shares of time against a render's ledger, which needs a
+//! quiet machine.
 
 use std::sync::atomic::AtomicBool;
 

@@ -1,5 +1,5 @@
-//! EXR files as other readers see them: OpenEXR's own tools and OpenImageIO's, where they are installed (Debian's packages
-//! `openexr` and `openimageio-tools`).
+//! EXR files as other readers see them: OpenEXR's own tools and OpenImageIO's, where they are installed (Debian's
+//! packages `openexr` and `openimageio-tools`).
 
 use std::path::Path;
 

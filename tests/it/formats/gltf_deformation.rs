@@ -242,7 +242,8 @@ fn targets_displace_vertices_before_their_joints_move_them() {
 fn normals_of_a_skin_go_by_the_inverse_transpose() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = skinned();
-    // Joints twice as wide in y, the second as the child of the first: (0, 1, 1) becomes (0, 1/2, 1) before it is made unit.
+    // Joints twice as wide in y, the second as the child of the first: (0, 1, 1) becomes (0, 1/2, 1) before it is made
+    // unit.
     file.json["nodes"][1]["scale"] = json!([1, 2, 1]);
     let half = std::f32::consts::FRAC_1_SQRT_2;
     let normals = file.floats("VEC3", &[0.0, half, half].repeat(3));

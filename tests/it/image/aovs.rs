@@ -1,5 +1,6 @@
-//! Layers of what camera rays meet first: depth, normals, albedo, places, texture coordinates, ids and motion, against what
-//! is known in closed form; and that nobody who wants none, nor any picture, notices them. Cryptomatte has tests of its own.
+//! Layers of what camera rays meet first: depth, normals, albedo, places, texture coordinates, ids and motion, against
+//! what is known in closed form; and that nobody who wants none, nor any picture, notices them. Cryptomatte has tests of
+//! its own.
 
 use std::f64::consts::FRAC_PI_4;
 use std::path::Path;

@@ -310,8 +310,8 @@ fn measured_scenes() -> Vec<(String, Scene, RenderSettings)> {
 const SAVING: f64 = 0.4;
 /// What it takes at most, on any, with any target.
 const COST: f64 = 1.05;
-/// How uncertain the square of an error may be to count. Highlights of mirrors in mirrors, brighter than a thousand samples
-/// of white, make pictures whose error no reference tells.
+/// How uncertain the square of an error may be to count. Highlights of mirrors in mirrors, brighter than a thousand
+/// samples of white, make pictures whose error no reference tells.
 const TOLD: f64 = 0.1;
 /// Targets: two and a half 8-bit codes, one and a bit, less than one.
 const TARGETS: [f64; 3] = [0.01, 0.005, 0.0025];

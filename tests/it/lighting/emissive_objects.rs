@@ -230,7 +230,7 @@ fn shadows_of_lamps_are_as_soft_as_those_of_lights() {
     let view = look_at(DVec3::ZERO, 1.5);
     for backend in [Backend::Bsp, Backend::default()] {
         let [a, b] = [&light, &lamp].map(|scene| picture(scene, &view, backend, &settings(48, 4)));
-        // The same points of the same ball; a feeler that just meets the wall's edge may be another's.
+        // The same points of the same ball; a shadow ray that just meets the wall's edge may be another's.
         let differ = a
             .pixels
             .iter()

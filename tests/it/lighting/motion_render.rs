@@ -138,7 +138,7 @@ fn a_moving_quad_fades_in_and_out_along_straight_ramps() {
     }
 }
 
-/// Far from everything, a ball of glass: it has feelers go through surfaces.
+/// Far from everything, a ball of glass: it has shadow rays go through surfaces.
 fn glass_far_away() -> (Shape, Material, [DAffine3; 2]) {
     let glass = Material {
         model: Model::MetallicRoughness(MetallicRoughness {

@@ -280,7 +280,7 @@ fn neither_the_ambient_light_nor_an_environment_map_nor_a_lamp_counts_twice() {
     let exact = reflected(alpha(roughness), wo, |_| 1.0, |_| 1.0);
     assert_is_near("environment map", &mapped, wo, exact);
 
-    // Rays do not see lamps, so nothing is added to what feelers bring.
+    // Rays do not see lamps, so nothing is added to what shadow rays bring.
     let [with, without] = [4, 0].map(|rays| {
         let mut lamp = furnace(paint(rays));
         lamp.background = Background::default();

@@ -384,7 +384,7 @@ fn sheet(height: f64) -> Scene {
     )
 }
 
-/// What one sees of the middle of the scene, also where feelers are traced that nothing can stop.
+/// What one sees of the middle of the scene, also where shadow rays are traced that nothing can stop.
 fn middle(scene: &Scene) -> [f64; 3] {
     let camera = from_above(1.0, 1e-6);
     let all = RenderSettings {

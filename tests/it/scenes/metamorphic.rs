@@ -2,9 +2,9 @@
 //!
 //! What a picture ought to be nobody need know for this: both pictures come from one file, read and changed as its author
 //! would. A rotation about the camera or a factor on all lengths, with the intensity of lamps by its square, changes
-//! nothing that is seen. Where coordinates are rounded otherwise, a ray may fall to the other side of an edge, so one pixel
-//! in ten thousand may differ by more than a step of an 8-bit picture. Powers of two round nothing, so they may not change
-//! one bit.
+//! nothing that is seen. Where coordinates are rounded otherwise, a ray may fall to the other side of an edge, so one
+//! pixel in ten thousand may differ by more than a step of an 8-bit picture. Powers of two round nothing, so they may not
+//! change one bit.
 
 use std::fs;
 use std::path::Path;

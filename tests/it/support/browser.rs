@@ -45,8 +45,8 @@ pub(crate) fn chromium() -> Option<&'static str> {
     found
 }
 
-/// What the browser finds in a page, looked at with these flags: `probe` is the body of a function of JavaScript that returns
-/// it once the page is loaded; what went wrong, was loaded or said on the console is there too.
+/// What the browser finds in a page, looked at with these flags: `probe` is the body of a function of JavaScript that
+/// returns it once the page is loaded; what went wrong, was loaded or said on the console is there too.
 pub(crate) fn looked_at(browser: &str, page: &Path, probe: &str, flags: &[&str]) -> Value {
     let text = fs::read_to_string(page).unwrap();
     let text = text

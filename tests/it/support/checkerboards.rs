@@ -1,8 +1,8 @@
 //! A checkerboard of black and white squares up to the horizon, seen without light, alone or with a ball before the
 //! camera.
 //!
-//! The board comes in three kinds: a procedure, an image with mipmaps, and, not filtered, an image of four texels of which
-//! the nearest counts. The sky is the board's mean.
+//! The board comes in three kinds: a procedure, an image with mipmaps, and, not filtered, an image of four texels of
+//! which the nearest counts. The sky is the board's mean.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;

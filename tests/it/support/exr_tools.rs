@@ -8,8 +8,8 @@ pub fn tool(name: &str, arguments: &[&str]) -> Option<(bool, String)> {
         Ok(output) => {
             let words = [output.stdout, output.stderr].concat();
             let words = String::from_utf8_lossy(&words).into_owned();
-            // The exit code of `exrinfo` 3.1.5, Debian 12's, is a count that it never sets: a quarter of its runs on sound
-            // files end with another than zero. What it finds wrong it prints.
+            // The exit code of `exrinfo` 3.1.5, Debian 12's, is a count that it never sets: a quarter of its runs on
+            // sound files end with another than zero. What it finds wrong it prints.
             let is_well = if name == "exrinfo" {
                 !words.contains("ERROR")
             } else {

@@ -20,7 +20,7 @@ pub enum Decision {
     Nothing,
     /// Which primitive a camera or reflected ray meets: near an edge, or two at the same depth.
     Nearest,
-    /// Whether a feeler is blocked.
+    /// Whether a shadow ray is blocked.
     Shadow,
     /// To which side a normal points.
     Facing,

@@ -62,13 +62,13 @@ impl<'s> Judge<'s> {
         .unwrap()
     }
 
-    /// Root mean square error of sRGB values, black 0 and white 1, and how uncertain the references leave its square, as a
-    /// part of it.
+    /// Root mean square error of sRGB values, black 0 and white 1, and how uncertain the references leave its square, as
+    /// a part of it.
     ///
-    /// With x the picture, a and b the references, each the truth and an error of its own, the mean of (x - a)(x - b)
-    /// is that of the picture's squared error alone: no error of the references is left but by chance. With the variance v
-    /// of a reference, of which (a - b)² / 2 is an estimate, a product has by chance a variance of 2 v times the picture's
-    /// squared error, and v² for the product of both. Of a normal error, the squared estimate of v is 3 v². The
+    /// With x the picture, a and b the references, each the truth and an error of its own, the mean of (x - a)(x - b) is
+    /// that of the picture's squared error alone: no error of the references is left but by chance. With the variance v
+    /// of a reference, of which (a - b)² / 2 is an estimate, a product has by chance a variance of 2 v times the
+    /// picture's squared error, and v² for the product of both. Of a normal error, the squared estimate of v is 3 v². The
     /// channels of a pixel are taken to err together.
     pub fn error(&self, image: &LinearImage) -> [f64; 2] {
         let [a, b] = &self.references;

@@ -164,7 +164,7 @@ fn a_lamp_behind_a_surface_or_behind_something_gives_nothing() {
     let mut scene = square_seen_from_two_metres(matte([1.0; 3], 0.5));
     lamp_at(&mut scene, DVec3::new(2.0, 0.0, 2.0), 10.0);
     assert!(pixel(&scene, SINGLE).radiance.x.value > 0.01);
-    // A ball around the middle of the feeler.
+    // A ball around the middle of the shadow ray.
     let sphere = Geometry::Shape(Shape::Sphere(Sphere {
         center: DVec3::new(1.0, 0.0, 1.0),
         radius: 0.2,

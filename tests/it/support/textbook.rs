@@ -218,7 +218,7 @@ impl Textbook<'_> {
         if surely_dark || !surface.rises(wi, doubt) {
             return Approx3::ZERO;
         }
-        let feeler = Ray {
+        let shadow_ray = Ray {
             origin: surface.start,
             direction: toward(light, surface.start),
             t_near: Approx::ZERO,
@@ -234,13 +234,13 @@ impl Textbook<'_> {
         if answer.value() + answer.error() == DVec3::ZERO {
             return Approx3::ZERO;
         }
-        answer * intensity * self.reaching(feeler, &meeting.path.bodies, doubt)
+        answer * intensity * self.reaching(shadow_ray, &meeting.path.bodies, doubt)
     }
 
-    /// What is left of the light at the end of a feeler. It goes straight on through whatever lets light through.
-    fn reaching(&self, mut feeler: Ray, bodies: &Bodies, doubt: &mut Doubt) -> Approx3 {
+    /// What is left of the light at the end of a shadow ray. It goes straight on through whatever lets light through.
+    fn reaching(&self, mut shadow_ray: Ray, bodies: &Bodies, doubt: &mut Doubt) -> Approx3 {
         if !self.is_clear {
-            let blocked = self.world.blocked(&feeler, doubt);
+            let blocked = self.world.blocked(&shadow_ray, doubt);
             return if blocked { Approx3::ZERO } else { Approx3::ONE };
         }
         let scene = self.world.scene;
@@ -248,38 +248,44 @@ impl Textbook<'_> {
             let material = &scene.materials[scene.instances[instance as usize].material as usize];
             !material.transmits() && material.alpha == AlphaMode::Opaque
         };
-        if self.world.surely_blocked(&feeler, stops) {
+        if self.world.surely_blocked(&shadow_ray, stops) {
             return Approx3::ZERO;
         }
-        let length = feeler.direction.length();
+        let length = shadow_ray.direction.length();
         let mut bodies = bodies.clone();
         let mut left = Approx3::ONE;
         while left.value() + left.error() != DVec3::ZERO {
-            let Some(found) = self.world.nearest(&feeler, doubt) else {
-                let way = (Approx::exact(feeler.t_far) - feeler.t_near) * length;
-                let way = feeler.t_far.is_finite().then_some(way);
+            let Some(found) = self.world.nearest(&shadow_ray, doubt) else {
+                let way = (Approx::exact(shadow_ray.t_far) - shadow_ray.t_near) * length;
+                let way = shadow_ray.t_far.is_finite().then_some(way);
                 return left * bodies.transmittance(scene, way);
             };
-            let way = (found.t - feeler.t_near) * length;
-            let surface = Surface::new(&self.world, &feeler, &found, doubt);
+            let way = (found.t - shadow_ray.t_near) * length;
+            let surface = Surface::new(&self.world, &shadow_ray, &found, doubt);
             let boundary = self.boundary(&surface, &found, &bodies);
             left = left * bodies.transmittance(scene, Some(way));
             if !boundary.is_hidden {
-                let passes = self.passing(&surface, &boundary, &feeler, doubt);
+                let passes = self.passing(&surface, &boundary, &shadow_ray, doubt);
                 left = left * (Approx3::ONE - (Approx3::ONE - passes) * surface.coverage);
             }
             bodies = boundary.through;
-            feeler = feeler.beyond(&found);
+            shadow_ray = shadow_ray.beyond(&found);
         }
         Approx3::ZERO
     }
 
-    /// What a boundary lets pass of a feeler's light, which is not split into colours.
-    fn passing(&self, surface: &Surface, boundary: &Boundary, feeler: &Ray, doubt: &mut Doubt) -> Approx3 {
+    /// What a boundary lets pass of a shadow ray's light, which is not split into colours.
+    fn passing(
+        &self,
+        surface: &Surface,
+        boundary: &Boundary,
+        shadow_ray: &Ray,
+        doubt: &mut Doubt,
+    ) -> Approx3 {
         if !surface.lets_through() {
             return Approx3::ZERO;
         }
-        let incidence = Incidence::new(feeler.direction.normalize(), surface.ns);
+        let incidence = Incidence::new(shadow_ray.direction.normalize(), surface.ns);
         let division = boundary.division(self.world.scene, &incidence, LINE_D, doubt);
         shares(surface, &division)[1]
     }

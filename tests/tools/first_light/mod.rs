@@ -1,5 +1,6 @@
-//! The subcommand `first-light`: writes the project's first scene, `scenes/first_light.gltf`, a studio under an evening sky
-//! with a perfect mirror, a golden one, plastics, a torus knot and many instances, small enough to be committed as text.
+//! The subcommand `first-light`: writes the project's first scene, `scenes/first_light.gltf`, a studio under an evening
+//! sky with a perfect mirror, a golden one, plastics, a torus knot and many instances, small enough to be committed as
+//! text.
 
 mod png;
 mod shapes;

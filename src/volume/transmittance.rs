@@ -1,5 +1,5 @@
-//! Transmittances along many rays at once: the samples of all of them wait for each other in one batch, so that sixteen are
-//! taken together however few a ray has.
+//! Transmittances along many rays at once: the samples of all of them wait for each other in one batch, so that sixteen
+//! are taken together however few a ray has.
 //!
 //! A ray's depths are summed in their order along it, so that its neighbours change no bit of what it finds.
 
@@ -39,7 +39,8 @@ struct Depths<'a> {
 }
 
 impl<'a> March<'a> {
-    /// [`March::transmittance`] of each of up to sixteen stretches, in the first lanes; returns how many samples were taken.
+    /// [`March::transmittance`] of each of up to sixteen stretches, in the first lanes; returns how many samples were
+    /// taken.
     ///
     /// The answers are the same to the last bit.
     pub fn transmittances(&mut self, stretches: &[Stretch], left: &mut Lanes<f64>) -> u64 {

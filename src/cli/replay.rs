@@ -8,7 +8,7 @@ use rayon::ThreadPool;
 
 use crate::accel::agreement::{self, Agreement};
 use crate::accel::{Accel, Hit, LANES, RayOrder, RayPacket};
-use crate::numeric::{Bounds, Random, Ray};
+use crate::numeric::{Bounds, Ray, SplitMix64};
 use crate::parallel;
 use crate::report::bench::{Mode, RayKind};
 use crate::scene::Scene;
@@ -53,7 +53,7 @@ impl RaySet {
     pub(super) fn random(bounds: &Bounds, count: usize) -> RaySet {
         let mut packets = Vec::new();
         if !bounds.is_empty() {
-            let mut random = Random::new(0x5eed, 0);
+            let mut random = SplitMix64::new(0x5eed, 0);
             packets.resize_with(count.min(MAX_PACKETS * LANES).div_ceil(LANES), || {
                 let mut packet = RayPacket::EMPTY;
                 for lane in 0..LANES {
@@ -122,7 +122,7 @@ fn thinned(packets: Vec<RayPacket>, most: usize) -> Vec<RayPacket> {
         .collect()
 }
 
-fn random_ray(bounds: &Bounds, random: &mut Random) -> Ray {
+fn random_ray(bounds: &Bounds, random: &mut SplitMix64) -> Ray {
     let position = DVec3::new(random.unit(), random.unit(), random.unit());
     Ray {
         origin: (bounds.min + position * bounds.extent()).as_vec3(),

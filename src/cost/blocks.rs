@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::statistics::{median, median_interval};
 use super::{Interval, Timing};
-use crate::numeric::Random;
+use crate::numeric::SplitMix64;
 
 /// A block counts if its kernel took as long as the median, to this share of it.
 const CALM: f64 = 0.05;
@@ -93,7 +93,7 @@ impl Blocks {
         let start = Instant::now();
         let block = self.count();
         let mut order: Vec<usize> = (0..self.seconds.len()).collect();
-        shuffle(&mut order, &mut Random::new(seed, block as u64));
+        shuffle(&mut order, &mut SplitMix64::new(seed, block as u64));
         let before = kernel_seconds();
         for contestant in order {
             let seconds = turn(contestant, block)?;
@@ -170,7 +170,7 @@ impl Blocks {
 }
 
 /// Every order is as likely as any other (R. Durstenfeld, "Algorithm 235: Random permutation", CACM 7(7), 1964).
-fn shuffle(order: &mut [usize], random: &mut Random) {
+fn shuffle(order: &mut [usize], random: &mut SplitMix64) {
     for last in (1..order.len()).rev() {
         order.swap(last, random.below(last + 1));
     }
@@ -228,7 +228,7 @@ mod tests {
     fn equal_contestants_are_told_apart_at_most_five_times_of_100() {
         let mut apart = 0;
         for run in 0..400 {
-            let mut random = Random::new(5, run);
+            let mut random = SplitMix64::new(5, run);
             let blocks = Blocks {
                 calibration: vec![1.0; 10],
                 seconds: (0..2)

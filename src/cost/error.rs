@@ -343,10 +343,10 @@ impl ErrorEstimate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::Random;
+    use crate::numeric::SplitMix64;
 
     /// A noisy picture of a ramp: the value displayed is known, and what is added has no mean.
-    fn noisy(random: &mut Random, noise: f64, bias: f64) -> Displayed {
+    fn noisy(random: &mut SplitMix64, noise: f64, bias: f64) -> Displayed {
         let side = 64;
         let pixels = (0..side * side).map(|pixel| {
             let truth = 0.3 + 0.4 * (pixel % side) as f64 / side as f64;
@@ -364,7 +364,7 @@ mod tests {
     fn a_planted_bias_of_a_thousandth_is_found_under_noise_of_the_reference_and_of_the_pictures() {
         let (mut held, mut bias_held, runs) = (0, 0, 200);
         for run in 0..runs {
-            let mut random = Random::new(11, run);
+            let mut random = SplitMix64::new(11, run);
             let halves = Halves {
                 a: noisy(&mut random, 0.01, 0.0),
                 b: noisy(&mut random, 0.01, 0.0),
@@ -386,7 +386,7 @@ mod tests {
 
     #[test]
     fn the_noise_of_the_reference_does_not_count() {
-        let mut random = Random::new(12, 0);
+        let mut random = SplitMix64::new(12, 0);
         let halves = Halves {
             a: noisy(&mut random, 0.1, 0.0),
             b: noisy(&mut random, 0.1, 0.0),
@@ -426,7 +426,7 @@ mod tests {
         let far_off = |pixel: usize| if pixel.is_multiple_of(173) { 0.3 } else { 0.0 };
         let (mut held, mut width, mut width_of_a_part) = (0, 0.0, 0.0);
         for run in 0..runs {
-            let mut random = Random::new(14, run);
+            let mut random = SplitMix64::new(14, run);
             let halves = Halves {
                 a: noisy(&mut random, 0.01, 0.0).as_share(1.0),
                 b: noisy(&mut random, 0.01, 0.0).as_share(1.0),
@@ -454,7 +454,7 @@ mod tests {
 
     #[test]
     fn halves_that_differ_in_one_corner_are_found_out_and_noisy_ones_are_not() {
-        let mut random = Random::new(13, 0);
+        let mut random = SplitMix64::new(13, 0);
         let mut halves = Halves {
             a: noisy(&mut random, 0.05, 0.0),
             b: noisy(&mut random, 0.05, 0.0),

@@ -61,7 +61,7 @@ pub fn knee(places: &[Place], on_front: &[bool]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::Random;
+    use crate::numeric::SplitMix64;
 
     fn beats(one: &Place, other: &Place) -> bool {
         one.time.high < other.time.low && one.error.high < other.error.low
@@ -70,7 +70,7 @@ mod tests {
     #[test]
     fn the_front_of_random_places_is_what_brute_force_finds() {
         for seed in 0..200 {
-            let mut random = Random::new(9, seed);
+            let mut random = SplitMix64::new(9, seed);
             let count = random.below(40);
             let mut around = |width: f64| {
                 // Coarse, so that ends meet.

@@ -40,7 +40,7 @@ pub fn slope(points: &[(f64, f64)]) -> Option<Interval> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::Random;
+    use crate::numeric::SplitMix64;
 
     #[test]
     fn a_power_has_its_exponent_for_a_slope() {
@@ -60,7 +60,7 @@ mod tests {
     fn the_interval_holds_the_exponent_95_times_of_100() {
         let held = (0..2000)
             .filter(|&seed| {
-                let mut random = Random::new(10, seed);
+                let mut random = SplitMix64::new(10, seed);
                 let mut normal = || (0..12).map(|_| random.unit()).sum::<f64>() - 6.0;
                 let points: Vec<(f64, f64)> = (0..6)
                     .map(|i| {

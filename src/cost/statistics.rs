@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::numeric::Random;
+use crate::numeric::SplitMix64;
 
 /// Times that a sample is drawn again.
 const DRAWS: usize = 2000;
@@ -114,7 +114,7 @@ fn skipped_of(count: usize) -> usize {
 pub fn bootstrap(count: usize, seed: u64, statistic: impl Fn(&[usize]) -> f64) -> Interval {
     let mut chosen: Vec<usize> = (0..count).collect();
     let value = statistic(&chosen);
-    let mut random = Random::new(seed, count as u64);
+    let mut random = SplitMix64::new(seed, count as u64);
     let mut draws: Vec<f64> = (0..DRAWS)
         .map(|_| {
             chosen.iter_mut().for_each(|place| *place = random.below(count));
@@ -154,7 +154,7 @@ mod tests {
         for count in [6, 11, 30] {
             let held = (0..2000)
                 .filter(|&sample| {
-                    let mut random = Random::new(7, sample * 100 + count);
+                    let mut random = SplitMix64::new(7, sample * 100 + count);
                     // Skewed: the median of squares of uniform numbers is a quarter.
                     let values: Vec<f64> = (0..count).map(|_| random.unit().powi(2)).collect();
                     median_interval(&values).holds(0.25)
@@ -168,7 +168,7 @@ mod tests {
     fn the_bootstrap_holds_a_mean_about_95_times_of_100() {
         let held = (0..400)
             .filter(|&sample| {
-                let mut random = Random::new(8, sample);
+                let mut random = SplitMix64::new(8, sample);
                 let values: Vec<f64> = (0..60).map(|_| random.unit()).collect();
                 let of = |places: &[usize]| places.iter().map(|&i| values[i]).sum::<f64>() / 60.0;
                 bootstrap(values.len(), sample, of).holds(0.5)

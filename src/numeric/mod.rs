@@ -5,25 +5,25 @@
 
 use std::ops::AddAssign;
 
+mod animated_transform;
 mod bounds;
+mod double_double;
 pub(crate) mod morton;
-mod motion;
 pub mod noise;
-mod random;
+mod rng;
 pub mod roots;
 mod spawn;
 mod spawn_policy;
 mod transform;
 pub mod warp;
-mod wide;
 
+pub use animated_transform::{AnimatedTransform, MotionError};
 pub use bounds::Bounds;
-pub use motion::{Motion, MotionError};
-pub use random::Random;
-pub use spawn::{SpawnError, spawn_point, triangle_spawn_bound, triangle_spawn_error};
+pub use double_double::DoubleDouble;
+pub use rng::SplitMix64;
+pub use spawn::{HitErrorBound, spawn_point, triangle_spawn_bound, triangle_spawn_error};
 pub use spawn_policy::{SpawnPolicy, shifted_point};
 pub use transform::{Ray, SingularMatrix, inverse, object_ray, transform_normal};
-pub use wide::Wide;
 
 /// Rays handled side by side: the width of every packet.
 pub const LANES: usize = 16;

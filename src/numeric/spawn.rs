@@ -8,7 +8,7 @@ use glam::{DAffine3, DVec3, Vec3};
 
 /// Bound on how far a computed hit point may lie from the surface that an f32 traversal sees, per axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SpawnError(pub DVec3);
+pub struct HitErrorBound(pub DVec3);
 
 /// Error of storing a coordinate of the vertex `v0` and of reconstructing from it: one f32 rounding, 2^-24.
 const VERTEX_ERROR: f64 = 5.960_464_5e-8;
@@ -21,8 +21,8 @@ const TRANSFORM_ERROR: f64 = 1.788_139_4e-7;
 const BOUND_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
 /// The error bound of a point on the triangle with object-space vertices `v0`, `v0 + e1`, `v0 + e2`.
-pub fn triangle_spawn_error(v0: Vec3, e1: Vec3, e2: Vec3) -> SpawnError {
-    SpawnError(triangle_spawn_bound(v0, e1, e2).as_dvec3())
+pub fn triangle_spawn_error(v0: Vec3, e1: Vec3, e2: Vec3) -> HitErrorBound {
+    HitErrorBound(triangle_spawn_bound(v0, e1, e2).as_dvec3())
 }
 
 /// [`triangle_spawn_error`] per axis, in f32, for lanes.
@@ -32,7 +32,7 @@ pub fn triangle_spawn_bound(v0: Vec3, e1: Vec3, e2: Vec3) -> Vec3 {
     (VERTEX_ERROR as f32 * v0.abs() + Vec3::splat(EXTENT_ERROR as f32 * extent)) * BOUND_SLACK
 }
 
-impl SpawnError {
+impl HitErrorBound {
     /// The bound along the unit vector `n`.
     #[inline(always)]
     pub fn along(self, n: DVec3) -> f64 {
@@ -40,8 +40,8 @@ impl SpawnError {
     }
 
     /// The error bound of a point known to f64 accuracy: only its own rounding to f32 remains.
-    pub fn of_exact_point(p: DVec3) -> SpawnError {
-        SpawnError(VERTEX_ERROR * p.abs())
+    pub fn of_exact_point(p: DVec3) -> HitErrorBound {
+        HitErrorBound(VERTEX_ERROR * p.abs())
     }
 
     /// The bound after an instance's map: the object-space error carried over, plus the map's own error, plus the
@@ -51,13 +51,13 @@ impl SpawnError {
         world_from_object: &DAffine3,
         object_from_world: &DAffine3,
         p_world: DVec3,
-    ) -> SpawnError {
+    ) -> HitErrorBound {
         let m = abs_matrix(world_from_object);
         let inverse = abs_matrix(object_from_world);
         let p_object = object_from_world.transform_point3(p_world);
         let forward = TRANSFORM_ERROR * (m * p_object.abs() + world_from_object.translation.abs());
         let back = TRANSFORM_ERROR * (inverse * p_world.abs() + object_from_world.translation.abs());
-        SpawnError(m * (self.0 + back) + forward)
+        HitErrorBound(m * (self.0 + back) + forward)
     }
 }
 

@@ -3,13 +3,13 @@
 //! Other lights are not seen, and have nothing that a shadow ray could meet. A lamp's surface is there, and the shadow
 //! ray to a point of it must neither meet that surface at its end nor miss what lies close before it. So it ends off the
 //! surface, on the side that it comes from, by a bound on the rounding of both: that of a ray which leaves the surface
-//! there ([`SpawnError`]) and that of a traversal over the shadow ray's length. A convex lamp thus never hides its
+//! there ([`HitErrorBound`]) and that of a traversal over the shadow ray's length. A convex lamp thus never hides its
 //! points, and a dented one where it does.
 
 use glam::{DMat3, DVec3};
 
 use crate::mesh::Mesh;
-use crate::numeric::{SpawnError, triangle_spawn_error};
+use crate::numeric::{HitErrorBound, triangle_spawn_error};
 use crate::scene::{AreaShape, Effect, EffectSet, Geometry, Instance, Layer, LightKind, Parameter, Scene};
 use crate::shading::{AreaLight, DiskLight, LightSample, QuadLight, SphereLight, TexturePoint, TextureSet};
 use crate::shape::Implicit;
@@ -143,7 +143,7 @@ impl<'s> Lamp<'s> {
         };
         let way = (sample.distance * sample.direction).abs();
         let in_object = SHADOW_RAY_ERROR * (abs(&inverse.matrix3) * way);
-        let error = SpawnError(on_surface.0 + in_object).transformed(&map, &inverse, sample.position);
+        let error = HitErrorBound(on_surface.0 + in_object).transformed(&map, &inverse, sample.position);
         let n = if sample.is_front() {
             sample.normal
         } else {

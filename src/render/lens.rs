@@ -10,7 +10,7 @@ use super::Frame;
 use super::sampler::{Purpose, SampleGroup};
 use super::wave::Block;
 use crate::accel::RayPacket;
-use crate::numeric::{LANES, Lanes, Motion};
+use crate::numeric::{AnimatedTransform, LANES, Lanes};
 use crate::scene::{Camera, CameraRay, CameraView, Effect, EffectSet, LensView};
 
 impl Frame<'_> {
@@ -78,7 +78,7 @@ impl Frame<'_> {
 /// A camera that moves, for one size of picture.
 pub(super) struct MovingCamera {
     camera: Camera,
-    motion: Motion,
+    motion: AnimatedTransform,
     size: [u32; 2],
     has_lens: bool,
 }

@@ -21,7 +21,7 @@ use super::surface_packet::lane;
 use super::texturing::{Chart, Widths};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{
-    LANES, Lanes3, SpawnError, SpawnPolicy, transform_normal, triangle_spawn_bound, triangle_spawn_error,
+    HitErrorBound, LANES, Lanes3, SpawnPolicy, transform_normal, triangle_spawn_bound, triangle_spawn_error,
 };
 use crate::scene::{Effect, EffectSet, Geometry, Material, Pose, Scene};
 use crate::shading::ray_cone::triangle_curvature;
@@ -527,7 +527,7 @@ struct Placed {
     p: DVec3,
     ng: DVec3,
     ns: Option<DVec3>,
-    error: SpawnError,
+    error: HitErrorBound,
 }
 
 fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, pose: &Pose) -> Placed {

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_4;
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::{Lens, LensView};
-use crate::numeric::Motion;
+use crate::numeric::AnimatedTransform;
 
 /// A camera in world space. Object space looks along -z with +y up, as in glTF.
 #[derive(Clone, Debug)]
@@ -194,8 +194,8 @@ impl Camera {
 
 impl Camera {
     /// Its motion, if it moves.
-    pub fn motion(&self) -> Option<Motion> {
-        let motion = Motion::new(self.world_from_camera, self.world_from_camera_end?);
+    pub fn motion(&self) -> Option<AnimatedTransform> {
+        let motion = AnimatedTransform::new(self.world_from_camera, self.world_from_camera_end?);
         motion.ok().filter(|motion| !motion.is_still())
     }
 

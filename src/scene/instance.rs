@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::Geometry;
-use crate::numeric::{self, Bounds, Motion, MotionError, SingularMatrix};
+use crate::numeric::{self, AnimatedTransform, Bounds, MotionError, SingularMatrix};
 use crate::shape::{Shape, Sphere};
 
 /// A geometry placed in the world.
@@ -35,7 +35,7 @@ enum Placement {
     /// Anything else that can be inverted.
     Affine(Box<Affine>),
     /// It changes with time.
-    Moving(Box<Motion>),
+    Moving(Box<AnimatedTransform>),
 }
 
 /// A uniform scale and a translation: `p * scale + translation`.
@@ -70,7 +70,7 @@ impl Instance {
         })
     }
 
-    /// Places `geometry` by the first map where its motion begins and by the second where it ends; see [`Motion`] for
+    /// Places `geometry` by the first map where its motion begins and by the second where it ends; see [`AnimatedTransform`] for
     /// what is between. If they are the same, it stands still.
     pub fn moving(
         name: impl Into<Arc<str>>,
@@ -102,7 +102,7 @@ impl Instance {
     }
 
     /// Its motion, if it moves.
-    pub fn motion(&self) -> Option<&Motion> {
+    pub fn motion(&self) -> Option<&AnimatedTransform> {
         match &self.placement {
             Placement::Moving(motion) => Some(motion),
             _ => None,
@@ -197,7 +197,7 @@ impl Instance {
         }
     }
 
-    /// A box of [`Motion::step_bounds`] in world space, after `steps[0]` of `steps[1]` steps; for what stands still it
+    /// A box of [`AnimatedTransform::step_bounds`] in world space, after `steps[0]` of `steps[1]` steps; for what stands still it
     /// is the same after each. `object_bounds` are those of its `geometry`, and finite.
     pub fn step_bounds(&self, geometry: &Geometry, object_bounds: &Bounds, steps: [u32; 2]) -> Bounds {
         let boxed = |map: &DAffine3| placed_bounds(map, geometry, object_bounds);
@@ -211,7 +211,7 @@ impl Instance {
     pub fn heap_byte_count(&self) -> usize {
         match self.placement {
             Placement::Affine(_) => size_of::<Affine>(),
-            Placement::Moving(_) => size_of::<Motion>(),
+            Placement::Moving(_) => size_of::<AnimatedTransform>(),
             Placement::Unmoved | Placement::Similar(_) => 0,
         }
     }
@@ -234,7 +234,7 @@ fn placed_bounds(map: &DAffine3, geometry: &Geometry, object_bounds: &Bounds) ->
 
 impl Affine {
     /// The maps of a motion at `time`.
-    fn of(motion: &Motion, time: f32) -> Affine {
+    fn of(motion: &AnimatedTransform, time: f32) -> Affine {
         let world_from_object = motion.at(f64::from(time));
         Affine {
             // Of sums of definite matrices the condition number is at most that of the worse one, but not by the norm
@@ -252,7 +252,7 @@ impl Placement {
         if start == end {
             return Ok(Placement::new(&start)?);
         }
-        Ok(Placement::Moving(Box::new(Motion::new(start, end)?)))
+        Ok(Placement::Moving(Box::new(AnimatedTransform::new(start, end)?)))
     }
 
     fn new(map: &DAffine3) -> Result<Placement, SingularMatrix> {

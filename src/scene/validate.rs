@@ -13,7 +13,7 @@ use super::{
     AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texels,
     Texture,
 };
-use crate::numeric::{Bounds, Motion, Ray};
+use crate::numeric::{AnimatedTransform, Bounds, Ray};
 use crate::shape::Implicit;
 
 /// What is wrong with a scene, worded as advice.
@@ -117,7 +117,7 @@ impl Scene {
             let reach = |map: &DAffine3| map.translation.abs().max_element();
             let [start, end] = instance
                 .motion()
-                .map_or([instance.world_from_object(); 2], Motion::ends);
+                .map_or([instance.world_from_object(); 2], AnimatedTransform::ends);
             reach(&start).max(reach(&end))
         } else {
             let bounds = &bounds[instance.geometry as usize];
@@ -244,7 +244,7 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
         }
     }
     let end = camera.world_from_camera_end;
-    if end.is_some_and(|end| Motion::new(camera.world_from_camera, end).is_err()) {
+    if end.is_some_and(|end| AnimatedTransform::new(camera.world_from_camera, end).is_err()) {
         return Err("it is mirrored where its motion begins or where it ends and not at the other: correct its transform".into());
     }
     let Shutter { open, close } = camera.shutter;

@@ -20,7 +20,7 @@ use super::shape::{PlacedShape, ShapeForm, ShapeRef};
 use super::value::At;
 use super::volume::{MadeVolume, VolumeForm};
 use crate::gltf::{self, LoadOptions, Pose};
-use crate::numeric::Motion;
+use crate::numeric::AnimatedTransform;
 use crate::scene::{Camera, EffectSet, Geometry, Larder, Layer, Light, Scene, Texture};
 
 /// Objects that are placed together: a group's, a file's.
@@ -302,7 +302,7 @@ impl Assembler {
         let mut end = start;
         if let Some(steps) = &form.transform_end {
             end = map_of(steps)?;
-            Motion::new(start, end)
+            AnimatedTransform::new(start, end)
                 .map_err(|e| source.error(steps.fault(format!("cannot be moved to: {e}"))))?;
         }
         let material = match &form.material {

@@ -13,7 +13,7 @@ use crate::scene::{EffectSet, Interior, Lecture, Material, MetallicRoughness, Mo
 use crate::shading::{MaterialPacket, direct, lecture_direct};
 use glam::DVec3;
 
-use crate::numeric::Random;
+use crate::numeric::SplitMix64;
 
 /// Relative to each value.
 const BOUND: f64 = 1e-6;
@@ -44,7 +44,7 @@ impl Directions {
 }
 
 /// Normals, directions to viewers above them, and to lights anywhere.
-fn random_directions(random: &mut Random) -> [Directions; 3] {
+fn random_directions(random: &mut SplitMix64) -> [Directions; 3] {
     let n = Directions::of(|_| random.direction());
     let v = Directions::of(|l| {
         let v = random.direction();
@@ -135,7 +135,7 @@ impl Gltf {
     }
 }
 
-fn gltf_material(random: &mut Random, specular: bool) -> Material {
+fn gltf_material(random: &mut SplitMix64, specular: bool) -> Material {
     let mut number = || random.unit() as f32;
     let metallic = number();
     let mut material = Material::metallic_roughness(
@@ -172,7 +172,7 @@ fn gltf_material(random: &mut Random, specular: bool) -> Material {
 
 /// Largest error in units of its bound, and the share of values whose bound is at most [`BOUND`] or nearly so.
 fn compare_gltf(seed: u64, specular: bool) -> (f64, f64) {
-    let mut random = Random::new(seed, 0);
+    let mut random = SplitMix64::new(seed, 0);
     let (mut worst, mut plain) = (0.0f64, 0);
     for _ in 0..PACKETS {
         let materials: Vec<Material> = (0..LANES).map(|_| gltf_material(&mut random, specular)).collect();
@@ -212,7 +212,7 @@ fn specular_strength_colour_and_index_are_the_formulas_of_their_extensions() {
 
 #[test]
 fn pure_dielectrics_and_metals_are_the_two_brdfs_that_gltf_mixes() {
-    let mut random = Random::new(13, 0);
+    let mut random = SplitMix64::new(13, 0);
     for _ in 0..100 {
         let [n, v, light] = random_directions(&mut random);
         for metallic in [0.0, 1.0] {
@@ -253,7 +253,7 @@ fn pure_dielectrics_and_metals_are_the_two_brdfs_that_gltf_mixes() {
     }
 }
 
-fn lecture_material(random: &mut Random) -> Material {
+fn lecture_material(random: &mut SplitMix64) -> Material {
     let mut number = || random.unit() as f32;
     Material {
         model: Model::Lecture(Lecture {
@@ -274,7 +274,7 @@ fn lecture_material(random: &mut Random) -> Material {
 
 #[test]
 fn the_lectures_equation_is_its_formula_with_its_clamps() {
-    let mut random = Random::new(14, 0);
+    let mut random = SplitMix64::new(14, 0);
     let mut worst = 0.0f64;
     let mut cases = [0; 3];
     for _ in 0..PACKETS {
@@ -318,7 +318,7 @@ fn the_lectures_equation_is_its_formula_with_its_clamps() {
 #[test]
 fn a_mirrored_ray_straight_to_the_viewer_shines_no_brighter_than_the_highlights_colour() {
     // r·v may round to above 1, which a large exponent would show.
-    let mut random = Random::new(15, 0);
+    let mut random = SplitMix64::new(15, 0);
     let material = Material {
         model: Model::Lecture(Lecture {
             diffuse: [0.0; 3],

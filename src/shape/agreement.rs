@@ -8,7 +8,7 @@ use super::oracle::{Intervals, at, cut, dodecahedron, dot, inside_quadric, insid
 use super::{
     Cone, Cylinder, HalfSpace, Implicit, Leaving, Polyhedron, Quadric, Shape, ShapeRay, Side, Sphere, Torus,
 };
-use crate::numeric::{Bounds, Random, Wide, spawn_point};
+use crate::numeric::{Bounds, DoubleDouble, SplitMix64, spawn_point};
 
 /// By how many roundings, of 2^-53 of the coordinates involved, a surface may seem to be moved: two for the shifted
 /// origin, four for the quadratic's coefficients, which curvature doubles, and two for `t`.
@@ -137,12 +137,12 @@ fn referees() -> Vec<Referee> {
 }
 
 /// A ray at a random distance, aimed near the shape, of any length; every fourth is made degenerate by snapping.
-fn random_ray(random: &mut Random) -> ShapeRay {
+fn random_ray(random: &mut SplitMix64) -> ShapeRay {
     let mut target = 1.3 * random.in_cube();
     let distance = random.pick(&[0.0, 0.5, 3.0, 100.0, 1e6]);
     let mut way = random.direction();
     if random.bits() & 3 == 0 {
-        let snap = |random: &mut Random, x: f64| match random.bits() % 8 {
+        let snap = |random: &mut SplitMix64, x: f64| match random.bits() % 8 {
             0..6 => random.pick(&[0.0, -0.0, 1.0, -1.0, 0.5, -0.5]),
             _ => x,
         };
@@ -172,7 +172,7 @@ fn crossings(shape: &Shape, ray: &ShapeRay) -> Vec<f64> {
 fn pairs(crossings: &[f64]) -> Intervals {
     crossings
         .chunks_exact(2)
-        .map(|pair| [Wide::of(pair[0]), Wide::of(pair[1])])
+        .map(|pair| [DoubleDouble::of(pair[0]), DoubleDouble::of(pair[1])])
         .collect()
 }
 
@@ -220,20 +220,20 @@ impl Referee {
             delta
         };
         let (larger, smaller) = (self.wall(ray, wall_delta), self.wall(ray, -wall_delta));
-        let kept = |t: Wide, delta: f64| {
+        let kept = |t: DoubleDouble, delta: f64| {
             let p = at(ray.origin, ray.direction, t);
             self.half_spaces
                 .iter()
-                .all(|s| dot(s.n.to_array().map(Wide::of), p) <= Wide::of(s.h + delta))
+                .all(|s| dot(s.n.to_array().map(DoubleDouble::of), p) <= DoubleDouble::of(s.h + delta))
         };
         let right = claimed.iter().all(|&t| {
-            let t = Wide::of(t);
+            let t = DoubleDouble::of(t);
             larger.iter().any(|i| i[0] <= t && t <= i[1])
                 && !smaller.iter().any(|i| i[0] < t && t < i[1])
                 && kept(t, delta)
         });
         let complete = smaller.iter().all(|inner| {
-            let holds = |o: &&[Wide; 2]| o[0] <= inner[0] && inner[1] <= o[1];
+            let holds = |o: &&[DoubleDouble; 2]| o[0] <= inner[0] && inner[1] <= o[1];
             let Some(outer) = larger.iter().find(holds) else {
                 return false;
             };
@@ -242,7 +242,7 @@ impl Referee {
                     && b.nearest().is_finite()
                     && kept(*a, -delta)
                     && kept(*b, -delta);
-                let met = |t: &f64| *a <= Wide::of(*t) && Wide::of(*t) <= *b;
+                let met = |t: &f64| *a <= DoubleDouble::of(*t) && DoubleDouble::of(*t) <= *b;
                 !certain || claimed.iter().any(met)
             })
         });
@@ -254,7 +254,7 @@ impl Referee {
 fn a_torus_is_crossed_where_one_moved_by_a_few_roundings_is() {
     for minor_radius in [0.25, 0.02, 0.9] {
         let shape = Shape::Torus(Torus { minor_radius });
-        let mut random = Random::new(SEED, 0);
+        let mut random = SplitMix64::new(SEED, 0);
         let (mut met, mut bad) = (0, 0);
         for _ in 0..20_000 {
             let ray = random_ray(&mut random);
@@ -285,13 +285,13 @@ fn a_torus_is_crossed_where_one_moved_by_a_few_roundings_is() {
 
 #[test]
 fn sheets_are_crossed_where_exact_division_says() {
-    let mut random = Random::new(SEED, 0);
+    let mut random = SplitMix64::new(SEED, 0);
     let mut met = 0;
     for _ in 0..100_000 {
         let ray = random_ray(&mut random);
         let delta = tolerance(&ray);
-        let t = (Wide::of(-ray.origin.z) / Wide::of(ray.direction.z)).nearest();
-        let p = at(ray.origin, ray.direction, Wide::of(t)).map(Wide::nearest);
+        let t = (DoubleDouble::of(-ray.origin.z) / DoubleDouble::of(ray.direction.z)).nearest();
+        let p = at(ray.origin, ray.direction, DoubleDouble::of(t)).map(DoubleDouble::nearest);
         let sizes = [0.0, p[0].hypot(p[1]), p[0].abs().max(p[1].abs())];
         for (shape, size) in [Shape::Plane, Shape::Disk, Shape::Quad].iter().zip(sizes) {
             let claimed = crossings(shape, &ray);
@@ -313,7 +313,7 @@ fn sheets_are_crossed_where_exact_division_says() {
 
 #[test]
 fn the_nearest_hit_is_the_first_crossing_of_the_interval() {
-    let mut random = Random::new(SEED, 0);
+    let mut random = SplitMix64::new(SEED, 0);
     let mut shapes: Vec<Shape> = referees().into_iter().map(|r| r.shape).collect();
     shapes.push(Shape::Torus(Torus { minor_radius: 0.4 }));
     for shape in shapes {
@@ -337,7 +337,7 @@ fn the_nearest_hit_is_the_first_crossing_of_the_interval() {
 fn crossings_are_those_of_a_surface_moved_by_a_few_roundings() {
     let mut wrong = 0;
     for referee in referees() {
-        let mut random = Random::new(SEED, 0);
+        let mut random = SplitMix64::new(SEED, 0);
         let (mut met, mut bad) = (0, 0);
         for _ in 0..100_000 {
             let ray = random_ray(&mut random);
@@ -369,8 +369,8 @@ const START_ROUNDING: f64 = 6.0 * 1.75 / (1 << 24) as f64;
 fn surface_points(
     shape: &Shape,
     count: usize,
-    random: &mut Random,
-    mut each: impl FnMut(&mut Random, DVec3, u32),
+    random: &mut SplitMix64,
+    mut each: impl FnMut(&mut SplitMix64, DVec3, u32),
 ) {
     let mut found = 0;
     while found < count {
@@ -400,7 +400,7 @@ fn all_with_curvature() -> Vec<(Shape, f64)> {
 #[test]
 fn a_ray_that_leaves_a_surface_does_not_hit_where_it_left() {
     for (shape, curvature) in all_with_curvature() {
-        let mut random = Random::new(SEED, 0);
+        let mut random = SplitMix64::new(SEED, 0);
         let (mut left_false, mut spawned_false, mut left_met, mut spawned_met) = (0, 0, 0, 0);
         surface_points(&shape, 100_000, &mut random, |random, p, part| {
             let point = shape.point(p, part);
@@ -460,7 +460,7 @@ fn is_convex(shape: &Shape) -> bool {
 #[test]
 fn points_lie_on_their_surface_with_a_unit_normal_across_their_tangents() {
     for (shape, _) in all_with_curvature() {
-        let mut random = Random::new(SEED, 0);
+        let mut random = SplitMix64::new(SEED, 0);
         surface_points(&shape, 2_000, &mut random, |_, p, part| {
             let point = shape.point(p, part);
             // Hits start within 6 units: 64 roundings are 2^-47.

@@ -28,7 +28,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::numeric::{Bounds, SpawnError};
+use crate::numeric::{Bounds, HitErrorBound};
 
 pub use cone::Cone;
 pub use cube::Cube;
@@ -139,7 +139,7 @@ pub struct ShapePoint {
     /// Derivative of the point by `v`; `dpdu x dpdv` points along `n`.
     pub dpdv: DVec3,
     /// How far `p`, rounded to f32, may lie from the surface: what to offset a new ray's origin by.
-    pub error: SpawnError,
+    pub error: HitErrorBound,
 }
 
 /// What the f64 projection onto a surface of unit size may leave over: 8 roundings of 2^-53.
@@ -157,7 +157,7 @@ impl ShapePoint {
             uv,
             dpdu,
             dpdv,
-            error: SpawnError(SpawnError::of_exact_point(p).0 + DVec3::splat(projection)),
+            error: HitErrorBound(HitErrorBound::of_exact_point(p).0 + DVec3::splat(projection)),
         }
     }
 }

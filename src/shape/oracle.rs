@@ -7,21 +7,21 @@
 use glam::DVec3;
 
 use super::HalfSpace;
-use crate::numeric::Wide;
+use crate::numeric::DoubleDouble;
 
 /// A point or vector of wide numbers.
-pub(crate) type Wide3 = [Wide; 3];
+pub(crate) type Wide3 = [DoubleDouble; 3];
 
 pub(crate) fn wide3(v: DVec3) -> Wide3 {
-    v.to_array().map(Wide::of)
+    v.to_array().map(DoubleDouble::of)
 }
 
-pub(crate) fn dot(a: Wide3, b: Wide3) -> Wide {
+pub(crate) fn dot(a: Wide3, b: Wide3) -> DoubleDouble {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// The point at `t`.
-pub(crate) fn at(o: DVec3, d: DVec3, t: Wide) -> Wide3 {
+pub(crate) fn at(o: DVec3, d: DVec3, t: DoubleDouble) -> Wide3 {
     let (o, d) = (wide3(o), wide3(d));
     [0, 1, 2].map(|k| o[k] + t * d[k])
 }
@@ -46,20 +46,23 @@ pub(crate) fn dodecahedron() -> Vec<HalfSpace> {
 }
 
 /// Disjoint intervals in ascending order.
-pub(crate) type Intervals = Vec<[Wide; 2]>;
+pub(crate) type Intervals = Vec<[DoubleDouble; 2]>;
 
-const ALWAYS: [Wide; 2] = [Wide::of(f64::NEG_INFINITY), Wide::of(f64::INFINITY)];
+const ALWAYS: [DoubleDouble; 2] = [
+    DoubleDouble::of(f64::NEG_INFINITY),
+    DoubleDouble::of(f64::INFINITY),
+];
 
 /// Where the line is in xᵀ Q x <= 0 about `center`, `q` being the upper triangle row by row.
 pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -> Intervals {
     const PLACE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]];
-    let form = |u: [Wide; 4], v: [Wide; 4]| {
-        let mut sum = Wide::of(0.0);
+    let form = |u: [DoubleDouble; 4], v: [DoubleDouble; 4]| {
+        let mut sum = DoubleDouble::of(0.0);
         for (i, row) in PLACE.iter().enumerate() {
             for (j, place) in row.iter().enumerate() {
                 // Most are zero.
                 if q[*place] != 0.0 {
-                    sum = sum + Wide::of(q[*place]) * u[i] * v[j];
+                    sum = sum + DoubleDouble::of(q[*place]) * u[i] * v[j];
                 }
             }
         }
@@ -67,7 +70,7 @@ pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -
     };
     let (o, d, center) = (wide3(o), wide3(d), wide3(center));
     let o = [0, 1, 2].map(|k| o[k] - center[k]);
-    let (one, zero) = (Wide::of(1.0), Wide::of(0.0));
+    let (one, zero) = (DoubleDouble::of(1.0), DoubleDouble::of(0.0));
     let (o, d) = ([o[0], o[1], o[2], one], [d[0], d[1], d[2], zero]);
     let (a, b, c) = (form(d, d), -form(o, d), form(o, o));
     let discriminant = b * b - a * c;
@@ -103,8 +106,8 @@ pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) ->
         return intervals;
     }
     let slope = dot(wide3(n), wide3(d));
-    let room = Wide::of(h) - dot(wide3(n), wide3(o));
-    let zero = Wide::of(0.0);
+    let room = DoubleDouble::of(h) - dot(wide3(n), wide3(o));
+    let zero = DoubleDouble::of(0.0);
     let [mut low, mut high] = ALWAYS;
     if slope == zero {
         if room < zero {
@@ -126,7 +129,7 @@ pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) ->
 const HEIGHT_ERROR: f64 = 8.0 * f64::EPSILON;
 
 /// Whether both ends of an interval are below a plane by more than rounding, as far as f64 can tell.
-fn is_kept(interval: &[Wide; 2], n: DVec3, h: f64, (o, d): (DVec3, DVec3)) -> bool {
+fn is_kept(interval: &[DoubleDouble; 2], n: DVec3, h: f64, (o, d): (DVec3, DVec3)) -> bool {
     interval.iter().all(|end| {
         let p = o + end.nearest() * d;
         let size = n.abs().dot(o.abs() + end.nearest().abs() * d.abs()) + h.abs();
@@ -174,20 +177,20 @@ pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals 
         }
     }
     places.sort_by(f64::total_cmp);
-    let radius = Wide::of(r) + Wide::of(delta);
-    let is_inside = |t: Wide| {
+    let radius = DoubleDouble::of(r) + DoubleDouble::of(delta);
+    let is_inside = |t: DoubleDouble| {
         let p = at(o, d, t);
         let across = p[0] * p[0] + p[1] * p[1];
-        let k = across + p[2] * p[2] + Wide::of(1.0) - radius * radius;
-        k * k <= Wide::of(4.0) * across
+        let k = across + p[2] * p[2] + DoubleDouble::of(1.0) - radius * radius;
+        k * k <= DoubleDouble::of(4.0) * across
     };
     let mut ends = Vec::new();
     for pair in places.windows(2) {
-        let (mut a, mut b) = (Wide::of(pair[0]), Wide::of(pair[1]));
+        let (mut a, mut b) = (DoubleDouble::of(pair[0]), DoubleDouble::of(pair[1]));
         let first = is_inside(a);
         if first != is_inside(b) {
             for _ in 0..110 {
-                let m = Wide::of(0.5) * (a + b);
+                let m = DoubleDouble::of(0.5) * (a + b);
                 if is_inside(m) == first { a = m } else { b = m }
             }
             ends.push(a);
@@ -261,15 +264,15 @@ pub(crate) fn whole() -> Intervals {
 
 /// Whether all of `inner` is within `outer`.
 #[cfg(test)]
-pub(crate) fn is_within(inner: &[[Wide; 2]], outer: &[[Wide; 2]]) -> bool {
-    let covered = |i: &[Wide; 2]| outer.iter().any(|o| o[0] <= i[0] && i[1] <= o[1]);
+pub(crate) fn is_within(inner: &[[DoubleDouble; 2]], outer: &[[DoubleDouble; 2]]) -> bool {
+    let covered = |i: &[DoubleDouble; 2]| outer.iter().any(|o| o[0] <= i[0] && i[1] <= o[1]);
     inner.iter().all(covered)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::Random;
+    use crate::numeric::SplitMix64;
 
     #[test]
     fn the_lectures_ray_is_inside_the_unit_sphere_between_its_two_roots() {
@@ -302,7 +305,7 @@ mod tests {
 
     #[test]
     fn a_march_to_a_torus_brackets_what_bisection_finds() {
-        let mut random = Random::new(7, 0);
+        let mut random = SplitMix64::new(7, 0);
         let (mut crossed, mut missed) = (0, 0);
         for number in 0..3000 {
             let r = random.pick(&[0.5, 0.1, 0.01]);
@@ -312,7 +315,7 @@ mod tests {
             let d = around + 1.2 * r * random.in_cube() - o;
             let ends = |delta: f64| {
                 let inside = inside_torus(r, delta, o, d);
-                let mut ends = inside.into_iter().flatten().map(Wide::nearest);
+                let mut ends = inside.into_iter().flatten().map(DoubleDouble::nearest);
                 ends.find(|&t| t >= 0.0)
             };
             match first_crossing_of_torus(r, delta, (o, d), 1e-9) {

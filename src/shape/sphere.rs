@@ -13,7 +13,7 @@ use super::frame::{nearest_to_origin, polar, turn};
 use super::span::{Crossings, Span, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::roots::quadratic_roots;
-use crate::numeric::{Bounds, Wide};
+use crate::numeric::{Bounds, DoubleDouble};
 
 /// A sphere in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,18 +81,22 @@ impl Sphere {
     #[cold]
     #[inline(never)]
     fn close_roots(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
-        let f = [0, 1, 2].map(|k| Wide::of(origin[k]) - Wide::of(self.center[k]));
-        let d = direction.to_array().map(Wide::of);
-        let dot = |a: [Wide; 3], b: [Wide; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let radius = Wide::of(self.radius);
+        let f = [0, 1, 2].map(|k| DoubleDouble::of(origin[k]) - DoubleDouble::of(self.center[k]));
+        let d = direction.to_array().map(DoubleDouble::of);
+        let dot = |a: [DoubleDouble; 3], b: [DoubleDouble; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let radius = DoubleDouble::of(self.radius);
         let (a, b, c) = (dot(d, d), -dot(f, d), dot(f, f) - radius * radius);
         let discriminant = b * b - a * c;
-        if discriminant < Wide::ZERO {
+        if discriminant < DoubleDouble::ZERO {
             return [f64::NAN; 2];
         }
         let root = discriminant.sqrt();
-        let q = if b < Wide::ZERO { b - root } else { b + root };
-        if q == Wide::ZERO {
+        let q = if b < DoubleDouble::ZERO {
+            b - root
+        } else {
+            b + root
+        };
+        if q == DoubleDouble::ZERO {
             return [0.0; 2];
         }
         let [t0, t1] = [(c / q).nearest(), (q / a).nearest()];
@@ -247,12 +251,12 @@ impl Implicit for Sphere {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::Random;
+    use crate::numeric::SplitMix64;
 
     #[test]
     fn lanes_give_the_bits_of_the_single_ray() {
         let seed = 7;
-        let mut random = Random::new(seed, 0);
+        let mut random = SplitMix64::new(seed, 0);
         let sphere = Sphere {
             center: DVec3::new(0.3, -0.2, 0.1),
             radius: 0.9,

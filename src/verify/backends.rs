@@ -9,7 +9,7 @@ use super::worlds::{self, world};
 use super::{Asks, Case, Closes};
 use crate::accel::agreement::{Agreement, compare_occlusion};
 use crate::accel::{self, AccelError, AccelOptions, Backend};
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::render::{Departure, Departures};
 use crate::scene::Scene;
 
@@ -91,7 +91,7 @@ fn compare(trial: &Trial, scene: &Scene, referee: &Engine) -> Result<Tally, Acce
     Ok(trial.with_drawing(&engine, tally))
 }
 
-fn nearest(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut Random) -> Tally {
+fn nearest(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut SplitMix64) -> Tally {
     let [found, expected] = engines.map(|engine| engine.nearest(rays, order(random)));
     let mut tally = Tally::default();
     for (i, ray) in rays.iter().enumerate() {
@@ -101,7 +101,7 @@ fn nearest(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut Rand
     tally
 }
 
-fn blocked(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut Random) -> Tally {
+fn blocked(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut SplitMix64) -> Tally {
     let [found, expected] = engines.map(|engine| engine.blocked(rays, order(random)));
     let mut tally = Tally::default();
     for (i, ray) in rays.iter().enumerate() {

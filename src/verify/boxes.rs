@@ -7,7 +7,7 @@ use super::meshes::scene;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::Shape;
 
@@ -75,7 +75,7 @@ fn at_cube(trial: &Trial, components: &[f32]) -> Result<Tally, AccelError> {
             .map(|cube| cube.world_from_object().translation)
             .collect();
         let engine = trial.engine(&scene)?;
-        let ray = |random: &mut Random| {
+        let ray = |random: &mut SplitMix64| {
             let mut vector =
                 |from: &[f32]| Vec3::new(random.pick(from), random.pick(from), random.pick(from));
             let origin = vector(&PLACES) + shift as f32;

@@ -15,7 +15,7 @@ use super::worlds::{self, world};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
 use crate::image::ToneMap;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::render::{Monitor, RenderSettings, render};
 use crate::scene::{
     Background, Camera, Falloff, Geometry, Instance, Lecture, Light, LightKind, Material, Model,
@@ -132,7 +132,7 @@ fn scaled_hits(trial: &Trial, scenes: [&Scene; 2], factor: f32) -> Result<Tally,
 }
 
 /// Rays from around a scene towards its middle.
-fn rays_about(scene: &Scene) -> impl Fn(&mut Random) -> Ray + Sync {
+fn rays_about(scene: &Scene) -> impl Fn(&mut SplitMix64) -> Ray + Sync {
     let bounds = scene.bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
     move |random| {

@@ -10,7 +10,7 @@ use super::trial::{Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
 use crate::mesh::Mesh;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::Geometry;
 
 const ORACLE: &str = "brute force, what differs by the derived bounds on f32 a tie";
@@ -57,11 +57,11 @@ fn boxes() -> Mesh {
 }
 
 /// A coordinate of the lattice, from one before it to one behind.
-fn whole(random: &mut Random) -> f32 {
+fn whole(random: &mut SplitMix64) -> f32 {
     random.below(COUNT + 3) as f32 - 1.0
 }
 
-fn on_planes(random: &mut Random) -> Ray {
+fn on_planes(random: &mut SplitMix64) -> Ray {
     let mut component = || random.pick(&[0.0, -0.0, 1e-45, -1e-45, 1e-38, 1.0, -1.0, 0.5, -0.25]);
     let mut direction = Vec3::new(component(), component(), component());
     // At least one is no smaller than others that count.
@@ -77,7 +77,7 @@ fn on_planes(random: &mut Random) -> Ray {
     Ray::new(origin, direction)
 }
 
-fn through_corners(random: &mut Random) -> Ray {
+fn through_corners(random: &mut SplitMix64) -> Ray {
     let mut target = Vec3::new(whole(random), whole(random), whole(random));
     if random.below(2) == 0 {
         // On a line of the lattice, but on no point of it.
@@ -96,7 +96,7 @@ fn through_corners(random: &mut Random) -> Ray {
     Ray::new(origin, (target.as_dvec3() - origin.as_dvec3()).as_vec3())
 }
 
-fn among_boxes(trial: &Trial, ray: impl Fn(&mut Random) -> Ray + Sync) -> Result<Tally, AccelError> {
+fn among_boxes(trial: &Trial, ray: impl Fn(&mut SplitMix64) -> Ray + Sync) -> Result<Tally, AccelError> {
     let scene = scene(vec![Geometry::Mesh(boxes())]);
     let engine = trial.engine(&scene)?;
     let referee = Referee::new(&scene);

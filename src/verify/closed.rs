@@ -7,7 +7,7 @@ use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
 use crate::mesh::Mesh;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::Geometry;
 
 const ORACLE: &str = "the surface is closed and holds the origin: a miss is a leak";
@@ -99,17 +99,17 @@ fn towards(origin: DVec3, target: DVec3) -> Ray {
     Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
 }
 
-fn start(closed: &Closed, random: &mut Random) -> DVec3 {
+fn start(closed: &Closed, random: &mut SplitMix64) -> DVec3 {
     // Half the diagonal of the cube [-1, 1]³ is √3.
     closed.center + closed.radius / 3f64.sqrt() * random.in_cube()
 }
 
-fn at_vertex(closed: &Closed, random: &mut Random) -> Ray {
+fn at_vertex(closed: &Closed, random: &mut SplitMix64) -> Ray {
     let vertex = closed.mesh.positions[random.below(closed.mesh.positions.len())];
     towards(start(closed, random), Vec3::from(vertex).as_dvec3())
 }
 
-fn at_edge(closed: &Closed, random: &mut Random) -> Ray {
+fn at_edge(closed: &Closed, random: &mut SplitMix64) -> Ray {
     let [a, b, _] = closed
         .mesh
         .corners_f64(random.below(closed.mesh.triangles.len()) as u32);
@@ -122,7 +122,7 @@ fn at_edge(closed: &Closed, random: &mut Random) -> Ray {
 
 fn closed_meshes(
     trial: &Trial,
-    aimed: impl Fn(&Closed, &mut Random) -> Ray + Sync,
+    aimed: impl Fn(&Closed, &mut SplitMix64) -> Ray + Sync,
 ) -> Result<Tally, AccelError> {
     let meshes = meshes();
     trial.over_parts(meshes.len(), &|number, trial| {
@@ -132,7 +132,11 @@ fn closed_meshes(
 }
 
 /// Counts the rays that miss.
-fn leaks(trial: &Trial, mesh: &Mesh, ray: impl Fn(&mut Random) -> Ray + Sync) -> Result<Tally, AccelError> {
+fn leaks(
+    trial: &Trial,
+    mesh: &Mesh,
+    ray: impl Fn(&mut SplitMix64) -> Ray + Sync,
+) -> Result<Tally, AccelError> {
     let scene = scene(vec![Geometry::Mesh(mesh.clone())]);
     let engine = trial.engine(&scene)?;
     Ok(trial.nearest(&engine, &ray, &|_, hit, _| Answer::wrong_if(hit.is_none())))
@@ -153,7 +157,7 @@ fn far_away(trial: &Trial) -> Result<Tally, AccelError> {
             center,
             radius: 1.0,
         };
-        let ray = |random: &mut Random| {
+        let ray = |random: &mut SplitMix64| {
             let origin = start(&closed, random).as_vec3();
             Ray::new(origin, random.direction().as_vec3())
         };
@@ -162,7 +166,7 @@ fn far_away(trial: &Trial) -> Result<Tally, AccelError> {
 }
 
 fn along_the_lattice(trial: &Trial) -> Result<Tally, AccelError> {
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         // Whole coordinates go through corners or along edges, half ones through the middle of diagonals or edges.
         let mut inner = || 0.5 * (1 + random.below(2 * LATTICE as usize - 1)) as f32;
         let origin = Vec3::new(inner(), inner(), inner());

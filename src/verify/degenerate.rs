@@ -9,7 +9,7 @@ use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
 use crate::accel::brute::BruteAccel;
 use crate::mesh::Mesh;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::survey::{clear_non_finite_positions, drop_unusable};
 use crate::scene::{Geometry, Instance, Material, Scene};
 
@@ -31,10 +31,10 @@ struct Fault {
     place: &'static str,
     /// Whether a loader drops the triangle and goes on.
     is_mended: bool,
-    inject: fn(&mut Scene, &mut Random),
+    inject: fn(&mut Scene, &mut SplitMix64),
 }
 
-const fn sound(inject: fn(&mut Scene, &mut Random)) -> Fault {
+const fn sound(inject: fn(&mut Scene, &mut SplitMix64)) -> Fault {
     Fault {
         place: "",
         is_mended: false,
@@ -42,7 +42,7 @@ const fn sound(inject: fn(&mut Scene, &mut Random)) -> Fault {
     }
 }
 
-const fn fatal(place: &'static str, inject: fn(&mut Scene, &mut Random)) -> Fault {
+const fn fatal(place: &'static str, inject: fn(&mut Scene, &mut SplitMix64)) -> Fault {
     Fault {
         place,
         is_mended: false,
@@ -50,7 +50,7 @@ const fn fatal(place: &'static str, inject: fn(&mut Scene, &mut Random)) -> Faul
     }
 }
 
-const fn mended(inject: fn(&mut Scene, &mut Random)) -> Fault {
+const fn mended(inject: fn(&mut Scene, &mut SplitMix64)) -> Fault {
     Fault {
         place: "geometry 0",
         is_mended: true,
@@ -171,7 +171,7 @@ fn scaled(scene: &mut Scene, factor: f32) {
     });
 }
 
-fn set_coordinate(scene: &mut Scene, random: &mut Random, value: f32) {
+fn set_coordinate(scene: &mut Scene, random: &mut SplitMix64, value: f32) {
     edit(scene, |positions, _| {
         let vertex = random.below(positions.len());
         positions[vertex][random.below(3)] = value;
@@ -192,7 +192,7 @@ const RAYS_A_MESH: u64 = 64;
 const MAX_MESHES: u64 = 4096;
 
 /// Triangles that share no corner.
-fn triangles(random: &mut Random) -> Mesh {
+fn triangles(random: &mut SplitMix64) -> Mesh {
     let corners: Vec<DVec3> = (0..TRIANGLES)
         .flat_map(|_| {
             let center = random.in_cube();
@@ -206,7 +206,7 @@ fn triangles(random: &mut Random) -> Mesh {
 fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MAX_MESHES);
     trial.over_parts(mesh_count as usize, &|number, part| {
-        let mut random = Random::new(0xde6e, number as u64);
+        let mut random = SplitMix64::new(0xde6e, number as u64);
         let fault = &FAULTS[number % FAULTS.len()];
         let mut scene = Scene {
             materials: vec![Material::default()],
@@ -253,7 +253,7 @@ fn hits_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
     };
     let bounds = mesh.bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         let origin = (center + 2.0 * reach * random.direction()).as_vec3();
         let [a, b, c] = mesh.corners_f64(random.below(mesh.triangles.len()) as u32);
         let target = (a + b + c) / 3.0 + 0.1 * reach * random.in_cube();

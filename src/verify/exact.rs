@@ -9,7 +9,7 @@ use std::cmp::Ordering;
 
 use glam::DVec3;
 
-use crate::numeric::Wide;
+use crate::numeric::DoubleDouble;
 use crate::shape::oracle::wide3;
 
 /// An exact number: a sum of floats, smallest first, none overlapping another.
@@ -71,8 +71,10 @@ impl Exact {
     }
 
     /// The number to 106 bits.
-    pub(super) fn wide(&self) -> Wide {
-        self.0.iter().fold(Wide::ZERO, |sum, &part| sum + Wide::of(part))
+    pub(super) fn wide(&self) -> DoubleDouble {
+        self.0
+            .iter()
+            .fold(DoubleDouble::ZERO, |sum, &part| sum + DoubleDouble::of(part))
     }
 }
 
@@ -160,14 +162,14 @@ pub(super) fn crossing(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
 ///
 /// Its two determinants are right to 2^-100 of their largest terms: a triangle 10^9 times as long as high, seen at 10^-4
 /// to its plane, leaves 55 bits of them.
-pub(super) fn parameter(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> Wide {
-    let minus = |p: DVec3, q: DVec3| [0, 1, 2].map(|k| Wide::of(p[k]) - Wide::of(q[k]));
+pub(super) fn parameter(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> DoubleDouble {
+    let minus = |p: DVec3, q: DVec3| [0, 1, 2].map(|k| DoubleDouble::of(p[k]) - DoubleDouble::of(q[k]));
     let (e1, e2) = (minus(b, a), minus(c, a));
     let n = [0, 1, 2].map(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
         e1[i] * e2[j] - e1[j] * e2[i]
     });
-    let along = |v: [Wide; 3]| n[0] * v[0] + n[1] * v[1] + n[2] * v[2];
+    let along = |v: [DoubleDouble; 3]| n[0] * v[0] + n[1] * v[1] + n[2] * v[2];
     along(minus(a, o)) / along(wide3(d))
 }
 
@@ -183,7 +185,7 @@ pub(super) fn discriminant(o: DVec3, d: DVec3, c: DVec3, r: f64) -> Exact {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::Random;
+    use crate::numeric::SplitMix64;
 
     #[test]
     fn a_sum_keeps_what_is_two_hundred_bits_below_it() {
@@ -217,7 +219,7 @@ mod tests {
     #[test]
     fn signs_agree_with_integers() {
         let seed = 3;
-        let mut random = Random::new(seed, 0);
+        let mut random = SplitMix64::new(seed, 0);
         let mut counts = [0; 3];
         for _ in 0..20_000 {
             // Small enough that many determinants vanish, and that i64 holds all.

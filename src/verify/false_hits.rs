@@ -11,7 +11,7 @@ use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
 use crate::mesh::Mesh;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Material, Scene};
 
 pub(super) const CASES: &[Case] = &[
@@ -69,7 +69,7 @@ const SLIVERS: usize = 16;
 const EDGES: [f64; 3] = [11.15, 9.75, 1.42];
 
 /// A triangle of these edges, turned and moved.
-fn sliver(random: &mut Random) -> [DVec3; 3] {
+fn sliver(random: &mut SplitMix64) -> [DVec3; 3] {
     let [along, far, near] = EDGES;
     let x = (along * along + near * near - far * far) / (2.0 * along);
     let y = (near * near - x * x).sqrt();
@@ -79,7 +79,7 @@ fn sliver(random: &mut Random) -> [DVec3; 3] {
 }
 
 /// A ray at a sliver or beside it, at 0.1 to 2 degrees to its plane.
-fn at_a_glance(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
+fn at_a_glance(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     let [a, b, c] = random.pick(triangles);
     let target = a + random.within(-0.2, 1.2) * (b - a) + random.within(-4.0, 4.0) * (c - a);
     let normal = (b - a).cross(c - a).normalize_or_zero();
@@ -94,7 +94,7 @@ fn at_a_glance(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
 }
 
 fn glancing(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut random = Random::new(0x387, 0);
+    let mut random = SplitMix64::new(0x387, 0);
     let triangles: Vec<[DVec3; 3]> = (0..SLIVERS).map(|_| sliver(&mut random)).collect();
     let scene = scene(vec![Geometry::Mesh(soup(&triangles))]);
     let engine = trial.engine(&scene)?;
@@ -140,7 +140,7 @@ fn huge_box_of(trial: &Trial, scene: &Scene, width: f64) -> Result<Tally, AccelE
     // Powers of two round nothing.
     let expected = normalisation.scale * (START - HEIGHT);
     let ulp = f64::from((expected as f32).next_up()) - expected;
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         let mut inside = || random.within(0.01, 0.99) * width;
         let origin = normalisation.point(DVec3::new(inside(), inside(), START));
         let mut zero = || random.pick(&[0.0, -0.0]);
@@ -163,7 +163,7 @@ const APART: f64 = 128.0;
 const SIZE: f64 = 1.0;
 
 /// A triangle of that size within its cell.
-fn small(number: usize, random: &mut Random) -> [DVec3; 3] {
+fn small(number: usize, random: &mut SplitMix64) -> [DVec3; 3] {
     let cell = DVec3::new((number % 4) as f64, (number / 4 % 4) as f64, (number / 16) as f64);
     // Where the complaint's triangle is, among others.
     let place = APART * cell + DVec3::new(0.2287, 1.3526, 0.5);
@@ -171,7 +171,7 @@ fn small(number: usize, random: &mut Random) -> [DVec3; 3] {
 }
 
 /// A segment beside a triangle.
-fn segment(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
+fn segment(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     let [a, b, c] = random.pick(triangles);
     if random.below(4) == 0 {
         // Straight at it, but only half of the way.
@@ -204,7 +204,7 @@ fn segment(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
 }
 
 fn beside(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut random = Random::new(0x423, 0);
+    let mut random = SplitMix64::new(0x423, 0);
     let triangles: Vec<[DVec3; 3]> = (0..SMALL).map(|number| small(number, &mut random)).collect();
     let scene = scene(vec![Geometry::Mesh(soup(&triangles))]);
     let engine = trial.engine(&scene)?;

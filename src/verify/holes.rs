@@ -10,7 +10,7 @@ use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
 use crate::mesh::Mesh;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::Geometry;
 
 pub(super) const CASES: &[Case] = &[
@@ -114,7 +114,7 @@ fn nested_cylinders(trial: &Trial) -> Result<Tally, AccelError> {
     let meshes: Vec<Mesh> = (0..CYLINDERS).map(|number| cylinder(measures(number))).collect();
     let scene = scene(meshes.iter().cloned().map(Geometry::Mesh).collect());
     let engine = trial.engine(&scene)?;
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         let number = random.below(CYLINDERS);
         let vertex = Vec3::from(meshes[number].positions[random.below(meshes[number].positions.len())]);
         let mut origin = 0.9 * vertex;
@@ -145,7 +145,7 @@ const APART: f64 = 16.0;
 type Pair = [[DVec3; 3]; 2];
 
 /// A pair about a point: half of them are a unit square with whole corners, cut along a diagonal.
-fn pair(number: usize, random: &mut Random) -> Pair {
+fn pair(number: usize, random: &mut SplitMix64) -> Pair {
     let center = APART * DVec3::new((number % 8) as f64, (number / 8) as f64, 0.0);
     let [a, b, c, d] = if number.is_multiple_of(2) {
         [DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0), DVec3::Y, DVec3::X]
@@ -165,7 +165,7 @@ fn pair(number: usize, random: &mut Random) -> Pair {
 }
 
 /// A ray at the shared edge that sees both triangles' fronts; down from above or at any angle.
-fn at_shared_edge(pairs: &[Pair], random: &mut Random) -> Ray {
+fn at_shared_edge(pairs: &[Pair], random: &mut SplitMix64) -> Ray {
     let [[a, b, c], [_, _, d]] = random.pick(pairs);
     // In thirty-seconds, which a square's diagonal has exact points at.
     let along = (2 + random.below(29)) as f64 / 32.0;
@@ -190,7 +190,7 @@ fn at_shared_edge(pairs: &[Pair], random: &mut Random) -> Ray {
 }
 
 fn shared_edges(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut random = Random::new(0x1149, 0);
+    let mut random = SplitMix64::new(0x1149, 0);
     let pairs: Vec<Pair> = (0..PAIRS).map(|number| pair(number, &mut random)).collect();
     let mut corners = Vec::new();
     let mut faces = Vec::new();
@@ -215,7 +215,7 @@ const ABOVE: f64 = 16.0;
 
 /// A height from 0 to 7 for each corner.
 fn height(x: usize, z: usize) -> f64 {
-    (Random::new(0x589, (x * (SQUARES + 1) + z) as u64).below(8)) as f64
+    (SplitMix64::new(0x589, (x * (SQUARES + 1) + z) as u64).below(8)) as f64
 }
 
 /// A terrain over a square; `axis` is up.
@@ -256,7 +256,7 @@ fn terrains(trial: &Trial) -> Result<Tally, AccelError> {
     trial.over_parts(3, &|axis, trial| {
         let scene = scene(vec![Geometry::Mesh(terrain(axis))]);
         let engine = trial.engine(&scene)?;
-        let ray = |random: &mut Random| {
+        let ray = |random: &mut SplitMix64| {
             let mut inner = || 0.5 * (1 + random.below(2 * SQUARES - 1)) as f64;
             let origin = turned(axis, inner(), ABOVE, inner()).as_vec3();
             let mut zero = || random.pick(&[0.0, -0.0]);
@@ -290,7 +290,7 @@ fn snapped_mesh() -> Mesh {
 fn snapped(trial: &Trial) -> Result<Tally, AccelError> {
     let scene = scene(vec![Geometry::Mesh(snapped_mesh())]);
     let engine = trial.engine(&scene)?;
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         // Within 1/4 of the radius along each axis, so within 0.44 of it: well inside.
         let reach = RADIUS as usize / 2;
         let mut near = || 0.5 * (random.below(2 * reach + 1) as f32 - reach as f32);

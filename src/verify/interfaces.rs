@@ -9,7 +9,7 @@ use super::exact::Exact;
 use super::sketch::Axis;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
-use crate::numeric::{Random, Wide};
+use crate::numeric::{DoubleDouble, SplitMix64};
 
 pub(super) const CASES: &[Case] = &[
     Case {
@@ -88,7 +88,7 @@ impl Boundary {
 }
 
 /// A cosine near the one at which total reflection begins.
-fn near_critical(random: &mut Random) -> Boundary {
+fn near_critical(random: &mut SplitMix64) -> Boundary {
     let [eta_t, eta_i] = match random.below(3) {
         0 => [1.0, 1.5],
         1 => [1.33, 2.42],
@@ -113,14 +113,14 @@ fn near_critical(random: &mut Random) -> Boundary {
     }
 }
 
-fn critical(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+fn critical(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     let mut tally = Tally::default();
     for _ in 0..count {
         let at = near_critical(random);
         let found = (trial.subject.formulas.dielectric)(at.cos_i, at.eta_i, at.eta_t);
         let square = at.square();
         let answer = if square.sign() == Ordering::Greater {
-            let cos_t = square.wide().sqrt() / Wide::of(at.eta_t);
+            let cos_t = square.wide().sqrt() / DoubleDouble::of(at.eta_t);
             let off = cos_t.ulps_from(found.cos_t);
             tally.note_at(COSINE, at.cos_i, off);
             Answer::wrong_if(!(off <= COSINE_ULPS))
@@ -133,7 +133,7 @@ fn critical(trial: &Trial, random: &mut Random, count: usize) -> Tally {
 }
 
 /// A boundary of any kind, where light goes through.
-fn any_boundary(random: &mut Random) -> Boundary {
+fn any_boundary(random: &mut SplitMix64) -> Boundary {
     let eta = random.within(1.0, 1.5);
     let apart = match random.below(2) {
         0 => 10f64.powf(random.within(-9.0, -1.0)),
@@ -160,11 +160,11 @@ fn any_boundary(random: &mut Random) -> Boundary {
 }
 
 /// Reflectance and transmittance of s, then of p.
-fn shares(at: &Boundary, q: Wide) -> [[Wide; 2]; 2] {
-    let [cos_i, eta_i, eta_t] = [at.cos_i, at.eta_i, at.eta_t].map(Wide::of);
+fn shares(at: &Boundary, q: DoubleDouble) -> [[DoubleDouble; 2]; 2] {
+    let [cos_i, eta_i, eta_t] = [at.cos_i, at.eta_i, at.eta_t].map(DoubleDouble::of);
     let cos_t = q / eta_t;
-    let four = Wide::of(4.0);
-    let split = |a: Wide, b: Wide| {
+    let four = DoubleDouble::of(4.0);
+    let split = |a: DoubleDouble, b: DoubleDouble| {
         let (sum, difference) = (a + b, a - b);
         let amplitude = difference / sum;
         [amplitude * amplitude, four * eta_i * cos_i * q / (sum * sum)]
@@ -172,7 +172,7 @@ fn shares(at: &Boundary, q: Wide) -> [[Wide; 2]; 2] {
     [split(eta_i * cos_i, q), split(eta_t * cos_i, eta_i * cos_t)]
 }
 
-fn fresnel(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+fn fresnel(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     let mut tally = Tally::default();
     for _ in 0..count {
         let at = any_boundary(random);
@@ -184,7 +184,7 @@ fn fresnel(trial: &Trial, random: &mut Random, count: usize) -> Tally {
             continue;
         }
         let [[r_s, t_s], [r_p, t_p]] = shares(&at, square.wide().sqrt());
-        let mean = Wide::of(0.5) * (r_s + r_p);
+        let mean = DoubleDouble::of(0.5) * (r_s + r_p);
         let mut named = vec![
             ("R of s", r_s.ulps_from(found.reflectance.s)),
             ("R", mean.ulps_from(found.reflectance.mean())),
@@ -211,7 +211,7 @@ const ROUND_TRIP: f64 = 1e-12;
 /// Reflections inside a cube.
 const BOUNCES: usize = 64;
 
-fn round_trips(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+fn round_trips(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     let mut tally = Tally::default();
     for _ in 0..count {
         let eta = 1.0 + 10f64.powf(random.within(-6.0, 0.2));

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 
 use crate::mesh::Mesh;
-use crate::numeric::Random;
+use crate::numeric::SplitMix64;
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Sphere};
 
@@ -81,7 +81,7 @@ const OTHERS: u64 = 24;
 /// A shape within `radius` of `center` in its own space, which is the world, and small spheres around it.
 pub(super) fn among_others(shape: Shape, center: DVec3, radius: f64) -> Scene {
     let others = (0..OTHERS).map(|number| {
-        let mut random = Random::new(0, number);
+        let mut random = SplitMix64::new(0, number);
         Shape::Sphere(Sphere {
             center: center + radius * random.within(2.0, 4.0) * random.direction(),
             radius: 0.01 * radius,

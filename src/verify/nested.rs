@@ -11,7 +11,7 @@ use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
 use crate::mesh::Mesh;
-use crate::numeric::Random;
+use crate::numeric::SplitMix64;
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{
     Background, Camera, Geometry, Instance, Interior, Lecture, Material, Model, Projection, Scene,
@@ -62,7 +62,7 @@ struct Stack {
 
 impl Stack {
     /// A stack whose walls are far enough apart, as is the eye from all of them.
-    fn any(random: &mut Random) -> Stack {
+    fn any(random: &mut SplitMix64) -> Stack {
         loop {
             let count = 2 + random.below(5);
             let mut walls: Vec<f32> = Vec::new();
@@ -170,7 +170,7 @@ impl Stack {
 const MAX_SIGMA: f64 = 0.5;
 
 impl Layer {
-    fn any(number: usize, walls: &[f32], random: &mut Random) -> Layer {
+    fn any(number: usize, walls: &[f32], random: &mut SplitMix64) -> Layer {
         Layer {
             half: 1.5 + 0.125 * number as f32,
             low: walls[0].min(walls[1]),
@@ -233,7 +233,7 @@ fn nested(trial: &Trial) -> Result<Tally, AccelError> {
     let size = (trial.rays / (FOLLOWED * stack_count)).isqrt().max(4) as u32;
     trial.over_parts(stack_count as usize, &|number, _| {
         let mut tally = Tally::default();
-        let stack = Stack::any(&mut Random::new(0x38, number as u64));
+        let stack = Stack::any(&mut SplitMix64::new(0x38, number as u64));
         let scene = stack.scene();
         let Some(rendering) = trial.picture((&scene, &stack.camera()), size, (64, 0.0))? else {
             return Ok(tally);

@@ -8,7 +8,7 @@ use super::slivers::compared;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Scene};
 use crate::shape::{Shape, Sphere};
 
@@ -57,7 +57,7 @@ fn any_bits(trial: &Trial) -> Result<Tally, AccelError> {
 }
 
 /// Every other ray is sound; of the others a number or more are odd.
-fn odd_ray(random: &mut Random) -> Ray {
+fn odd_ray(random: &mut SplitMix64) -> Ray {
     let origin = 4.0 * random.in_cube();
     let direction = 2.0 * random.in_cube() - origin;
     let mut ray = Ray::new(origin.as_vec3(), direction.as_vec3());

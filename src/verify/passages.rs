@@ -8,7 +8,7 @@ use super::trial::{Answer, Engine, Tally, Trial, describe, order};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit, LANES, RayPacket};
 use crate::mesh::Mesh;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::render::{Departure, Departures};
 use crate::scene::{Geometry, Instance, Material, Scene};
 use crate::shape::{Shape, Sphere};
@@ -68,7 +68,7 @@ fn passages(
     trial: &Trial,
     (engine, departures): (&Engine, &Departures),
     rays: &[Ray],
-    random: &mut Random,
+    random: &mut SplitMix64,
 ) -> Vec<Vec<u32>> {
     let mut met = vec![Vec::new(); rays.len()];
     let mut going: Vec<(usize, Ray)> = rays.iter().copied().enumerate().collect();
@@ -101,7 +101,7 @@ fn hits(packets: &[RayPacket]) -> impl Iterator<Item = Option<Hit>> {
 fn expect(
     trial: &Trial,
     scene: &Scene,
-    ray: impl Fn(&mut Random) -> Ray + Sync,
+    ray: impl Fn(&mut SplitMix64) -> Ray + Sync,
     expected: &[u32],
 ) -> Result<Tally, AccelError> {
     let engine = trial.engine(scene)?;
@@ -154,7 +154,7 @@ fn through_sheets(trial: &Trial) -> Result<Tally, AccelError> {
     trial.over_parts(DISTANCES.len(), &|number, trial| {
         let distance = DISTANCES[number];
         let scene = sheets(distance);
-        let ray = |random: &mut Random| {
+        let ray = |random: &mut SplitMix64| {
             let mut aside = || random.within(-0.4, 0.4);
             let direction = DVec3::new(aside(), aside(), 1.0);
             Ray::new((0.1 * distance * random.in_cube()).as_vec3(), direction.as_vec3())
@@ -167,7 +167,7 @@ fn through_sheets(trial: &Trial) -> Result<Tally, AccelError> {
 /// Rays that end at, before or behind a sheet: what they meet must lie between their ends.
 fn between_ends(trial: &Trial, scene: &Scene, distance: f64) -> Result<Tally, AccelError> {
     let engine = trial.engine(scene)?;
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         let mut end = || {
             let steps = random.below((GAP * (SHEETS + 2)) as usize) as u32;
             f32::from_bits((distance as f32).to_bits() - GAP + steps)
@@ -193,7 +193,7 @@ const TRIANGLES: usize = 64;
 
 /// Triangles of a size, ten of it apart, about the origin.
 fn triangles(size: f64) -> Mesh {
-    let mut random = Random::new(48, size.to_bits());
+    let mut random = SplitMix64::new(48, size.to_bits());
     let corners: Vec<DVec3> = (0..TRIANGLES)
         .flat_map(|number| {
             let cell = DVec3::new((number % 4) as f64, (number / 4 % 4) as f64, (number / 16) as f64);
@@ -238,7 +238,7 @@ fn along_normals_of(trial: &Trial, scene: &Scene, mesh: &Mesh) -> Result<Tally, 
 }
 
 /// A ray at the middle of a triangle, from a size or two away.
-fn at_a_triangle(mesh: &Mesh, random: &mut Random) -> Ray {
+fn at_a_triangle(mesh: &Mesh, random: &mut SplitMix64) -> Ray {
     let [a, b, c] = mesh.corners_f64(random.below(mesh.triangles.len()) as u32);
     let middle = (a + b + c) / 3.0;
     let origin = (middle + 2.0 * a.distance(b) * random.direction()).as_vec3();
@@ -266,7 +266,7 @@ fn through_shells(trial: &Trial) -> Result<Tally, AccelError> {
         solid(scene(vec![ball(1.0 + SHELL), ball(1.0)])),
         solid(scene(vec![faceted(1.0 + SHELL), faceted(1.0)])),
     ];
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         let origin = (3.0 * random.direction()).as_vec3();
         // At most 0.9 radii beside the middle.
         let target = 0.9 / 3f64.sqrt() * random.in_cube();
@@ -283,7 +283,7 @@ fn box_above_a_floor(trial: &Trial) -> Result<Tally, AccelError> {
     // As the complaint has it, which the next version of that program could not do.
     let floor = DAffine3::from_translation(DVec3::new(0.0, -1.000_000_7, 0.0)) * upright();
     scene.instances.extend(Instance::new("floor", 1, 0, floor));
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         let mut inner = || random.within(-0.95, 0.95);
         let target = DVec3::new(inner(), -1.0, inner());
         let origin = Vec3::new(1.0, 2.0, 3.0);

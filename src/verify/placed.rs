@@ -8,7 +8,7 @@ use super::spawned::{leave, outward};
 use super::trial::{Answer, Tally, Trial, describe, order};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::render::{Departure, Departures};
 use crate::scene::{Geometry, Instance, Material, Scene};
 
@@ -46,7 +46,7 @@ enum Way {
 /// Placements of each solid.
 const PLACEMENTS: usize = 24;
 
-fn placement(random: &mut Random) -> DAffine3 {
+fn placement(random: &mut SplitMix64) -> DAffine3 {
     let size = 10f64.powf(random.within(-4.0, 4.0));
     let mut stretch = || 10f64.powf(random.within(-2.0, 2.0)) * random.pick(&[1.0, -1.0]);
     let scale = match size.to_bits() % 3 {
@@ -64,7 +64,7 @@ fn leaving(trial: &Trial, way: Way) -> Result<Tally, AccelError> {
     let solids = convex_solids();
     trial.over_parts(solids.len() * PLACEMENTS, &|number, trial| {
         let shape = solids[number / PLACEMENTS].clone();
-        let map = placement(&mut Random::new(0x91ace, number as u64));
+        let map = placement(&mut SplitMix64::new(0x91ace, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, map) else {
             return Ok(Tally::default());
         };

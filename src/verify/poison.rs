@@ -10,7 +10,7 @@ use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
 use crate::mesh::{Mesh, Slab};
-use crate::numeric::{Bounds, Random};
+use crate::numeric::{Bounds, SplitMix64};
 use crate::optics::subsurface::Scattering;
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{
@@ -69,7 +69,7 @@ fn sound_scene() -> Scene {
 /// A number of the scene: what a refusal of it names, and what adds something, 0 or NaN, to it. What is refused as soon
 /// as it is made, before there is a scene, names itself in the error that comes back.
 type Input = (&'static str, Add);
-type Add = fn(&mut Scene, &mut Random, f64) -> Result<(), String>;
+type Add = fn(&mut Scene, &mut SplitMix64, f64) -> Result<(), String>;
 
 static INPUTS: [Input; 67] = [
     ("geometry 0", |s, r, x| {
@@ -296,22 +296,22 @@ static INPUTS: [Input; 67] = [
 ];
 
 /// The numbers, to one of which `x` is added.
-fn any<const N: usize>(mut values: [f64; N], random: &mut Random, x: f64) -> [f64; N] {
+fn any<const N: usize>(mut values: [f64; N], random: &mut SplitMix64, x: f64) -> [f64; N] {
     values[random.below(N)] += x;
     values
 }
 
-fn one_of(v: DVec3, random: &mut Random, x: f64) -> DVec3 {
+fn one_of(v: DVec3, random: &mut SplitMix64, x: f64) -> DVec3 {
     any(v.to_array(), random, x).into()
 }
 
 /// The identity, to one of whose numbers `x` is added.
-fn map(random: &mut Random, x: f64) -> DAffine3 {
+fn map(random: &mut SplitMix64, x: f64) -> DAffine3 {
     DAffine3::from_cols_array(&any(DAffine3::IDENTITY.to_cols_array(), random, x))
 }
 
 /// Vertex attributes, to one of whose numbers `x` is added.
-fn with<T: Pod>(values: &Slab<T>, random: &mut Random, x: f64) -> Slab<T> {
+fn with<T: Pod>(values: &Slab<T>, random: &mut SplitMix64, x: f64) -> Slab<T> {
     let mut values = values.to_vec();
     let numbers: &mut [f32] = bytemuck::cast_slice_mut(&mut values);
     let number = random.below(numbers.len());
@@ -408,7 +408,7 @@ fn texel(
     scene: &mut Scene,
     parameter: Parameter,
     channel: usize,
-    (random, x): (&mut Random, f64),
+    (random, x): (&mut SplitMix64, f64),
 ) -> Result<(), String> {
     texels(scene)[random.below(16)][channel] += x as f32;
     layer(scene, parameter, |_| ())
@@ -454,7 +454,7 @@ fn spot(direction: DVec3, [cos_inner, cos_outer]: [f64; 2]) -> LightKind {
     }
 }
 
-fn area(random: &mut Random, x: f64) -> LightKind {
+fn area(random: &mut SplitMix64, x: f64) -> LightKind {
     let mut sides = [DVec3::Y, DVec3::X, DVec3::Z];
     let side = random.below(3);
     sides[side] = one_of(sides[side], random, x);
@@ -486,7 +486,7 @@ fn camera(scene: &mut Scene, change: impl FnOnce(&mut Camera)) -> Result<(), Str
     Ok(())
 }
 
-fn projection(random: &mut Random, x: f64) -> Projection {
+fn projection(random: &mut SplitMix64, x: f64) -> Projection {
     let [a, b, c] = any([1.0; 3], random, x);
     match random.below(3) {
         // One number each time, as `a + b + c` has whichever is not one.
@@ -516,7 +516,7 @@ fn poisoned(trial: &Trial) -> Result<Tally, AccelError> {
         let (place, add) = INPUTS[number as usize / 2 % INPUTS.len()];
         let x = [0.0, f64::NAN][number as usize % 2];
         let mut scene = sound.clone();
-        let made = add(&mut scene, &mut Random::new(0x9015, number / 2), x);
+        let made = add(&mut scene, &mut SplitMix64::new(0x9015, number / 2), x);
         let said = match made {
             Err(fault) => Some((fault.contains(place), fault)),
             Ok(()) => (trial.subject.formulas.validate)(&scene)

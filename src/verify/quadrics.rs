@@ -6,7 +6,7 @@ use super::transforms::{Oracle, turn};
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit, RayPacket};
-use crate::numeric::{Bounds, Random, Ray};
+use crate::numeric::{Bounds, Ray, SplitMix64};
 use crate::render::{Departure, Departures};
 use crate::scene::{Geometry, Instance, Material, Scene};
 use crate::shape::{Quadric, Shape, Sphere};
@@ -31,7 +31,7 @@ const MIN_POWER: usize = 20;
 const TILT: f64 = 1e-5;
 
 /// An ellipsoid as a shape and the map of the unit sphere to it.
-fn ellipsoid(part: usize, random: &mut Random) -> (Shape, DAffine3, DAffine3) {
+fn ellipsoid(part: usize, random: &mut SplitMix64) -> (Shape, DAffine3, DAffine3) {
     let mut axis = || 0.5f64.powi(random.below(MIN_POWER + 1) as i32);
     // Every fourth is as thin as they come.
     let axes = match part % 4 {
@@ -58,7 +58,7 @@ fn ellipsoid(part: usize, random: &mut Random) -> (Shape, DAffine3, DAffine3) {
 
 fn thin(trial: &Trial) -> Result<Tally, AccelError> {
     trial.over_parts(COUNT, &|number, trial| {
-        let (shape, place, stretched) = ellipsoid(number, &mut Random::new(0x08, number as u64));
+        let (shape, place, stretched) = ellipsoid(number, &mut SplitMix64::new(0x08, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, place) else {
             return Ok(Tally::default());
         };
@@ -93,7 +93,7 @@ fn thin_of(trial: &Trial, scene: &Scene, stretched: &DAffine3) -> Result<Tally, 
 }
 
 /// A ray at an ellipsoid, from its own distances or from those of the world.
-fn at(map: &DMat3, random: &mut Random) -> Ray {
+fn at(map: &DMat3, random: &mut SplitMix64) -> Ray {
     let distance = 10f64.powf(random.within(0.1, 1.0)) * random.direction();
     let origin = random.pick(&[*map * distance, distance]).as_vec3();
     let target = *map * (random.unit().cbrt() * random.direction());

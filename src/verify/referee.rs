@@ -119,7 +119,7 @@ fn parts(mesh: &Mesh, number: u32, instance: &Instance) -> Vec<Group> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::Random;
+    use crate::numeric::SplitMix64;
     use crate::shape::{Shape, Sphere};
     use crate::verify::meshes::{icosphere, lattice_cube, scene};
 
@@ -136,7 +136,7 @@ mod tests {
         ]);
         let (referee, brute) = (Referee::new(&scene), BruteAccel::new(&scene));
         let seed = 11;
-        let mut random = Random::new(seed, 0);
+        let mut random = SplitMix64::new(seed, 0);
         let mut met = 0;
         for _ in 0..20_000 {
             let origin = (4.0 * random.in_cube()).as_vec3();

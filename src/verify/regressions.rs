@@ -8,7 +8,7 @@ use super::slivers::compared;
 use super::trial::{Answer, Engine, Tally, Trial, describe, order};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Cone, Shape, Sphere, Torus};
 
@@ -43,7 +43,7 @@ pub(super) fn things() -> Scene {
     ];
     scene.geometries.extend(placed.map(Geometry::Shape));
     for number in 0..18u32 {
-        let mut random = Random::new(0x48, number.into());
+        let mut random = SplitMix64::new(0x48, number.into());
         let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
         let scale = DVec3::new(
             random.within(0.3, 1.0),
@@ -64,7 +64,7 @@ fn any_length(trial: &Trial) -> Result<Tally, AccelError> {
 }
 
 /// Asks about pairs of rays that differ by the lengths of their directions alone.
-fn lengths(scene: &Scene, engine: &Engine, random: &mut Random, count: usize) -> Tally {
+fn lengths(scene: &Scene, engine: &Engine, random: &mut SplitMix64, count: usize) -> Tally {
     let plain: Vec<Ray> = (0..count.div_ceil(3)).map(|_| ray(random)).collect();
     let factors: Vec<f32> = plain.iter().map(|_| 2f32.powi(random.pick(&EXPONENTS))).collect();
     let scaled: Vec<Ray> = plain
@@ -103,7 +103,7 @@ fn lengths(scene: &Scene, engine: &Engine, random: &mut Random, count: usize) ->
 }
 
 /// A ray with a direction of length 1 to 2.
-fn ray(random: &mut Random) -> Ray {
+fn ray(random: &mut SplitMix64) -> Ray {
     let direction = random.within(1.0, 2.0) * random.direction();
     Ray::new((8.0 * random.in_cube()).as_vec3(), direction.as_vec3())
 }

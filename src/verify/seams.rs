@@ -6,7 +6,7 @@ use super::meshes::{mesh, scene};
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
-use crate::numeric::{Random, Ray, Wide};
+use crate::numeric::{DoubleDouble, Ray, SplitMix64};
 use crate::scene::{Geometry, Instance, Scene};
 
 pub(super) const CASES: &[Case] = &[Case {
@@ -59,7 +59,7 @@ impl Ground {
     }
 
     /// A ray down at a seam, or near one, or at the rim.
-    fn ray(&self, random: &mut Random) -> Ray {
+    fn ray(&self, random: &mut SplitMix64) -> Ray {
         let step = f64::from(self.width);
         let mut coordinate = |is_seam: bool| {
             let start = self.starts[random.below(TILES)];
@@ -78,10 +78,10 @@ impl Ground {
     }
 
     /// How far inside the nearest tile a coordinate is; negative in gaps and outside.
-    fn inside(&self, x: Wide) -> f64 {
+    fn inside(&self, x: DoubleDouble) -> f64 {
         let inside_of = |&start: &f64| {
-            let left = x - Wide::of(start);
-            let right = Wide::of(self.width.into()) - left;
+            let left = x - DoubleDouble::of(start);
+            let right = DoubleDouble::of(self.width.into()) - left;
             left.nearest().min(right.nearest())
         };
         self.starts
@@ -95,8 +95,8 @@ impl Ground {
         if !(d.y < 0.0) {
             return Answer::wrong_if(hit.is_some());
         }
-        let t = Wide::of(-o.y) / Wide::of(d.y);
-        let at = |axis: usize| Wide::of(o[axis]) + t * Wide::of(d[axis]);
+        let t = DoubleDouble::of(-o.y) / DoubleDouble::of(d.y);
+        let at = |axis: usize| DoubleDouble::of(o[axis]) + t * DoubleDouble::of(d[axis]);
         let inside = self.inside(at(0)).min(self.inside(at(2)));
         if hit.is_some() == (inside >= 0.0) {
             return Answer::Right;

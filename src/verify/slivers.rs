@@ -13,7 +13,7 @@ use crate::accel::agreement::{Agreement, compare};
 use crate::accel::brute::BruteAccel;
 use crate::accel::{AccelError, Hit};
 use crate::mesh::Mesh;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Material, Scene};
 
 pub(super) const CASES: &[Case] = &[
@@ -45,7 +45,7 @@ pub(super) const CASES: &[Case] = &[
 const SLIVERS: usize = 128;
 
 /// A sliver in the cube [-1, 1]³.
-fn sliver(random: &mut Random) -> [DVec3; 3] {
+fn sliver(random: &mut SplitMix64) -> [DVec3; 3] {
     let a = random.in_cube();
     let along = random.within(0.3, 1.0) * random.direction();
     let across = along.cross(random.direction()).normalize_or_zero();
@@ -55,7 +55,7 @@ fn sliver(random: &mut Random) -> [DVec3; 3] {
 }
 
 /// A ray at one of the triangles, close to its plane.
-fn grazing(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
+fn grazing(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     let [a, b, c] = random.pick(triangles);
     // Within it or a little beside it.
     let (u, v) = (random.within(-0.1, 1.1), random.within(-0.1, 1.1));
@@ -71,7 +71,7 @@ fn grazing(triangles: &[[DVec3; 3]], random: &mut Random) -> Ray {
 }
 
 fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut random = Random::new(0x5117, 0);
+    let mut random = SplitMix64::new(0x5117, 0);
     let triangles: Vec<[DVec3; 3]> = (0..SLIVERS).map(|_| sliver(&mut random)).collect();
     let corners: Vec<DVec3> = triangles.iter().flatten().copied().collect();
     let faces = (0..SLIVERS as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
@@ -179,7 +179,7 @@ const MAX_MESHES: u64 = 10_000;
 fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MAX_MESHES);
     trial.over_parts(mesh_count as usize, &|number, part| {
-        let mut random = Random::new(0x6a7ba6e, number as u64);
+        let mut random = SplitMix64::new(0x6a7ba6e, number as u64);
         let mut scene = Scene {
             materials: vec![Material::default()],
             ..scene(vec![Geometry::Mesh(any_mesh(&mut random))])
@@ -194,7 +194,7 @@ fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
 }
 
 /// A number of any exponent and sign that passes the checks of a scene's vertices.
-fn any_number(random: &mut Random) -> f32 {
+fn any_number(random: &mut SplitMix64) -> f32 {
     loop {
         let x = f32::from_bits(random.bits() as u32);
         if x.abs() < Ray::LIMIT {
@@ -203,7 +203,7 @@ fn any_number(random: &mut Random) -> f32 {
     }
 }
 
-fn any_mesh(random: &mut Random) -> Mesh {
+fn any_mesh(random: &mut SplitMix64) -> Mesh {
     let count = 1 + random.below(30) as u32;
     // Some of one size, some of all sizes together.
     let size = any_number(random).abs();
@@ -238,7 +238,7 @@ fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
     let triangles: Vec<[DVec3; 3]> = (0..mesh.triangles.len() as u32)
         .map(|number| mesh.corners_f64(number))
         .collect();
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         let [a, b, c] = random.pick(&triangles);
         let (u, v) = (0.5 * random.unit(), 0.5 * random.unit());
         let target = a + u * (b - a) + v * (c - a);

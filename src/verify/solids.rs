@@ -15,7 +15,7 @@ use super::meshes::among_others;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::Camera;
 use crate::shape::oracle::{
     self, FirstCrossing, Intervals, cut, first_crossing_of_torus, inside_quadric, inside_torus, whole,
@@ -263,7 +263,7 @@ fn beyond(t: f32, low: f64, high: f64) -> f64 {
 fn at_solids(
     trial: &Trial,
     solids: Vec<Solid>,
-    ray: impl Fn(&Solid, &mut Random) -> Ray + Sync,
+    ray: impl Fn(&Solid, &mut SplitMix64) -> Ray + Sync,
 ) -> Result<Tally, AccelError> {
     trial.over_parts(solids.len(), &|number, trial| {
         let solid = &solids[number];
@@ -286,8 +286,8 @@ fn at_solids(
     })
 }
 
-fn along_cylinder(_: &Solid, random: &mut Random) -> Ray {
-    let off = |random: &mut Random| match random.below(4) {
+fn along_cylinder(_: &Solid, random: &mut SplitMix64) -> Ray {
+    let off = |random: &mut SplitMix64| match random.below(4) {
         0 => random.pick(&[0.0, -0.0]),
         _ => random.pick(&[1.0, -1.0]) * 0.5f64.powi(1 + random.below(149) as i32),
     };
@@ -300,7 +300,7 @@ fn along_cylinder(_: &Solid, random: &mut Random) -> Ray {
     Ray::new(origin.as_vec3(), direction.as_vec3())
 }
 
-fn along_cone(_: &Solid, random: &mut Random) -> Ray {
+fn along_cone(_: &Solid, random: &mut SplitMix64) -> Ray {
     let around = random.direction().with_z(0.0).normalize_or_zero();
     let around = random.pick(&[around, DVec3::X, -DVec3::Y]);
     // From the apex down along the wall, which is 2 high where it is 1 wide.
@@ -340,7 +340,7 @@ fn distant_tori(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-fn along_faces(solid: &Solid, random: &mut Random) -> Ray {
+fn along_faces(solid: &Solid, random: &mut SplitMix64) -> Ray {
     let mut corner = || random.pick(&solid.corners);
     // Through a corner, along an edge or a diagonal, in a face or across.
     let [a, b, c] = [corner(), corner(), corner()];

@@ -7,7 +7,7 @@ use super::sketch::Asked;
 use super::trial::{Answer, Engine, Tally, Trial, describe, order};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::render::{Departure, Departures};
 use crate::scene::{Geometry, Material, Scene};
 
@@ -63,8 +63,8 @@ fn leaving(
     trial: &Trial,
     (engine, departures): (&Engine, &Departures),
     rays: &[Ray],
-    random: &mut Random,
-    direction: impl Fn(&Departure, &mut Random) -> Option<DVec3>,
+    random: &mut SplitMix64,
+    direction: impl Fn(&Departure, &mut SplitMix64) -> Option<DVec3>,
 ) -> Vec<(Departure, Ray)> {
     let packets = engine.traced(rays, order(random));
     let met = packets.iter().flat_map(|packet| departures.of(packet));
@@ -74,7 +74,7 @@ fn leaving(
 }
 
 /// A direction on the side of the normal, and surely so after it is rounded.
-pub(super) fn outward(at: &Departure, random: &mut Random) -> Option<DVec3> {
+pub(super) fn outward(at: &Departure, random: &mut SplitMix64) -> Option<DVec3> {
     let way = random.direction();
     let way = if way.dot(at.ng) < 0.0 { -way } else { way };
     // The normal and the direction are off by a few roundings of f32.
@@ -92,7 +92,7 @@ fn self_shadows(trial: &Trial) -> Result<Tally, AccelError> {
 }
 
 /// A turned icosahedron of that radius, so many radii from the origin, where another stands: as a scene is loaded.
-fn far_icosahedron(random: &mut Random, radius: f64, distance: f64) -> Scene {
+fn far_icosahedron(random: &mut SplitMix64, radius: f64, distance: f64) -> Scene {
     let (corners, faces) = icosahedron();
     let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
     let place = |center: DVec3| {
@@ -112,7 +112,7 @@ fn far_icosahedron(random: &mut Random, radius: f64, distance: f64) -> Scene {
 
 fn self_shadows_of(trial: &Trial, radius: f64, distance: f64) -> Result<Tally, AccelError> {
     let scene = far_icosahedron(
-        &mut Random::new(trial.rays, radius.to_bits() ^ distance.to_bits()),
+        &mut SplitMix64::new(trial.rays, radius.to_bits() ^ distance.to_bits()),
         radius,
         distance,
     );
@@ -155,13 +155,13 @@ fn sliver_shadows(trial: &Trial) -> Result<Tally, AccelError> {
         .flat_map(|aspect| std::iter::repeat_n(aspect, TRIANGLES))
         .collect();
     trial.over_parts(cells.len(), &|number, trial| {
-        let mut random = Random::new(0x19, number as u64);
+        let mut random = SplitMix64::new(0x19, number as u64);
         shadows_of_triangle(&trial, triangle(&mut random, 10f64.powi(cells[number])))
     })
 }
 
 /// A triangle within a few units of the origin, so many times as long as high.
-fn triangle(random: &mut Random, aspect: f64) -> [DVec3; 3] {
+fn triangle(random: &mut SplitMix64, aspect: f64) -> [DVec3; 3] {
     let a = 2.0 * random.in_cube();
     let along = random.within(0.3, 1.0) * random.direction();
     let across = along.cross(random.direction()).normalize_or_zero() * along.length() / aspect;
@@ -223,7 +223,7 @@ fn smallest_gap(trial: &Trial) -> Result<Tally, AccelError> {
         let scene = sheets(gap);
         let engine = trial.engine(&scene)?;
         let departures = Departures::new(&scene);
-        let ask = |random: &mut Random, count| across(&trial, (&engine, &departures), gap, random, count);
+        let ask = |random: &mut SplitMix64, count| across(&trial, (&engine, &departures), gap, random, count);
         let tally = trial.in_chunks(&ask);
         Ok(trial.with_drawing(&engine, tally))
     })
@@ -234,7 +234,7 @@ fn across(
     trial: &Trial,
     (engine, departures): (&Engine, &Departures),
     gap: u32,
-    random: &mut Random,
+    random: &mut SplitMix64,
     count: usize,
 ) -> Tally {
     let rays: Vec<Ray> = (0..count)

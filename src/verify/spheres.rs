@@ -10,7 +10,7 @@ use super::meshes::among_others;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
-use crate::numeric::{Random, Ray, Wide};
+use crate::numeric::{DoubleDouble, Ray, SplitMix64};
 use crate::scene::Camera;
 use crate::shape::oracle::{Wide3, dot, wide3};
 use crate::shape::{Shape, Sphere};
@@ -94,9 +94,9 @@ struct Exact {
 impl Exact {
     fn new(sphere: &Sphere, ray: &Ray) -> Exact {
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-        let f = [0, 1, 2].map(|k| Wide::of(o[k]) - Wide::of(sphere.center[k]));
+        let f = [0, 1, 2].map(|k| DoubleDouble::of(o[k]) - DoubleDouble::of(sphere.center[k]));
         let direction = wide3(d);
-        let square = Wide::of(sphere.radius) * Wide::of(sphere.radius);
+        let square = DoubleDouble::of(sphere.radius) * DoubleDouble::of(sphere.radius);
         let a = dot(direction, direction);
         let b = -dot(f, direction);
         let c = dot(f, f) - square;
@@ -117,7 +117,11 @@ impl Exact {
             };
         }
         let root = discriminant.sqrt();
-        let q = if b < Wide::ZERO { b - root } else { b + root };
+        let q = if b < DoubleDouble::ZERO {
+            b - root
+        } else {
+            b + root
+        };
         let mut roots = [(c / q).nearest(), (q / a).nearest()];
         roots.sort_by(f64::total_cmp);
         Exact {
@@ -166,7 +170,12 @@ impl Exact {
 const DISCRIMINANT_ERROR: f64 = 32.0 / (1u64 << 52) as f64 / (1u64 << 52) as f64;
 
 /// `a r² - |f x d|²` and its sign, which is exact. `f` is the line's origin `o` as seen from the centre.
-fn discriminant(sphere: &Sphere, (o, d): (DVec3, DVec3), f: Wide3, chord: Wide) -> (Wide, Ordering) {
+fn discriminant(
+    sphere: &Sphere,
+    (o, d): (DVec3, DVec3),
+    f: Wide3,
+    chord: DoubleDouble,
+) -> (DoubleDouble, Ordering) {
     let direction = wide3(d);
     let moment = [0, 1, 2].map(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
@@ -196,7 +205,7 @@ fn ulp(x: f64) -> f64 {
 fn at_sphere(
     trial: &Trial,
     sphere: Sphere,
-    ray: impl Fn(&mut Random) -> Ray + Sync,
+    ray: impl Fn(&mut SplitMix64) -> Ray + Sync,
 ) -> Result<Tally, AccelError> {
     at_sphere_from(trial, sphere, 0.0, ray)
 }
@@ -206,7 +215,7 @@ fn at_sphere_from(
     trial: &Trial,
     sphere: Sphere,
     farthest: f64,
-    ray: impl Fn(&mut Random) -> Ray + Sync,
+    ray: impl Fn(&mut SplitMix64) -> Ray + Sync,
 ) -> Result<Tally, AccelError> {
     let mut scene = among_others(Shape::Sphere(sphere), sphere.center, sphere.radius);
     if farthest > 0.0 {

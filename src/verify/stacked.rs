@@ -7,7 +7,7 @@ use super::slivers::{compared, exact_nearest};
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
-use crate::numeric::{Random, Ray};
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Instance};
 use crate::shape::Shape;
 
@@ -49,7 +49,7 @@ fn coincident(trial: &Trial) -> Result<Tally, AccelError> {
     let shapes = (0..SHEETS).filter_map(|_| Instance::new("", SHEETS, 0, beside).ok());
     scene.instances.extend(shapes);
     let engine = trial.engine(&scene)?;
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         let is_shape = random.below(2) == 0;
         let shift = if is_shape { 3.0 } else { 0.0 };
         let target = DVec3::new(shift + random.within(-0.9, 0.9), random.within(-0.9, 0.9), 0.0);
@@ -95,7 +95,7 @@ fn in_order(trial: &Trial) -> Result<Tally, AccelError> {
     let faces = (0..corners.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
     let scene = scene(vec![Geometry::Mesh(mesh(&corners, faces.collect()))]);
     let engine = trial.engine(&scene)?;
-    let ray = |random: &mut Random| {
+    let ray = |random: &mut SplitMix64| {
         let [first, _] = pairs[random.below(pairs.len())];
         let (u, v) = (random.unit(), random.unit());
         let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };

@@ -3,7 +3,7 @@
 use super::sketch::Axis;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
-use crate::numeric::{LANES, Lanes, Random, Wide};
+use crate::numeric::{DoubleDouble, LANES, Lanes, SplitMix64};
 
 pub(super) const CASES: &[Case] = &[
     Case {
@@ -56,7 +56,7 @@ const SAMPLES: Axis = Axis {
     bound: 1.0,
 };
 
-fn opacities(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+fn opacities(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     let mut tally = Tally::default();
     for _ in 0..count {
         let small = 10f64.powf(random.within(-9.0, 0.0));
@@ -67,7 +67,7 @@ fn opacities(trial: &Trial, random: &mut Random, count: usize) -> Tally {
         };
         let ratio = 10f64.powf(random.within(-6.0, 6.0));
         let found = (trial.subject.formulas.corrected_opacity)(alpha, ratio);
-        let exact = -(Wide::of(ratio) * (-Wide::of(alpha)).ln_1p()).exp_m1();
+        let exact = -(DoubleDouble::of(ratio) * (-DoubleDouble::of(alpha)).ln_1p()).exp_m1();
         let off = exact.ulps_from(found);
         tally.note_at(OPACITY, ratio, off);
         tally.count(Answer::wrong_if(!(off <= OPACITY_ULPS)), || {
@@ -115,11 +115,11 @@ fn layers(trial: &Trial) -> Tally {
             let layer = tau / count as f64;
             let found = (trial.subject.formulas.transmittance)(layer, count);
             // Of what the layers add up to, which is not quite the whole.
-            let depth = Wide::of(layer) * Wide::of(count as f64);
+            let depth = DoubleDouble::of(layer) * DoubleDouble::of(count as f64);
             let exact = if tau > 745.0 {
                 0.0
             } else {
-                ((-depth).exp_m1() + Wide::ONE).nearest()
+                ((-depth).exp_m1() + DoubleDouble::ONE).nearest()
             };
             let bound = 1e-9 * (1.0 + tau) * exact;
             hold(&mut tally, (LAYERS, count as f64), [found, exact], bound, || {
@@ -147,8 +147,11 @@ fn pixels(trial: &Trial) -> Tally {
         let found = (trial.subject.formulas.pixel_sum)(&lanes, packets);
         let count = packets * LANES as u64;
         let (rounds, rest) = (count / mixture.len() as u64, count % mixture.len() as u64);
-        let sum = |part: &[f32]| part.iter().fold(Wide::ZERO, |sum, &x| sum + Wide::of(x.into()));
-        let exact = sum(mixture) * Wide::of(rounds as f64) + sum(&mixture[..rest as usize]);
+        let sum = |part: &[f32]| {
+            part.iter()
+                .fold(DoubleDouble::ZERO, |sum, &x| sum + DoubleDouble::of(x.into()))
+        };
+        let exact = sum(mixture) * DoubleDouble::of(rounds as f64) + sum(&mixture[..rest as usize]);
         // Where signs mix, of what the absolute values add up to.
         let size: f64 = mixture.iter().map(|x| f64::from(x.abs())).sum::<f64>() * (rounds + 1) as f64;
         let (at, answers) = ((SAMPLES, number as f64), [found, exact.nearest()]);

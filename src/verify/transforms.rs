@@ -5,7 +5,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::{AccelError, Hit};
-use crate::numeric::{Random, Ray, Wide};
+use crate::numeric::{DoubleDouble, Ray, SplitMix64};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Shape, Sphere};
 
@@ -52,7 +52,7 @@ const MAPS: usize = 64;
 const MOVED: f64 = 16.0 / (1u64 << 53) as f64;
 
 /// Any turn.
-pub(super) fn turn(random: &mut Random) -> DMat3 {
+pub(super) fn turn(random: &mut SplitMix64) -> DMat3 {
     DMat3::from_quat(DQuat::from_axis_angle(
         random.direction(),
         random.within(0.0, 6.0),
@@ -60,7 +60,7 @@ pub(super) fn turn(random: &mut Random) -> DMat3 {
 }
 
 /// A map of any condition number up to 10^4.
-fn stretched(random: &mut Random) -> DAffine3 {
+fn stretched(random: &mut SplitMix64) -> DAffine3 {
     let mut stretch = || 10f64.powf(random.within(-2.0, 2.0)) * random.pick(&[1.0, -1.0]);
     let diagonal = DMat3::from_diagonal(DVec3::new(stretch(), stretch(), stretch()));
     let linear = turn(random) * diagonal * turn(random);
@@ -70,7 +70,7 @@ fn stretched(random: &mut Random) -> DAffine3 {
     }
 }
 
-fn scaled(random: &mut Random) -> DAffine3 {
+fn scaled(random: &mut SplitMix64) -> DAffine3 {
     let scale = 10f64.powf(random.within(-6.0, 6.0));
     DAffine3 {
         matrix3: scale * DMat3::IDENTITY,
@@ -78,9 +78,9 @@ fn scaled(random: &mut Random) -> DAffine3 {
     }
 }
 
-fn placed(trial: &Trial, map: fn(&mut Random) -> DAffine3) -> Result<Tally, AccelError> {
+fn placed(trial: &Trial, map: fn(&mut SplitMix64) -> DAffine3) -> Result<Tally, AccelError> {
     trial.over_parts(MAPS, &|number, trial| {
-        let map = map(&mut Random::new(0x3a9, number as u64));
+        let map = map(&mut SplitMix64::new(0x3a9, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, map) else {
             return Ok(Tally::default());
         };
@@ -91,7 +91,7 @@ fn placed(trial: &Trial, map: fn(&mut Random) -> DAffine3) -> Result<Tally, Acce
         };
         let engine = trial.engine(&scene)?;
         let oracle = Oracle::new(&map);
-        let ray = |random: &mut Random| {
+        let ray = |random: &mut SplitMix64| {
             let distance = 10f64.powf(random.within(0.3, 2.0));
             let origin = map.transform_point3(distance * random.direction()).as_vec3();
             let target = map.transform_point3(1.1 * random.unit().cbrt() * random.direction());
@@ -103,9 +103,9 @@ fn placed(trial: &Trial, map: fn(&mut Random) -> DAffine3) -> Result<Tally, Acce
     })
 }
 
-type Wide3 = [Wide; 3];
+type Wide3 = [DoubleDouble; 3];
 
-fn dot(a: Wide3, b: Wide3) -> Wide {
+fn dot(a: Wide3, b: Wide3) -> DoubleDouble {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
@@ -117,7 +117,7 @@ fn cross(a: Wide3, b: Wide3) -> Wide3 {
 }
 
 fn wide(v: DVec3) -> Wide3 {
-    v.to_array().map(Wide::of)
+    v.to_array().map(DoubleDouble::of)
 }
 
 /// The unit sphere under a map.
@@ -148,16 +148,20 @@ impl Oracle {
     }
 
     /// Both roots for the sphere of radius 1 + `delta`.
-    fn roots(&self, ray: &Ray, delta: f64) -> Option<[Wide; 2]> {
+    fn roots(&self, ray: &Ray, delta: f64) -> Option<[DoubleDouble; 2]> {
         let o = wide(ray.origin.as_dvec3());
         let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
         let d = self.carried(wide(ray.direction.as_dvec3()));
-        let radius = Wide::ONE + Wide::of(delta);
+        let radius = DoubleDouble::ONE + DoubleDouble::of(delta);
         let (a, b, c) = (dot(d, d), -dot(o, d), dot(o, o) - radius * radius);
         let discriminant = b * b - a * c;
-        (discriminant > Wide::ZERO).then(|| {
+        (discriminant > DoubleDouble::ZERO).then(|| {
             let root = discriminant.sqrt();
-            let q = if b < Wide::ZERO { b - root } else { b + root };
+            let q = if b < DoubleDouble::ZERO {
+                b - root
+            } else {
+                b + root
+            };
             let [first, second] = [c / q, q / a];
             if first < second {
                 [first, second]
@@ -168,7 +172,7 @@ impl Oracle {
     }
 
     /// The entry, if it lies ahead.
-    fn ahead(roots: Option<[Wide; 2]>) -> Option<f64> {
+    fn ahead(roots: Option<[DoubleDouble; 2]>) -> Option<f64> {
         roots.map(|roots| roots[0].nearest()).filter(|&t| t > 0.0)
     }
 
@@ -243,10 +247,10 @@ impl Oracle {
 const NORMAL_ERROR: f64 = 2.0 * f32::EPSILON as f64;
 
 /// A map, and whether it is to be refused.
-fn any_map(random: &mut Random) -> (DMat3, bool) {
+fn any_map(random: &mut SplitMix64) -> (DMat3, bool) {
     let (left, right) = (turn(random), turn(random));
     let size = 10f64.powf(random.within(-30.0, 30.0));
-    let between = |random: &mut Random| random.within(0.1, 1.0);
+    let between = |random: &mut SplitMix64| random.within(0.1, 1.0);
     let (diagonal, is_bad) = match random.below(6) {
         0 => (DVec3::ZERO, true),
         1 => (DVec3::X, true),
@@ -262,7 +266,7 @@ fn any_map(random: &mut Random) -> (DMat3, bool) {
     (size * left * DMat3::from_diagonal(diagonal) * right, is_bad)
 }
 
-fn singular(trial: &Trial, random: &mut Random, count: usize) -> Tally {
+fn singular(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     let mut tally = Tally::default();
     for _ in 0..count {
         let (matrix, is_bad) = any_map(random);

@@ -10,7 +10,7 @@ use super::judged::{Judged, Judgement};
 use super::own::Reply;
 use super::sketch::{Asked, Axis, Error, Sketch};
 use crate::accel::{Accel, AccelError, EmbreeIdentity, Hit, LANES, RayOrder, RayPacket};
-use crate::numeric::{Lanes, Random, Ray};
+use crate::numeric::{Lanes, Ray, SplitMix64};
 use crate::optics::{Fresnel, Refraction};
 use crate::parallel;
 use crate::render::{Monitor, RenderSettings, Rendering};
@@ -214,7 +214,7 @@ impl<'a> Trial<'a> {
         Trial {
             subject: self.subject,
             rays: (self.rays / count as u64).max(1),
-            seed: Random::new(self.seed, part as u64).bits(),
+            seed: SplitMix64::new(self.seed, part as u64).bits(),
             keeps: self.keeps,
         }
     }
@@ -266,15 +266,15 @@ impl<'a> Trial<'a> {
     }
 
     /// Asks `ask` for the questions of each chunk and adds up what it counts: the same for every number of threads.
-    pub(super) fn in_chunks(&self, ask: &(dyn Fn(&mut Random, usize) -> Tally + Sync)) -> Tally {
+    pub(super) fn in_chunks(&self, ask: &(dyn Fn(&mut SplitMix64, usize) -> Tally + Sync)) -> Tally {
         self.in_numbered_chunks(&|_, random, count| ask(random, count))
     }
 
     /// As [`Trial::in_chunks`], with the number of the chunk.
-    fn in_numbered_chunks(&self, ask: &(dyn Fn(u64, &mut Random, usize) -> Tally + Sync)) -> Tally {
+    fn in_numbered_chunks(&self, ask: &(dyn Fn(u64, &mut SplitMix64, usize) -> Tally + Sync)) -> Tally {
         let Ok(tally) = sum::<Infallible>(self.rays.div_ceil(CHUNK), &|index| {
             let count = CHUNK.min(self.rays - index * CHUNK);
-            Ok(ask(index, &mut Random::new(self.seed, index), count as usize))
+            Ok(ask(index, &mut SplitMix64::new(self.seed, index), count as usize))
         });
         tally
     }
@@ -297,7 +297,7 @@ impl<'a> Trial<'a> {
     pub(super) fn nearest(
         &self,
         engine: &Engine,
-        ray: &(dyn Fn(&mut Random) -> Ray + Sync),
+        ray: &(dyn Fn(&mut SplitMix64) -> Ray + Sync),
         judge: &(dyn Fn(&Ray, Option<Hit>, &mut Tally) -> Answer + Sync),
     ) -> Tally {
         let tally = self.in_numbered_chunks(&|number, random, count| {
@@ -347,7 +347,7 @@ fn sum<E: Send>(count: u64, tally: &(dyn Fn(u64) -> Result<Tally, E> + Sync)) ->
 }
 
 /// Either order: it changes the speed, never the answer.
-pub(super) fn order(random: &mut Random) -> RayOrder {
+pub(super) fn order(random: &mut SplitMix64) -> RayOrder {
     random.pick(&[RayOrder::Coherent, RayOrder::Incoherent])
 }
 

@@ -5,7 +5,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use super::holes::{cylinder, terrain};
 use super::meshes::{convex_solids, icosphere, lattice_cube, mesh, rings, scene};
 use crate::mesh::Mesh;
-use crate::numeric::Random;
+use crate::numeric::SplitMix64;
 use crate::scene::{Geometry, Instance, Material, Scene};
 use crate::shape::{Shape, Torus};
 
@@ -14,7 +14,7 @@ pub(super) const COUNT: usize = 12;
 
 /// Scene `number` of [`COUNT`], a few units large, about the origin; it passes all checks.
 pub(super) fn world(number: usize) -> Scene {
-    let random = &mut Random::new(0x37041d, number as u64);
+    let random = &mut SplitMix64::new(0x37041d, number as u64);
     let plain = match number % COUNT {
         0 => scene(vec![Geometry::Mesh(icosphere(4))]),
         1 => scene(vec![Geometry::Mesh(bumpy())]),
@@ -69,7 +69,7 @@ fn bumpy() -> Mesh {
 const SOUP: u32 = 512;
 
 /// Triangles that `triangle` makes about the origin, strewn about.
-fn soup(random: &mut Random, triangle: impl Fn(&mut Random) -> [DVec3; 3]) -> Mesh {
+fn soup(random: &mut SplitMix64, triangle: impl Fn(&mut SplitMix64) -> [DVec3; 3]) -> Mesh {
     let corners: Vec<DVec3> = (0..SOUP)
         .flat_map(|_| {
             let place = 2.0 * random.in_cube();
@@ -99,7 +99,7 @@ fn on_a_floor() -> Scene {
 /// Where each geometry stands besides.
 const PLACES: u32 = 24;
 
-fn place(random: &mut Random) -> DAffine3 {
+fn place(random: &mut SplitMix64) -> DAffine3 {
     let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
     let mut scale = || random.within(0.2, 1.0) * random.pick(&[1.0, -1.0]);
     let scale = DVec3::new(scale(), scale(), scale());
@@ -107,7 +107,7 @@ fn place(random: &mut Random) -> DAffine3 {
 }
 
 /// Everything that has an end once more, turned, mirrored and stretched.
-fn placed(mut scene: Scene, random: &mut Random) -> Scene {
+fn placed(mut scene: Scene, random: &mut SplitMix64) -> Scene {
     let count = scene
         .geometries
         .iter()
@@ -123,7 +123,7 @@ fn placed(mut scene: Scene, random: &mut Random) -> Scene {
 }
 
 /// Everything once more, on its way from one place to the next.
-fn moving(mut scene: Scene, random: &mut Random) -> Scene {
+fn moving(mut scene: Scene, random: &mut SplitMix64) -> Scene {
     let count = scene.geometries.len() as u32;
     for number in 0..PLACES {
         let start = place(random);

@@ -200,7 +200,7 @@ enum Question {
 
 /// Rays in random directions away from the sphere, from a little above where the camera rays hit.
 fn bounce_rays(camera: &[Ray], hits: &[Option<f32>]) -> Vec<Ray> {
-    let mut random = scenes::Random(13);
+    let mut random = scenes::SplitMix64(13);
     let from = |(ray, t): (&Ray, &Option<f32>)| {
         let origin = ray.at(f64::from((*t)?) * 0.9999);
         let direction = random.on_sphere() + origin.normalize();

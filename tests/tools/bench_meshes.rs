@@ -57,9 +57,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
 }
 
 /// Random number generator, seeded: SplitMix64 (Steele, Lea and Flood 2014).
-struct Random(u64);
+struct SplitMix64(u64);
 
-impl Random {
+impl SplitMix64 {
     /// Returns a number in [0, 1).
     fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -105,7 +105,7 @@ fn push_box(mesh: &mut Mesh, low: Vector, high: Vector, map: impl Fn(Vector) -> 
 
 /// Returns houses of 4 to 39 storeys, 16 by 16 of them, with eleven window frames a storey on each of four sides.
 fn city() -> Mesh {
-    let (mut mesh, mut random) = (Mesh::default(), Random(1));
+    let (mut mesh, mut random) = (Mesh::default(), SplitMix64(1));
     let mut add = |low: Vector, high: Vector| push_box(&mut mesh, low, high, |p| p);
     add([-60.0, -0.2, -60.0], [60.0, -0.05, 60.0]);
     for house in 0..256 {
@@ -130,7 +130,7 @@ fn city() -> Mesh {
 
 /// Returns 84,000 small boxes and 300 larger ones in a cube.
 fn mixed() -> Mesh {
-    let (mut mesh, mut random) = (Mesh::default(), Random(2));
+    let (mut mesh, mut random) = (Mesh::default(), SplitMix64(2));
     let rotated = |[x, y, z]: Vector| {
         [
             0.8 * x + 0.36 * y + 0.48 * z,
@@ -156,7 +156,7 @@ const PIECES: u32 = 8;
 
 /// Returns curled strands on the unit sphere.
 fn hair() -> Mesh {
-    let (mut mesh, mut random) = (Mesh::default(), Random(3));
+    let (mut mesh, mut random) = (Mesh::default(), SplitMix64(3));
     for _ in 0..STRANDS {
         let root = random.direction();
         let [lean, curl] = [random.direction(), random.direction()];
@@ -196,7 +196,7 @@ const SIDES: u32 = 400;
 
 /// Returns closed cylinders in a cube.
 fn fans() -> Mesh {
-    let (mut mesh, mut random) = (Mesh::default(), Random(4));
+    let (mut mesh, mut random) = (Mesh::default(), SplitMix64(4));
     for _ in 0..CYLINDERS {
         let center = [(); 3].map(|()| random.within(-2.0, 2.0));
         let (radius, half) = (random.within(0.03, 0.25), random.within(0.05, 0.5));

@@ -90,7 +90,7 @@ impl Reach {
     }
 
     /// At any time: of the stretches between two, none lengthens a vector more than the ends' do by either way, as they
-    /// are definite (see [`crate::numeric::Motion`]).
+    /// are definite (see [`crate::numeric::AnimatedTransform`]).
     fn in_instance(self, instance: &Instance) -> f64 {
         let ends = match instance.motion() {
             Some(motion) => motion.ends(),

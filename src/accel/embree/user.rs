@@ -16,7 +16,7 @@ use super::reach::Reach;
 use super::scene::{EmbreeScene, SceneRef};
 use crate::accel::Instancing;
 use crate::accel::shapes::world_sphere;
-use crate::numeric::{Bounds, Motion};
+use crate::numeric::{AnimatedTransform, Bounds};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::Sphere;
 
@@ -99,7 +99,7 @@ impl<'s> UserGeometry<'s> {
         let (clusters, alone) = SphereClusters::of(&spheres);
         still.extend(alone);
         let motions = moving.iter().filter_map(|(_, instance)| instance.motion());
-        let step_count = motions.map(Motion::step_count).max().unwrap_or(0);
+        let step_count = motions.map(AnimatedTransform::step_count).max().unwrap_or(0);
         let parts: Arc<[_]> = parts.into_iter().map(|part| part.map(Box::new)).collect();
         let still = UserGeometry {
             clusters,

@@ -4,7 +4,7 @@
 
 use std::time::Instant;
 
-use crate::support::scenes::{self, Random, packets};
+use crate::support::scenes::{self, SplitMix64, packets};
 use glam::{DAffine3, DQuat, DVec3};
 use rayon::prelude::*;
 use whit::accel::agreement::{Agreement, compare_carried, compare_occlusion_carried};
@@ -21,7 +21,7 @@ const RANDOM_COUNT: usize = 40_000;
 
 /// Packets whose lanes point every way, with some lanes off.
 fn shuffled(rays: &[Ray], seed: u64) -> Vec<Ray> {
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     let mut rays = rays.to_vec();
     for i in (1..rays.len()).rev() {
         rays.swap(i, random.below(i + 1));
@@ -241,14 +241,14 @@ fn all_backends_agree_on_a_million_rays_over_seven_scenes() {
 /// Meshes mirrored, turned, stretched and sheared at random, some far more in one direction than in another, near and
 /// far from the origin.
 fn placed_at_random(seed: u64) -> Scene {
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     let meshes = [
         scenes::bumpy_sphere(5),
         scenes::box_lattice(2),
         scenes::thin_soup(40),
     ];
     let places = (0..40).map(|i| {
-        let turn = |random: &mut Random| DQuat::from_axis_angle(random.on_sphere(), 6.0 * random.next());
+        let turn = |random: &mut SplitMix64| DQuat::from_axis_angle(random.on_sphere(), 6.0 * random.next());
         // Up to a factor of 64 between two axes: both sides of what Embree is left to place.
         let mut stretch = DVec3::from_array([0, 1, 2].map(|_| 0.2 * 64f64.powf(random.next() - 0.5)));
         if i % 3 == 0 {
@@ -292,7 +292,7 @@ fn all_backends_agree_on_a_million_rays_a_shape() {
 }
 
 /// A random ray that starts inside the placed shape, in the box around it where it has no inside.
-fn ray_from_inside(random: &mut Random, map: &DAffine3, shape: &Shape) -> Ray {
+fn ray_from_inside(random: &mut SplitMix64, map: &DAffine3, shape: &Shape) -> Ray {
     loop {
         let origin = map.transform_point3(random.in_cube()).as_vec3();
         let p_object = map.inverse().transform_point3(origin.as_dvec3());
@@ -303,7 +303,7 @@ fn ray_from_inside(random: &mut Random, map: &DAffine3, shape: &Shape) -> Ray {
 }
 
 /// A random ray that starts outside the placed shape and goes to or past it.
-fn ray_from_outside(random: &mut Random, map: &DAffine3, shape: &Shape) -> Ray {
+fn ray_from_outside(random: &mut SplitMix64, map: &DAffine3, shape: &Shape) -> Ray {
     loop {
         let reach = 10f64.powf(3.0 * random.next());
         let origin = map.transform_point3(reach * random.in_cube()).as_vec3();
@@ -320,7 +320,7 @@ fn compare_inside_and_outside(count: usize) {
     let mut wrong = Vec::new();
     for (name, shape) in scenes::all_shapes() {
         let start = Instant::now();
-        let mut random = Random(43);
+        let mut random = SplitMix64(43);
         let (mut ray_count, mut met, mut bad) = (0, 0, 0);
         for map in scenes::all_placements() {
             let scene = scenes::scene(vec![Geometry::Shape(shape.clone())], vec![(0, map)]);

@@ -1,6 +1,6 @@
 //! Extents change the time, never an answer: what brute force hits, lists behind extents hit, to the bit.
 
-use crate::support::scenes::{self, Random, packets};
+use crate::support::scenes::{self, SplitMix64, packets};
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
@@ -41,7 +41,7 @@ fn all_scenes() -> Vec<(&'static str, Scene)> {
 /// Rays that touch the objects where extents do: through vertices, at right angles to the way from the middle, from
 /// near and from far, and with ends where the hits are.
 fn grazing_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     let mut rays = Vec::new();
     while rays.len() < count {
         let instance = &scene.instances[random.below(scene.instances.len())];
@@ -386,7 +386,7 @@ fn a_camera_of_a_hair_s_angle_has_no_projection() {
 #[test]
 fn a_tight_sphere_is_no_larger_than_the_centroids_and_both_hold_all_points() {
     let seed = 5;
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     for count in [1, 3, 40, 3000] {
         // More points on one side pull the centroid there.
         let points: Vec<DVec3> = (0..count)

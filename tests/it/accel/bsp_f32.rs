@@ -1,6 +1,6 @@
 //! The BSP in f32 alone: as right as f32 on well-shaped triangles, and no more than that on slivers.
 
-use crate::support::scenes::{self, Random};
+use crate::support::scenes::{self, SplitMix64};
 use glam::Vec3;
 use whit::accel::agreement::{Agreement, compare};
 use whit::accel::bsp::BspAccel;
@@ -22,7 +22,7 @@ fn tree(scene: &Scene, precision: Precision, kernel: Kernel) -> BspAccel<'_> {
 }
 
 /// A sliver, and a ray that leaves it as new rays do.
-fn sliver(random: &mut Random) -> ([Vec3; 3], Ray) {
+fn sliver(random: &mut SplitMix64) -> ([Vec3; 3], Ray) {
     let (a, along) = (random.in_cube(), random.in_cube());
     let across = along.cross(random.in_cube()).normalize() * along.length() / ASPECT;
     let corners = [a, a + along, a + random.next() * along + across].map(|p| p.as_vec3());
@@ -37,7 +37,7 @@ fn sliver(random: &mut Random) -> ([Vec3; 3], Ray) {
 
 #[test]
 fn slivers_shadow_themselves_in_f32_and_not_where_f64_is_asked() {
-    let mut random = Random(29);
+    let mut random = SplitMix64(29);
     let mut blocked = [0; 2];
     for _ in 0..2000 {
         let (corners, ray) = sliver(&mut random);

@@ -1,6 +1,6 @@
 //! What instances take in memory, Embree's own share included.
 
-use crate::support::scenes::{self, Random};
+use crate::support::scenes::{self, SplitMix64};
 use glam::{DAffine3, DQuat, DVec3};
 use whit::accel::embree::EmbreeAccel;
 use whit::accel::{Accel, AccelOptions, Instancing};
@@ -33,8 +33,8 @@ fn bytes_of(scene: &Scene, instancing: Instancing) -> f64 {
     (instances as u64 + accel.report().bytes) as f64 + RENDERER_BYTES * scene.instances.len() as f64
 }
 
-fn many(geometry: Geometry, count: usize, place: impl Fn(DVec3, &mut Random) -> DAffine3) -> Scene {
-    let mut random = Random(3);
+fn many(geometry: Geometry, count: usize, place: impl Fn(DVec3, &mut SplitMix64) -> DAffine3) -> Scene {
+    let mut random = SplitMix64(3);
     let instance = |_| {
         let p = 100.0 * random.in_cube();
         Instance::new("", 0, 0, place(p, &mut random)).unwrap()
@@ -47,7 +47,7 @@ fn many(geometry: Geometry, count: usize, place: impl Fn(DVec3, &mut Random) -> 
 }
 
 fn sphere_bytes(count: usize) -> f64 {
-    let place = |p: DVec3, random: &mut Random| {
+    let place = |p: DVec3, random: &mut SplitMix64| {
         DAffine3::from_scale_rotation_translation(DVec3::splat(0.1 + random.next()), DQuat::IDENTITY, p)
     };
     let sphere = Geometry::Shape(Shape::Sphere(Sphere::UNIT));
@@ -58,7 +58,7 @@ fn sphere_bytes(count: usize) -> f64 {
 
 /// Bytes an instance of one mesh with about 4 n² triangles, those of the mesh not counted.
 fn mesh_instance_bytes(n: u32, count: usize, instancing: Instancing) -> f64 {
-    let place = |p: DVec3, random: &mut Random| {
+    let place = |p: DVec3, random: &mut SplitMix64| {
         let turn = DQuat::from_axis_angle(random.on_sphere(), random.next());
         DAffine3::from_scale_rotation_translation(DVec3::splat(0.1 + random.next()), turn, p)
     };

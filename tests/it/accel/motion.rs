@@ -1,6 +1,6 @@
 //! What moves is met by every backend where it is at the time of the ray: brute force, which boxes nothing, says where.
 
-use crate::support::scenes::{self, Random, packets};
+use crate::support::scenes::{self, SplitMix64, packets};
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 use whit::accel::agreement::{Agreement, compare_carried, compare_occlusion_carried};
@@ -16,7 +16,7 @@ use whit::shape::{Shape, Sphere};
 const RAYS: usize = 100_000;
 
 /// A map anywhere near, of about unit size, that stretches and at times mirrors.
-fn place(r: &mut Random, mirror: f64) -> DAffine3 {
+fn place(r: &mut SplitMix64, mirror: f64) -> DAffine3 {
     let size = DVec3::new(mirror, 0.4 + r.next(), 0.7) * (0.5 + r.next());
     DAffine3::from_translation(4.0 * r.in_cube())
         * DAffine3::from_axis_angle(r.on_sphere(), 6.0 * r.next())
@@ -48,7 +48,7 @@ fn scene(with_plane: bool) -> Scene {
     let bounded: Vec<u32> = (0..geometries.len() as u32)
         .filter(|&g| !geometries[g as usize].is_unbounded())
         .collect();
-    let mut r = Random(7);
+    let mut r = SplitMix64(7);
     let mut instances = Vec::new();
     for number in 0..40 {
         let geometry = bounded[number % bounded.len()];
@@ -83,7 +83,7 @@ fn scene(with_plane: bool) -> Scene {
 
 /// Rays at what is where at the time of each; now and then at the very first or last.
 fn rays(scene: &Scene, seed: u64) -> Vec<Ray> {
-    let mut r = Random(seed);
+    let mut r = SplitMix64(seed);
     let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
     (0..RAYS)
         .map(|number| {

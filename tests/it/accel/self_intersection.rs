@@ -4,7 +4,7 @@
 
 use std::time::Instant;
 
-use crate::support::scenes::{self, Random};
+use crate::support::scenes::{self, SplitMix64};
 use glam::{DAffine3, DVec3};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
@@ -47,7 +47,7 @@ fn met(instance: &Instance, shape: &Shape, ray: &Ray, hit: &Hit) -> (whit::shape
 
 /// Rays that leave to both sides of where random rays meet the shape, many of them along the surface.
 fn starts(scene: &Scene, shape: &Shape, count: usize) -> Vec<Start> {
-    let mut random = Random(SEED);
+    let mut random = SplitMix64(SEED);
     let instance = &scene.instances[0];
     let (map, inverse) = (instance.world_from_object(), instance.object_from_world());
     let brute = BruteAccel::new(scene);

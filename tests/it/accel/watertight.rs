@@ -6,7 +6,7 @@
 //! `WHIT_ISAS=sse2,avx2` asks by these alone.
 
 use crate::support::scenes::{
-    Random, all_small, baked, bumpy_sphere, camera_rays, lattice_rays, mesh, packets, random_rays,
+    SplitMix64, all_small, baked, bumpy_sphere, camera_rays, lattice_rays, mesh, packets, random_rays,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
@@ -133,7 +133,7 @@ enum Target {
 
 /// Rays from near the middle, sixteen in a row at neighbouring triangles.
 fn aimed(closed: &Closed, target: Target, (count, seed): (usize, u64)) -> Vec<Ray> {
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     let Geometry::Mesh(mesh) = &closed.scene.geometries[0] else {
         unreachable!("the scene is of a mesh")
     };

@@ -101,9 +101,9 @@ fn noted(folder: &str) -> Vec<String> {
 }
 
 /// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's multiplier).
-struct Random(u64);
+struct SplitMix64(u64);
 
-impl Random {
+impl SplitMix64 {
     fn next(&mut self) -> f64 {
         self.0 = self
             .0
@@ -144,7 +144,7 @@ fn ends_fifty_times(how: &str, exit_code: Option<i32>) {
     assert_eq!(expected.len(), 40);
     let seed = u64::from(std::process::id());
     println!("seed {seed}");
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     let out = place.out("ended");
     let batch = ["batch", &jobs, "--out", &out, "--resume", "--quiet"];
     // Which file a finished picture was: it is not made again.

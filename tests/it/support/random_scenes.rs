@@ -15,12 +15,12 @@ use whit::scene::{
 use whit::volume::{Fog, Grid, Samples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
 use super::meshes::{Shading, ball, textured_panel};
-use super::scenes::{Random, all_shapes};
+use super::scenes::{SplitMix64, all_shapes};
 
 /// The scene of number `seed`; it passes its checks.
 pub fn scene(seed: u64) -> Scene {
     // Neighbouring seeds of such a generator begin alike.
-    let mut random = Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    let mut random = SplitMix64(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     (0..4).for_each(|_| _ = random.next());
     let r = &mut random;
     let mut scene = Scene {
@@ -138,7 +138,7 @@ pub fn scene(seed: u64) -> Scene {
 }
 
 /// Lets light into the first material of some scenes, if it is one that may scatter it.
-fn scatter(scene: &mut Scene, r: &mut Random) {
+fn scatter(scene: &mut Scene, r: &mut SplitMix64) {
     let chance = r.next();
     let has_plane = scene.instances.iter().any(|instance| {
         instance.material == 0 && scene.geometries[instance.geometry as usize].is_unbounded()
@@ -159,7 +159,7 @@ fn scatter(scene: &mut Scene, r: &mut Random) {
     }
 }
 
-fn sometimes<T: Default>(r: &mut Random, probability: f64, value: T) -> T {
+fn sometimes<T: Default>(r: &mut SplitMix64, probability: f64, value: T) -> T {
     if r.next() < probability {
         value
     } else {
@@ -167,7 +167,7 @@ fn sometimes<T: Default>(r: &mut Random, probability: f64, value: T) -> T {
     }
 }
 
-fn camera(r: &mut Random) -> Camera {
+fn camera(r: &mut SplitMix64) -> Camera {
     let aside = 0.4 * r.in_cube();
     let z_near = [0.0, 0.5, 3.2][r.below(3)];
     Camera {
@@ -189,7 +189,7 @@ fn camera(r: &mut Random) -> Camera {
     }
 }
 
-fn image(r: &mut Random) -> Image {
+fn image(r: &mut SplitMix64) -> Image {
     let mut byte = || (255.0 * r.next()) as u8;
     let texels: Vec<_> = (0..64).map(|_| [byte(), byte(), byte(), byte()]).collect();
     Image {
@@ -248,7 +248,7 @@ fn body(ior: Dispersion, absorption: Absorption, priority: i32) -> Option<Interi
     })
 }
 
-fn material(kind: usize, r: &mut Random) -> Material {
+fn material(kind: usize, r: &mut SplitMix64) -> Material {
     let color = [0.2 + 0.8 * r.next() as f32, 0.7, 0.2 + 0.8 * r.next() as f32];
     let chalk = MetallicRoughness {
         metallic: 0.0,
@@ -369,7 +369,7 @@ fn charted(mesh: Mesh) -> Mesh {
     }
 }
 
-fn add_object(scene: &mut Scene, r: &mut Random) {
+fn add_object(scene: &mut Scene, r: &mut SplitMix64) {
     let shapes = all_shapes();
     let geometry = match r.below(8) {
         0 => Geometry::Mesh(charted(ball(1, Shading::Smooth))),
@@ -393,7 +393,7 @@ fn add_object(scene: &mut Scene, r: &mut Random) {
         .push(Instance::new("object", geometry, material, place).unwrap());
 }
 
-fn light(number: usize, r: &mut Random) -> Light {
+fn light(number: usize, r: &mut SplitMix64) -> Light {
     let position = DVec3::new(0.0, 2.5, 2.0) + 1.5 * r.in_cube();
     let falloff = [
         Falloff::PHYSICAL,
@@ -421,7 +421,7 @@ fn light(number: usize, r: &mut Random) -> Light {
 }
 
 /// A few voxels, some of them empty, at times all.
-fn volume(r: &mut Random) -> Volume {
+fn volume(r: &mut SplitMix64) -> Volume {
     let fullness = [0.0, 0.3, 1.0][r.below(3)];
     let samples = (0..60).map(|_| if r.next() < fullness { r.next() as f32 } else { 0.0 });
     let grid = Grid::new([3, 4, 5], Samples::Floats(samples.collect())).unwrap();
@@ -447,7 +447,7 @@ fn volume(r: &mut Random) -> Volume {
     .named("cloud")
 }
 
-fn soft_light(r: &mut Random) -> Light {
+fn soft_light(r: &mut SplitMix64) -> Light {
     let center = DVec3::new(0.0, 2.5, 2.0) + 1.5 * r.in_cube();
     let half_u = r.on_sphere();
     let half_v = half_u.any_orthonormal_vector();

@@ -17,9 +17,9 @@ use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
 
 /// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's multiplier).
-pub struct Random(pub u64);
+pub struct SplitMix64(pub u64);
 
-impl Random {
+impl SplitMix64 {
     pub fn next(&mut self) -> f64 {
         self.0 = self
             .0
@@ -89,7 +89,7 @@ pub fn bumpy_sphere(n: u32) -> Mesh {
 
 /// Long thin triangles in all directions through the cube [-1, 1]³.
 pub fn thin_soup(count: u32) -> Mesh {
-    let mut random = Random(3);
+    let mut random = SplitMix64(3);
     let mut positions = Vec::new();
     for _ in 0..count {
         let (a, b) = (random.in_cube(), random.in_cube());
@@ -158,7 +158,7 @@ pub fn baked(mesh: Mesh) -> Scene {
 
 /// A grid of copies of one mesh, each turned and scaled its own way, and one baked copy in the middle.
 pub fn instance_grid(n: u32) -> Scene {
-    let mut random = Random(5);
+    let mut random = SplitMix64(5);
     let mut places = vec![(0, DAffine3::IDENTITY)];
     for i in 0..n * n {
         let p = DVec3::new(f64::from(i % n), 0.3 * random.next(), f64::from(i / n)) * 2.5 - DVec3::splat(3.0);
@@ -213,7 +213,7 @@ pub fn mirrored_and_squashed() -> Scene {
 
 /// Spheres of very different sizes, squashed ones among them, over a baked floor.
 pub fn spheres() -> Scene {
-    let mut random = Random(9);
+    let mut random = SplitMix64(9);
     let mut places = Vec::new();
     for i in 0..60 {
         let p = 3.0 * random.in_cube();
@@ -388,7 +388,7 @@ pub fn shadow_rays(scene: &Scene, rays: &[Ray], hits: &[Option<f32>]) -> Vec<Ray
 /// Rays from anywhere in and around the scene to anywhere; some with an interval, some far from unit length.
 pub fn random_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
     let bounds = scene.bounds();
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     let ray = |_| {
         let origin = bounds.center() + bounds.extent() * random.in_cube() * 0.8;
         let length = if random.next() < 0.1 {
@@ -412,7 +412,7 @@ pub fn random_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
 /// denormal and tiny components.
 pub fn lattice_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
     let bounds = scene.bounds();
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     let mut coordinates: [Vec<f32>; 3] = Default::default();
     for instance in &scene.instances {
         if let Geometry::Mesh(mesh) = &scene.geometries[instance.geometry as usize] {

@@ -9,34 +9,34 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// An unevaluated sum of two numbers, the second less than half a unit in the last place of the first.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wide(f64, f64);
+pub struct DoubleDouble(f64, f64);
 
 /// ln 2 to 106 bits.
-const LN_2: Wide = Wide(std::f64::consts::LN_2, 2.319_046_813_846_299_6e-17);
+const LN_2: DoubleDouble = DoubleDouble(std::f64::consts::LN_2, 2.319_046_813_846_299_6e-17);
 
-impl Wide {
+impl DoubleDouble {
     /// Zero.
-    pub const ZERO: Wide = Wide::of(0.0);
+    pub const ZERO: DoubleDouble = DoubleDouble::of(0.0);
     /// One.
-    pub const ONE: Wide = Wide::of(1.0);
+    pub const ONE: DoubleDouble = DoubleDouble::of(1.0);
 
     /// A float, exactly.
-    pub const fn of(x: f64) -> Wide {
-        Wide(x, 0.0)
+    pub const fn of(x: f64) -> DoubleDouble {
+        DoubleDouble(x, 0.0)
     }
 
     /// a + b to 106 bits, where |a| >= |b|.
-    pub fn from_parts(a: f64, b: f64) -> Wide {
-        Wide::quick(a, b)
+    pub fn from_parts(a: f64, b: f64) -> DoubleDouble {
+        DoubleDouble::quick(a, b)
     }
 
     /// The sum, exact if |a| >= |b|.
-    fn quick(a: f64, b: f64) -> Wide {
+    fn quick(a: f64, b: f64) -> DoubleDouble {
         let s = a + b;
         if s.is_finite() {
-            Wide(s, b - (s - a))
+            DoubleDouble(s, b - (s - a))
         } else {
-            Wide(s, 0.0)
+            DoubleDouble(s, 0.0)
         }
     }
 
@@ -46,53 +46,53 @@ impl Wide {
     }
 
     /// Without its sign.
-    pub fn abs(self) -> Wide {
-        if self < Wide::ZERO { -self } else { self }
+    pub fn abs(self) -> DoubleDouble {
+        if self < DoubleDouble::ZERO { -self } else { self }
     }
 
     /// The square root; zero of what is negative.
-    pub fn sqrt(self) -> Wide {
+    pub fn sqrt(self) -> DoubleDouble {
         if self.0 <= 0.0 {
-            return Wide::ZERO;
+            return DoubleDouble::ZERO;
         }
-        let x = Wide::of(self.0.sqrt());
+        let x = DoubleDouble::of(self.0.sqrt());
         // One Newton step doubles the digits.
         x + (self - x * x) / (x + x)
     }
 
     /// e to the power of this number less 1, without cancellation.
-    pub fn exp_m1(self) -> Wide {
+    pub fn exp_m1(self) -> DoubleDouble {
         // Halved until the series is short, then e^2x - 1 = y (y + 2) with y = e^x - 1 doubles it back, each time with
         // two roundings of a positive multiple.
         const HALVINGS: i32 = 10;
         let turns = (self.0 / LN_2.0).round();
-        let x = (self - Wide::of(turns) * LN_2) * Wide::of(0.5f64.powi(HALVINGS));
+        let x = (self - DoubleDouble::of(turns) * LN_2) * DoubleDouble::of(0.5f64.powi(HALVINGS));
         // |x| <= ln 2 / 2^11: the eleventh term is below 2^-106 of the first.
         let mut term = x;
         let mut sum = x;
         for n in 2..12 {
-            term = term * x / Wide::of(f64::from(n));
+            term = term * x / DoubleDouble::of(f64::from(n));
             sum = sum + term;
         }
         for _ in 0..HALVINGS {
-            sum = sum * (sum + Wide::of(2.0));
+            sum = sum * (sum + DoubleDouble::of(2.0));
         }
         if turns == 0.0 {
             return sum;
         }
         // In two steps, as the power itself may not be a float where the result is.
         let half = (turns * 0.5).floor();
-        let power = |n: f64| Wide::of(n.clamp(-1074.0, 1023.0).exp2());
-        (sum + Wide::ONE) * power(half) * power(turns - half) - Wide::ONE
+        let power = |n: f64| DoubleDouble::of(n.clamp(-1074.0, 1023.0).exp2());
+        (sum + DoubleDouble::ONE) * power(half) * power(turns - half) - DoubleDouble::ONE
     }
 
     /// The natural logarithm of 1 plus this number, which is above -1.
-    pub fn ln_1p(self) -> Wide {
-        let mut y = Wide::of(self.0.ln_1p());
+    pub fn ln_1p(self) -> DoubleDouble {
+        let mut y = DoubleDouble::of(self.0.ln_1p());
         // Newton's step for e^y - 1 = x, whose error is squared: two steps leave nothing of the first guess's.
         for _ in 0..2 {
             let e = y.exp_m1();
-            y = y + (self - e) / (e + Wide::ONE);
+            y = y + (self - e) / (e + DoubleDouble::ONE);
         }
         y
     }
@@ -100,7 +100,7 @@ impl Wide {
     /// By how many units in its last place `x` is off this number.
     pub fn ulps_from(self, x: f64) -> f64 {
         let exact = self.nearest();
-        let off = (Wide::of(x) - self).nearest().abs();
+        let off = (DoubleDouble::of(x) - self).nearest().abs();
         if off == 0.0 {
             0.0
         } else {
@@ -109,9 +109,9 @@ impl Wide {
     }
 }
 
-impl Add for Wide {
-    type Output = Wide;
-    fn add(self, other: Wide) -> Wide {
+impl Add for DoubleDouble {
+    type Output = DoubleDouble;
+    fn add(self, other: DoubleDouble) -> DoubleDouble {
         let s = self.0 + other.0;
         let b = s - self.0;
         let error = (self.0 - (s - b)) + (other.0 - b);
@@ -119,47 +119,47 @@ impl Add for Wide {
         let low = self.1 + other.1;
         let l = low - self.1;
         let low_error = (self.1 - (low - l)) + (other.1 - l);
-        let sum = Wide::quick(s, error + low);
-        Wide::quick(sum.0, sum.1 + low_error)
+        let sum = DoubleDouble::quick(s, error + low);
+        DoubleDouble::quick(sum.0, sum.1 + low_error)
     }
 }
 
-impl Neg for Wide {
-    type Output = Wide;
-    fn neg(self) -> Wide {
-        Wide(-self.0, -self.1)
+impl Neg for DoubleDouble {
+    type Output = DoubleDouble;
+    fn neg(self) -> DoubleDouble {
+        DoubleDouble(-self.0, -self.1)
     }
 }
 
-impl Sub for Wide {
-    type Output = Wide;
-    fn sub(self, other: Wide) -> Wide {
+impl Sub for DoubleDouble {
+    type Output = DoubleDouble;
+    fn sub(self, other: DoubleDouble) -> DoubleDouble {
         self + -other
     }
 }
 
-impl Mul for Wide {
-    type Output = Wide;
-    fn mul(self, other: Wide) -> Wide {
+impl Mul for DoubleDouble {
+    type Output = DoubleDouble;
+    fn mul(self, other: DoubleDouble) -> DoubleDouble {
         let p = self.0 * other.0;
         let error = self.0.mul_add(other.0, -p);
-        Wide::quick(p, error + (self.0 * other.1 + self.1 * other.0))
+        DoubleDouble::quick(p, error + (self.0 * other.1 + self.1 * other.0))
     }
 }
 
-impl Div for Wide {
-    type Output = Wide;
-    fn div(self, other: Wide) -> Wide {
-        let first = Wide::of(self.0 / other.0);
+impl Div for DoubleDouble {
+    type Output = DoubleDouble;
+    fn div(self, other: DoubleDouble) -> DoubleDouble {
+        let first = DoubleDouble::of(self.0 / other.0);
         let rest = self - first * other;
-        let second = Wide::of(rest.0 / other.0);
+        let second = DoubleDouble::of(rest.0 / other.0);
         let rest = rest - second * other;
-        first + second + Wide::of(rest.0 / other.0)
+        first + second + DoubleDouble::of(rest.0 / other.0)
     }
 }
 
-impl PartialOrd for Wide {
-    fn partial_cmp(&self, other: &Wide) -> Option<Ordering> {
+impl PartialOrd for DoubleDouble {
+    fn partial_cmp(&self, other: &DoubleDouble) -> Option<Ordering> {
         Some(self.0.partial_cmp(&other.0)?.then(self.1.partial_cmp(&other.1)?))
     }
 }
@@ -170,23 +170,28 @@ mod tests {
 
     #[test]
     fn wide_numbers_keep_what_a_float_drops() {
-        let tiny = Wide::of(2f64.powi(-80));
-        assert_eq!((Wide::ONE + tiny) - Wide::ONE, tiny);
+        let tiny = DoubleDouble::of(2f64.powi(-80));
+        assert_eq!((DoubleDouble::ONE + tiny) - DoubleDouble::ONE, tiny);
         // (1 + 2^-60)² - 1 - 2·2^-60 = 2^-120, beyond 106 bits: 0 up to 2^-105.
-        let x = Wide::ONE + Wide::of(2f64.powi(-60));
-        let rest = x * x - Wide::ONE - Wide::of(2f64.powi(-59));
+        let x = DoubleDouble::ONE + DoubleDouble::of(2f64.powi(-60));
+        let rest = x * x - DoubleDouble::ONE - DoubleDouble::of(2f64.powi(-59));
         assert!(rest.nearest().abs() <= 2f64.powi(-105));
-        let third = Wide::ONE / Wide::of(3.0);
-        assert!((third * Wide::of(3.0) - Wide::ONE).nearest().abs() <= 2f64.powi(-104));
-        let root = Wide::of(2.0).sqrt();
-        assert!((root * root - Wide::of(2.0)).nearest().abs() <= 2f64.powi(-103));
+        let third = DoubleDouble::ONE / DoubleDouble::of(3.0);
+        assert!(
+            (third * DoubleDouble::of(3.0) - DoubleDouble::ONE)
+                .nearest()
+                .abs()
+                <= 2f64.powi(-104)
+        );
+        let root = DoubleDouble::of(2.0).sqrt();
+        assert!((root * root - DoubleDouble::of(2.0)).nearest().abs() <= 2f64.powi(-103));
     }
 
     #[test]
     fn e_has_its_first_thirty_one_digits() {
         // e = 2.71828182845904523536028747135266249775...: the nearest float and what it leaves.
-        let e = Wide::from_parts(std::f64::consts::E, 1.445_646_891_729_250_2e-16);
-        let found = Wide::ONE.exp_m1() + Wide::ONE;
+        let e = DoubleDouble::from_parts(std::f64::consts::E, 1.445_646_891_729_250_2e-16);
+        let found = DoubleDouble::ONE.exp_m1() + DoubleDouble::ONE;
         // Twelve doublings and the series: under 64 roundings of 2^-104.
         assert!((found - e).nearest().abs() <= 2f64.powi(-98));
     }
@@ -196,8 +201,10 @@ mod tests {
         for x in [
             1e-300, 1e-30, 1e-9, 0.3, 1.0, 50.0, 700.0, -1e-12, -0.5, -0.999_999,
         ] {
-            let back = Wide::of(x).ln_1p().exp_m1();
-            let off = ((back - Wide::of(x)) / Wide::of(x)).nearest().abs();
+            let back = DoubleDouble::of(x).ln_1p().exp_m1();
+            let off = ((back - DoubleDouble::of(x)) / DoubleDouble::of(x))
+                .nearest()
+                .abs();
             // The error of the logarithm comes back times (1 + x) / x ln(1 + x), which is 8 at most here but for what
             // is near -1, and 700 where the exponent's own size counts.
             assert!(off <= 2f64.powi(-84), "{x}: {off:e}");
@@ -206,9 +213,9 @@ mod tests {
 
     #[test]
     fn distances_are_in_units_of_the_last_place() {
-        assert_eq!(Wide::ONE.ulps_from(1.0), 0.0);
-        assert_eq!(Wide::ONE.ulps_from(1.0 + 3.0 * f64::EPSILON), 3.0);
-        let half = Wide::ONE + Wide::of(0.5 * f64::EPSILON);
+        assert_eq!(DoubleDouble::ONE.ulps_from(1.0), 0.0);
+        assert_eq!(DoubleDouble::ONE.ulps_from(1.0 + 3.0 * f64::EPSILON), 3.0);
+        let half = DoubleDouble::ONE + DoubleDouble::of(0.5 * f64::EPSILON);
         assert_eq!(half.ulps_from(1.0), 0.5);
     }
 }

@@ -24,16 +24,16 @@ pub enum MotionError {
 
 /// An affine map as a function of the time s, which runs from 0 where the shutter opens to 1 where it closes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct AnimatedTransform {
     start: DAffine3,
     end: DAffine3,
     /// The linear parts taken apart; `None` where they are the same at both ends.
-    turning: Option<Turning>,
+    turning: Option<DecomposedRotation>,
 }
 
 /// Rotation and stretch at both ends, and what makes the way from one to the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Turning {
+struct DecomposedRotation {
     rotation: DQuat,
     /// Unit axis and angle in radians, within [0, π], of the rotation that follows the first.
     axis: DVec3,
@@ -41,15 +41,15 @@ struct Turning {
     stretch: [DMat3; 2],
 }
 
-impl Motion {
+impl AnimatedTransform {
     /// The motion from `start` to `end`, both of which can be inverted.
-    pub fn new(start: DAffine3, end: DAffine3) -> Result<Motion, MotionError> {
+    pub fn new(start: DAffine3, end: DAffine3) -> Result<AnimatedTransform, MotionError> {
         inverse(&start)?;
         inverse(&end)?;
         let turning = (start.matrix3 != end.matrix3)
-            .then(|| Turning::new(start.matrix3, end.matrix3))
+            .then(|| DecomposedRotation::new(start.matrix3, end.matrix3))
             .transpose()?;
-        Ok(Motion { start, end, turning })
+        Ok(AnimatedTransform { start, end, turning })
     }
 
     /// Whether nothing moves.
@@ -93,13 +93,13 @@ impl Motion {
             .fold(Bounds::EMPTY, Bounds::union)
     }
 
-    /// Of how many steps [`Motion::bounds`] takes the boxes.
+    /// Of how many steps [`AnimatedTransform::bounds`] takes the boxes.
     pub fn step_count(&self) -> u32 {
         if self.turning.is_some() { TURNING_STEPS } else { 1 }
     }
 
     /// A box after `step` of `steps` equal steps such that, between it and the next step's, the one that is
-    /// interpolated linearly holds at its time what `bounds` hold; `boxed` as in [`Motion::bounds_of`].
+    /// interpolated linearly holds at its time what `bounds` hold; `boxed` as in [`AnimatedTransform::bounds_of`].
     ///
     /// A point p runs along x(s) = Q(s) y(s) + T(s) with y(s) = S(s) p, where T and y are linear. As Q turns at the
     /// rate ω, |x''| <= ω² |y| + 2 ω |y'|, and over a step δ no curve leaves its chord by more than δ²/8 of that. The
@@ -133,7 +133,7 @@ impl Motion {
         }
     }
 
-    /// Bound on the rounding of a point that is moved by [`Motion::at`], for points up to `radius` from the origin.
+    /// Bound on the rounding of a point that is moved by [`AnimatedTransform::at`], for points up to `radius` from the origin.
     fn rounding(&self, radius: f64) -> f64 {
         let reach = |map: &DAffine3| frobenius(&map.matrix3) * radius + map.translation.abs().max_element();
         MOTION_ROUNDINGS * f64::EPSILON * (reach(&self.start) + reach(&self.end))
@@ -153,8 +153,8 @@ const TURNING_STEPS: u32 = 16;
 /// quaternion to matrix 8, two products of matrices 6, lerp and transform 8.
 const MOTION_ROUNDINGS: f64 = 64.0;
 
-impl Turning {
-    fn new(start: DMat3, end: DMat3) -> Result<Turning, MotionError> {
+impl DecomposedRotation {
+    fn new(start: DMat3, end: DMat3) -> Result<DecomposedRotation, MotionError> {
         let [(from, stretch_from), (to, stretch_to)] = [start, end].map(|m| polar(&m));
         // A definite matrix tells its sign on the diagonal.
         if stretch_from.x_axis.x.signum() != stretch_to.x_axis.x.signum() {
@@ -167,7 +167,7 @@ impl Turning {
         }
         // From the sine and the cosine: the arc cosine alone would lose small angles.
         let sine = step.xyz().length();
-        Ok(Turning {
+        Ok(DecomposedRotation {
             rotation,
             axis: step.xyz().try_normalize().unwrap_or(DVec3::Z),
             angle: 2.0 * sine.atan2(step.w),
@@ -246,7 +246,7 @@ mod tests {
     #[test]
     fn the_ends_are_kept_to_the_bit_and_the_way_there_begins_and_ends_with_them() {
         for (start, end) in [wild(), mirrored(wild())] {
-            let motion = Motion::new(start, end).unwrap();
+            let motion = AnimatedTransform::new(start, end).unwrap();
             assert_eq!((motion.at(0.0), motion.at(1.0)), (start, end));
             assert_eq!((motion.at(-1.0), motion.at(2.0)), (start, end));
             // No jump: entries are about 10, and the step to the ends is 1e-12.
@@ -264,13 +264,15 @@ mod tests {
             (170.0, -170.0, 180.0),
             (0.0, 1e-6, 5e-7),
         ] {
-            let motion = Motion::new(turned(from), turned(to)).unwrap();
+            let motion = AnimatedTransform::new(turned(from), turned(to)).unwrap();
             assert!(
                 motion.at(0.5).abs_diff_eq(turned(middle), 16.0 * f64::EPSILON),
                 "{from} {to}"
             );
         }
-        let third = Motion::new(turned(0.0), turned(90.0)).unwrap().at(1.0 / 3.0);
+        let third = AnimatedTransform::new(turned(0.0), turned(90.0))
+            .unwrap()
+            .at(1.0 / 3.0);
         assert!(third.abs_diff_eq(turned(30.0), 16.0 * f64::EPSILON));
     }
 
@@ -285,12 +287,12 @@ mod tests {
             translation: DVec3::new(5.0, 1.0, -1.0),
             ..still
         };
-        let middle = Motion::new(still, moved).unwrap().at(0.5);
+        let middle = AnimatedTransform::new(still, moved).unwrap().at(0.5);
         assert_eq!(
             (middle.matrix3, middle.translation),
             (still.matrix3, DVec3::new(3.0, 1.0, 0.0))
         );
-        let grown = Motion::new(
+        let grown = AnimatedTransform::new(
             DAffine3::IDENTITY,
             DAffine3::from_scale(DVec3::new(3.0, 1.0, 5.0)),
         )
@@ -299,13 +301,13 @@ mod tests {
             DAffine3::from_scale(DVec3::new(2.0, 1.0, 3.0)),
             16.0 * f64::EPSILON
         ));
-        assert!(!grown.is_still() && Motion::new(still, still).unwrap().is_still());
+        assert!(!grown.is_still() && AnimatedTransform::new(still, still).unwrap().is_still());
     }
 
     #[test]
     fn a_mirrored_map_stays_mirrored_and_none_is_flat_on_the_way() {
         for (pair, sign) in [(wild(), 1.0), (mirrored(wild()), -1.0)] {
-            let motion = Motion::new(pair.0, pair.1).unwrap();
+            let motion = AnimatedTransform::new(pair.0, pair.1).unwrap();
             for step in 0..=100 {
                 let map = motion.at(f64::from(step) / 100.0);
                 assert!(map.matrix3.determinant() * sign > 0.1, "{step}");
@@ -316,11 +318,11 @@ mod tests {
         for size in [1.0, 1e-150] {
             let flip = DAffine3::from_scale(size * DVec3::new(1.0, -1.0, 1.0));
             let plain = DAffine3::from_scale(DVec3::splat(size));
-            assert_eq!(Motion::new(plain, flip), Err(MotionError::Mirrored));
+            assert_eq!(AnimatedTransform::new(plain, flip), Err(MotionError::Mirrored));
         }
         let flat = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
         assert!(matches!(
-            Motion::new(DAffine3::IDENTITY, flat),
+            AnimatedTransform::new(DAffine3::IDENTITY, flat),
             Err(MotionError::Singular(_))
         ));
     }
@@ -354,7 +356,7 @@ mod tests {
             DAffine3::from_translation(DVec3::new(0.0, 7.0, 0.1)),
         );
         for (start, end) in [wild(), mirrored(wild()), half_turn, slide] {
-            let motion = Motion::new(start, end).unwrap();
+            let motion = AnimatedTransform::new(start, end).unwrap();
             let swept = motion.bounds(&object);
             let mut exact = Bounds::EMPTY;
             for step in 0..=10_007 {
@@ -373,7 +375,7 @@ mod tests {
     #[test]
     fn a_still_box_is_not_padded_an_empty_one_stays_empty_and_an_endless_one_is_everywhere() {
         let (start, _) = wild();
-        let still = Motion::new(start, start).unwrap();
+        let still = AnimatedTransform::new(start, start).unwrap();
         let unit = Bounds {
             min: DVec3::ZERO,
             max: DVec3::ONE,
@@ -384,6 +386,9 @@ mod tests {
             min: DVec3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, 0.0),
             max: DVec3::new(f64::INFINITY, f64::INFINITY, 0.0),
         };
-        assert_eq!(Motion::new(start, wild().1).unwrap().bounds(&plane), EVERYWHERE);
+        assert_eq!(
+            AnimatedTransform::new(start, wild().1).unwrap().bounds(&plane),
+            EVERYWHERE
+        );
     }
 }

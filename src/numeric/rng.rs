@@ -7,14 +7,14 @@ use glam::DVec3;
 /// A generator whose whole state is its seed (Steele, Lea and Flood, "Fast splittable pseudorandom number generators",
 /// OOPSLA 2014).
 #[derive(Clone, Debug)]
-pub struct Random(u64);
+pub struct SplitMix64(u64);
 
-impl Random {
+impl SplitMix64 {
     /// The generator of number `index` of a family; any two of them are unrelated.
-    pub fn new(family: u64, index: u64) -> Random {
-        let mut random = Random(family);
+    pub fn new(family: u64, index: u64) -> SplitMix64 {
+        let mut random = SplitMix64(family);
         let salt = random.bits();
-        Random(salt ^ Random(index).bits())
+        SplitMix64(salt ^ SplitMix64(index).bits())
     }
 
     /// 64 random bits.
@@ -71,14 +71,14 @@ mod tests {
     #[test]
     fn bits_are_those_of_the_published_generator() {
         // The first outputs of SplitMix64 for the seed 0.
-        let mut random = Random(0);
+        let mut random = SplitMix64(0);
         assert_eq!(random.bits(), 0xe220_a839_7b1d_cdaf);
         assert_eq!(random.bits(), 0x6e78_9e6a_a1b9_65f4);
     }
 
     #[test]
     fn every_value_below_a_count_is_met_about_equally_often() {
-        let mut random = Random::new(1, 2);
+        let mut random = SplitMix64::new(1, 2);
         let mut counts = [0; 7];
         (0..7000).for_each(|_| counts[random.below(7)] += 1);
         // Six standard deviations of a share of 1/7 among 7000: 6 √(1000 · 6/7) = 176.
@@ -90,8 +90,8 @@ mod tests {
 
     #[test]
     fn directions_are_unit_vectors_and_neighbouring_generators_differ() {
-        let mut a = Random::new(5, 0);
-        let mut b = Random::new(5, 1);
+        let mut a = SplitMix64::new(5, 0);
+        let mut b = SplitMix64::new(5, 1);
         for _ in 0..1000 {
             // Squares of three rounded coordinates.
             assert!((a.direction().length_squared() - 1.0).abs() <= 8.0 * f64::EPSILON);

@@ -10,7 +10,7 @@ use super::GltfError;
 use super::buffer::Window;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
-use crate::mesh::Slab;
+use crate::mesh::Buffer;
 use crate::parallel;
 
 /// Elements that an accessor without a buffer view may have at most: no byte of the file backs their number.
@@ -115,7 +115,7 @@ impl<'a> Accessor<'a> {
 
     /// All elements as scalars, vectors or 4 by 4 matrices (by columns) of `N` floats: normalised integers as fractions,
     /// other integers as they are.
-    pub(super) fn vectors<const N: usize>(&self) -> Result<Slab<[f32; N]>, GltfError>
+    pub(super) fn vectors<const N: usize>(&self) -> Result<Buffer<[f32; N]>, GltfError>
     where
         [f32; N]: bytemuck::Pod,
     {
@@ -150,11 +150,11 @@ impl<'a> Accessor<'a> {
                 values[index] = self.decode(bytes);
             }
         }
-        Ok(Slab::from(values))
+        Ok(Buffer::from(values))
     }
 
     /// Triples of 32-bit indices without a copy, where the file allows it.
-    pub(super) fn mapped_triangles(&self) -> Option<Slab<[u32; 3]>> {
+    pub(super) fn mapped_triangles(&self) -> Option<Buffer<[u32; 3]>> {
         let is_index = self.type_ == Type::Scalar && self.component == ComponentType::U32;
         if !is_index {
             return None;
@@ -194,11 +194,11 @@ impl<'a> Accessor<'a> {
     }
 
     /// `count` values of the mapped file where elements of `size` bytes follow each other without gaps.
-    fn packed<T: bytemuck::Pod>(&self, size: usize, count: usize) -> Option<Slab<T>> {
+    fn packed<T: bytemuck::Pod>(&self, size: usize, count: usize) -> Option<Buffer<T>> {
         let is_as_in_memory = cfg!(target_endian = "little") && self.stride == size && self.sparse.is_none();
         let (map, offset) = self.base.as_ref()?.mapped?;
         if is_as_in_memory {
-            Slab::from_map(map, offset, count)
+            Buffer::from_map(map, offset, count)
         } else {
             None
         }

@@ -17,7 +17,7 @@ use super::error::EXPORT_AGAIN;
 use super::node::{Deformed, PlacedNode};
 use super::primitive::PrimitiveId;
 use super::skin::Joints;
-use crate::mesh::Slab;
+use crate::mesh::Buffer;
 use crate::numeric;
 use crate::parallel;
 
@@ -42,7 +42,7 @@ pub(super) struct Deformer {
 /// The vectors of a target, one a vertex, and its weight.
 struct Displacement {
     weight: f64,
-    vectors: Slab<[f32; 3]>,
+    vectors: Buffer<[f32; 3]>,
 }
 
 impl Document {
@@ -201,7 +201,7 @@ impl Document {
 
 impl Deformer {
     /// Where the vertices go.
-    pub(super) fn positions(&self, positions: &[[f32; 3]]) -> Slab<[f32; 3]> {
+    pub(super) fn positions(&self, positions: &[[f32; 3]]) -> Buffer<[f32; 3]> {
         mapped(positions, |vertex, position| {
             let p = displaced(&self.positions, vertex, position);
             let moved = self.map(vertex).map_or(p, |map| map.transform_point3(p));
@@ -210,7 +210,7 @@ impl Deformer {
     }
 
     /// The triangles, front still front where the skin mirrors.
-    pub(super) fn triangles(&self, triangles: Slab<[u32; 3]>) -> Slab<[u32; 3]> {
+    pub(super) fn triangles(&self, triangles: Buffer<[u32; 3]>) -> Buffer<[u32; 3]> {
         if self.is_mirrored {
             mapped(&triangles, |_, [a, b, c]| [a, c, b])
         } else {
@@ -219,7 +219,7 @@ impl Deformer {
     }
 
     /// The normals; of unit length where a skin turns them, and as they were where it leaves them no direction.
-    pub(super) fn normals(&self, normals: &[[f32; 3]]) -> Slab<[f32; 3]> {
+    pub(super) fn normals(&self, normals: &[[f32; 3]]) -> Buffer<[f32; 3]> {
         mapped(normals, |vertex, normal| {
             let n = displaced(&self.normals, vertex, normal);
             let turned = match self.map(vertex) {
@@ -233,7 +233,7 @@ impl Deformer {
     }
 
     /// The tangents; their handedness is kept by targets and turned by a skin that mirrors, because normals stay outside.
-    pub(super) fn tangents(&self, tangents: &[[f32; 4]]) -> Slab<[f32; 4]> {
+    pub(super) fn tangents(&self, tangents: &[[f32; 4]]) -> Buffer<[f32; 4]> {
         let handedness = if self.is_mirrored { -1.0 } else { 1.0 };
         mapped(tangents, |vertex, [x, y, z, w]| {
             let t = displaced(&self.tangents, vertex, [x, y, z]);
@@ -256,6 +256,6 @@ fn displaced(displacements: &[Displacement], vertex: usize, vector: [f32; 3]) ->
 }
 
 /// Every element mapped, in parallel.
-fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(usize, T) -> T + Sync) -> Slab<T> {
-    Slab::from(parallel::generate(elements.len(), |i| map(i, elements[i])))
+fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(usize, T) -> T + Sync) -> Buffer<T> {
+    Buffer::from(parallel::generate(elements.len(), |i| map(i, elements[i])))
 }

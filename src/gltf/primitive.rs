@@ -8,7 +8,7 @@ use super::GltfError;
 use super::deformation::{Deformation, Deformer};
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
-use crate::mesh::{Mesh, Slab};
+use crate::mesh::{Buffer, Mesh};
 use crate::numeric::Bounds;
 use crate::parallel;
 use crate::scene::survey::{self, Dropped};
@@ -113,7 +113,7 @@ impl Reader<'_> {
         }
     }
 
-    fn triangles(&mut self, mode: Mode, vertex_count: usize) -> Result<Slab<[u32; 3]>, GltfError> {
+    fn triangles(&mut self, mode: Mode, vertex_count: usize) -> Result<Buffer<[u32; 3]>, GltfError> {
         let count_fault = |count: usize| match mode {
             Mode::Triangles => !count.is_multiple_of(3),
             _ => count < 3,
@@ -184,7 +184,7 @@ impl Reader<'_> {
             };
             let values = self.vectors::<2>(accessor, vertex_count, "texture coordinates")?;
             mesh.tex_coords
-                .resize_with(mesh.tex_coords.len().max(set as usize + 1), Slab::default);
+                .resize_with(mesh.tex_coords.len().max(set as usize + 1), Buffer::default);
             mesh.tex_coords[set as usize] = self.finite(values, "texture coordinates");
         }
         match self.document.normal_map_set(material)? {
@@ -214,7 +214,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn colors(&mut self, accessor: usize, vertex_count: usize) -> Result<Slab<[f32; 4]>, GltfError> {
+    fn colors(&mut self, accessor: usize, vertex_count: usize) -> Result<Buffer<[f32; 4]>, GltfError> {
         let is_rgb = self
             .document
             .root
@@ -229,7 +229,7 @@ impl Reader<'_> {
         let colors = self.finite(colors, "colours");
         let opaque = |[r, g, b]: [f32; 3]| [r, g, b, 1.0];
         let opaque = parallel::generate(colors.len(), |vertex| opaque(colors[vertex]));
-        Ok(Slab::from(opaque))
+        Ok(Buffer::from(opaque))
     }
 
     /// An attribute with one value a vertex.
@@ -238,7 +238,7 @@ impl Reader<'_> {
         accessor: usize,
         vertex_count: usize,
         what: &str,
-    ) -> Result<Slab<[f32; N]>, GltfError>
+    ) -> Result<Buffer<[f32; N]>, GltfError>
     where
         [f32; N]: bytemuck::Pod,
     {
@@ -251,7 +251,7 @@ impl Reader<'_> {
     }
 
     /// The values with zero for what is not finite.
-    fn finite<const N: usize>(&mut self, values: Slab<[f32; N]>, what: &str) -> Slab<[f32; N]>
+    fn finite<const N: usize>(&mut self, values: Buffer<[f32; N]>, what: &str) -> Buffer<[f32; N]>
     where
         [f32; N]: bytemuck::Pod,
     {
@@ -260,11 +260,15 @@ impl Reader<'_> {
         }
         self.warn(&format!("has {what} that are not finite: taken as zero"));
         let clear = |v: &[f32; N]| v.map(|x| if x.is_finite() { x } else { 0.0 });
-        Slab::from(values.iter().map(clear).collect::<Vec<_>>())
+        Buffer::from(values.iter().map(clear).collect::<Vec<_>>())
     }
 
     /// Normals of unit length; `None`, for flat shading, where a triangle uses one without a direction.
-    fn unit_normals(&mut self, normals: Slab<[f32; 3]>, triangles: &[[u32; 3]]) -> Option<Slab<[f32; 3]>> {
+    fn unit_normals(
+        &mut self,
+        normals: Buffer<[f32; 3]>,
+        triangles: &[[u32; 3]],
+    ) -> Option<Buffer<[f32; 3]>> {
         let chunks: Vec<&[[f32; 3]]> = normals.chunks(CHUNK).collect();
         if parallel::all(chunks.len(), &|i| chunks[i].iter().all(|&n| is_nearly_unit(n))) {
             return Some(normals);
@@ -275,11 +279,15 @@ impl Reader<'_> {
             self.warn("has normals without a direction: shaded flat");
             return None;
         }
-        Some(Slab::from(unit))
+        Some(Buffer::from(unit))
     }
 
     /// Tangents of unit length with a handedness of 1 or -1; `None` where a triangle uses one without a direction.
-    fn unit_tangents(&mut self, tangents: Slab<[f32; 4]>, triangles: &[[u32; 3]]) -> Option<Slab<[f32; 4]>> {
+    fn unit_tangents(
+        &mut self,
+        tangents: Buffer<[f32; 4]>,
+        triangles: &[[u32; 3]],
+    ) -> Option<Buffer<[f32; 4]>> {
         let is_sound = |&[x, y, z, w]: &[f32; 4]| is_nearly_unit([x, y, z]) && w.abs() == 1.0;
         let chunks: Vec<&[[f32; 4]]> = tangents.chunks(CHUNK).collect();
         if parallel::all(chunks.len(), &|i| chunks[i].iter().all(is_sound)) {
@@ -296,7 +304,7 @@ impl Reader<'_> {
             self.warn("has tangents without a direction: made afresh");
             return None;
         }
-        Some(Slab::from(unit))
+        Some(Buffer::from(unit))
     }
 
     fn attribute(&self, semantic: Semantic) -> Option<usize> {
@@ -350,7 +358,7 @@ pub(crate) fn dropped_sentence(dropped: Dropped) -> String {
 }
 
 /// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1).
-fn assemble(mode: Mode, index_count: usize, index: impl Fn(usize) -> u32 + Sync) -> Slab<[u32; 3]> {
+fn assemble(mode: Mode, index_count: usize, index: impl Fn(usize) -> u32 + Sync) -> Buffer<[u32; 3]> {
     let count = match mode {
         Mode::Triangles => index_count / 3,
         _ => index_count.saturating_sub(2),
@@ -360,7 +368,7 @@ fn assemble(mode: Mode, index_count: usize, index: impl Fn(usize) -> u32 + Sync)
         Mode::TriangleFan => [i + 1, i + 2, 0],
         _ => [3 * i, 3 * i + 1, 3 * i + 2],
     };
-    Slab::from(parallel::generate(count, |i| corners(i).map(&index)))
+    Buffer::from(parallel::generate(count, |i| corners(i).map(&index)))
 }
 
 #[cfg(test)]

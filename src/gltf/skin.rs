@@ -14,7 +14,7 @@ use super::GltfError;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 use super::primitive::PrimitiveId;
-use crate::mesh::Slab;
+use crate::mesh::Buffer;
 use crate::parallel;
 
 /// Vertices that a thread takes at once.
@@ -31,8 +31,8 @@ pub(super) struct Joints {
 
 /// One set of joints and weights, four a vertex.
 struct Influences {
-    joints: Slab<[f32; 4]>,
-    weights: Slab<[f32; 4]>,
+    joints: Buffer<[f32; 4]>,
+    weights: Buffer<[f32; 4]>,
 }
 
 impl Document {
@@ -231,8 +231,8 @@ mod tests {
 
     fn set(joints: [f32; 4], weights: [f32; 4]) -> Influences {
         Influences {
-            joints: Slab::from(vec![joints]),
-            weights: Slab::from(vec![weights]),
+            joints: Buffer::from(vec![joints]),
+            weights: Buffer::from(vec![weights]),
         }
     }
 

@@ -1,8 +1,8 @@
 //! Triangle meshes: vertex and index arrays, owned or borrowed from a mapped file.
 
+mod buffer;
 mod bumpy;
-pub mod lanes;
-mod slab;
+pub mod simd;
 mod tangents;
 pub mod triangle;
 
@@ -10,8 +10,8 @@ use glam::{DVec3, Vec3};
 
 use crate::numeric::Bounds;
 use crate::parallel;
+pub use buffer::Buffer;
 pub use bumpy::bumpy_sphere;
-pub use slab::Slab;
 
 /// A triangle mesh in object space.
 ///
@@ -20,18 +20,18 @@ pub use slab::Slab;
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     /// Vertex positions.
-    pub positions: Slab<[f32; 3]>,
+    pub positions: Buffer<[f32; 3]>,
     /// Vertex indices, counter-clockwise seen from the front.
-    pub triangles: Slab<[u32; 3]>,
+    pub triangles: Buffer<[u32; 3]>,
     /// Unit shading normals per vertex; without them the mesh is flat-shaded.
-    pub normals: Option<Slab<[f32; 3]>>,
+    pub normals: Option<Buffer<[f32; 3]>>,
     /// Unit tangents per vertex, along which the first coordinate of the normal map's texture grows; the fourth number
     /// is the handedness, 1 or -1.
-    pub tangents: Option<Slab<[f32; 4]>>,
+    pub tangents: Option<Buffer<[f32; 4]>>,
     /// Texture coordinates per vertex, one array a set (`TEXCOORD_0`, ...).
-    pub tex_coords: Vec<Slab<[f32; 2]>>,
+    pub tex_coords: Vec<Buffer<[f32; 2]>>,
     /// Linear RGBA per vertex that multiplies the base colour.
-    pub colors: Option<Slab<[f32; 4]>>,
+    pub colors: Option<Buffer<[f32; 4]>>,
 }
 
 impl Mesh {

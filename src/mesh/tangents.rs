@@ -14,7 +14,7 @@ use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
 use bytemuck::Pod;
 use glam::{DVec3, Vec3};
 
-use super::{Mesh, Slab};
+use super::{Buffer, Mesh};
 use crate::parallel;
 
 /// The most triangles around a vertex, which the recursion may be deep: a quarter of a megabyte of stack.
@@ -79,7 +79,7 @@ impl Mesh {
         }
         let unused = tangents.iter_mut().filter(|t| **t == NONE_YET);
         unused.for_each(|t| *t = UNUSED);
-        let tangents = Some(Slab::from(tangents));
+        let tangents = Some(Buffer::from(tangents));
         if copied.is_empty() {
             return Mesh {
                 tangents,
@@ -88,7 +88,7 @@ impl Mesh {
         }
         Mesh {
             positions: extended(&self.positions, &copied),
-            triangles: Slab::from(triangles),
+            triangles: Buffer::from(triangles),
             normals: self.normals.as_ref().map(|n| extended(n, &copied)),
             tangents,
             tex_coords: self.tex_coords.iter().map(|t| extended(t, &copied)).collect(),
@@ -98,12 +98,12 @@ impl Mesh {
 }
 
 /// The values with those of `copied` vertices behind them; none where there are none.
-fn extended<T: Pod>(values: &Slab<T>, copied: &[u32]) -> Slab<T> {
+fn extended<T: Pod>(values: &Buffer<T>, copied: &[u32]) -> Buffer<T> {
     if values.is_empty() {
         return values.clone();
     }
     let copies = copied.iter().map(|&v| values[v as usize]);
-    Slab::from(values.iter().copied().chain(copies).collect::<Vec<_>>())
+    Buffer::from(values.iter().copied().chain(copies).collect::<Vec<_>>())
 }
 
 /// The power of two that brings the largest value near 1, so that products of f32 neither overflow nor vanish.
@@ -222,10 +222,10 @@ mod tests {
     /// image hangs.
     fn square() -> Mesh {
         Mesh {
-            positions: Slab::from(vec![[0.0, 1.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]),
-            triangles: Slab::from(vec![[0, 1, 2], [0, 2, 3]]),
-            normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; 4])),
-            tex_coords: vec![Slab::from(vec![[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]])],
+            positions: Buffer::from(vec![[0.0, 1.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]),
+            triangles: Buffer::from(vec![[0, 1, 2], [0, 2, 3]]),
+            normals: Some(Buffer::from(vec![[0.0, 0.0, 1.0]; 4])),
+            tex_coords: vec![Buffer::from(vec![[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]])],
             ..Mesh::default()
         }
     }
@@ -250,8 +250,8 @@ mod tests {
     fn very_large_and_very_small_meshes_and_textures_have_the_same_tangents() {
         for (scale, tex_scale) in [(1e-38f32, 1e-38f32), (1e38, 1e38), (1e-38, 1e38)] {
             let scaled = Mesh {
-                positions: Slab::from(square().positions.map_all(|x| x * scale)),
-                tex_coords: vec![Slab::from(square().tex_coords[0].map_all(|x| x * tex_scale))],
+                positions: Buffer::from(square().positions.map_all(|x| x * scale)),
+                tex_coords: vec![Buffer::from(square().tex_coords[0].map_all(|x| x * tex_scale))],
                 ..square()
             };
             assert_eq!(tangents(&scaled.with_tangents(0)), [[1.0, 0.0, 0.0, 1.0]; 4]);
@@ -262,7 +262,7 @@ mod tests {
         fn map_all(&self, f: impl Fn(f32) -> f32) -> Vec<[f32; N]>;
     }
 
-    impl<const N: usize> MapAll<N> for Slab<[f32; N]>
+    impl<const N: usize> MapAll<N> for Buffer<[f32; N]>
     where
         [f32; N]: Pod,
     {
@@ -275,8 +275,8 @@ mod tests {
     fn a_vertex_is_split_where_the_texture_is_mirrored_and_keeps_its_attributes() {
         // The second triangle's image is mirrored about the shared edge from vertex 0 to vertex 2.
         let mesh = Mesh {
-            tex_coords: vec![Slab::from(vec![[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.0, 1.0]])],
-            colors: Some(Slab::from([0.1, 0.2, 0.3, 0.4].map(|x| [x; 4]).to_vec())),
+            tex_coords: vec![Buffer::from(vec![[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.0, 1.0]])],
+            colors: Some(Buffer::from([0.1, 0.2, 0.3, 0.4].map(|x| [x; 4]).to_vec())),
             ..square()
         };
         let split = mesh.with_tangents(0);
@@ -299,7 +299,7 @@ mod tests {
     #[test]
     fn texture_coordinates_without_an_area_still_give_unit_tangents_across_the_normal() {
         let mesh = Mesh {
-            tex_coords: vec![Slab::from(vec![[0.5, 0.5]; 4])],
+            tex_coords: vec![Buffer::from(vec![[0.5, 0.5]; 4])],
             ..square()
         };
         for &[x, y, z, w] in tangents(&mesh.with_tangents(0)) {
@@ -313,12 +313,12 @@ mod tests {
         let rim = rim.map(|angle| [angle.cos() as f32, angle.sin() as f32, 0.0]);
         let positions: Vec<[f32; 3]> = std::iter::once([0.0; 3]).chain(rim).collect();
         Mesh {
-            tex_coords: vec![Slab::from(
+            tex_coords: vec![Buffer::from(
                 positions.iter().map(|p| [p[0], -p[1]]).collect::<Vec<_>>(),
             )],
-            normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; positions.len()])),
-            positions: Slab::from(positions),
-            triangles: Slab::from((0..count).map(|i| [0, i + 1, i + 2]).collect::<Vec<_>>()),
+            normals: Some(Buffer::from(vec![[0.0, 0.0, 1.0]; positions.len()])),
+            positions: Buffer::from(positions),
+            triangles: Buffer::from((0..count).map(|i| [0, i + 1, i + 2]).collect::<Vec<_>>()),
             ..Mesh::default()
         }
     }

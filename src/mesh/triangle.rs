@@ -10,22 +10,22 @@
 //!   has the right sign; where it is zero, it is computed again in f64, where products of f32 are exact. Hence no fused
 //!   multiply-add here, which would round one product and not the other.
 //!
-//! A hit that is as near the start of its ray as its own error is asked about again in f64, see [`start`].
+//! A hit that is as near the start of its ray as its own error is asked about again in f64, see [`near_origin`].
 //!
 //! [`Shear::intersect`] is the reference; the forms for eight triangles and for sixteen rays give the same bits. On a
-//! [`Rounded`](super::lanes::Rounded) instruction set they ask no f64: what that costs in errors is measured elsewhere.
+//! [`F32Only`](super::lanes::Rounded) instruction set they ask no f64: what that costs in errors is measured elsewhere.
 
 #[cfg(feature = "embree")]
-mod shared;
-mod start;
+mod indexed;
+mod near_origin;
 
 use glam::Vec3;
 
-use super::lanes::{AnyIsa, Isa, add, div, lanes, max, min, mul, sub};
+use super::simd::{Scalar, SimdLevel, add, div, lanes, max, min, mul, sub};
 use crate::numeric::Ray;
 #[cfg(feature = "embree")]
-pub(crate) use shared::{Flat, Met, may_hold_origin};
-use start::may_be_behind;
+pub(crate) use indexed::{HitLanes, ProjectedVertices, may_hold_origin};
+use near_origin::may_be_behind;
 
 /// Triangles in a [`TrianglePack`].
 pub const PACK: usize = 8;
@@ -183,7 +183,7 @@ impl Shear {
     ) -> bool {
         let [a, b, c] = projected.map(|p| p.map(|x| [x]));
         let rows = [&a, &b, &c].map(|[x, y, z]| [x, y, z]);
-        may_be_behind(AnyIsa, rows, &[self.shear[2]], &[det], [&[t_near], &[t]]) != 0
+        may_be_behind(Scalar, rows, &[self.shear[2]], &[det], [&[t_near], &[t]]) != 0
             && self.meets_before(corners, t_near)
     }
 
@@ -220,7 +220,7 @@ impl Shear {
     #[inline(always)]
     pub fn intersect_pack(
         &self,
-        isa: impl Isa,
+        isa: impl SimdLevel,
         pack: &TrianglePack,
         t_near: f32,
         t_far: f32,
@@ -294,7 +294,7 @@ impl<const N: usize> ShearLanes<N> {
     #[inline(always)]
     pub fn intersect(
         &self,
-        isa: impl Isa,
+        isa: impl SimdLevel,
         corners: [[f32; 3]; 3],
         t_near: &[f32; N],
         t_far: &[f32; N],
@@ -350,7 +350,7 @@ impl<const N: usize> EdgeTest<N> {
 
 /// `projected` by corner, then x, y and the unscaled z; `sz` is the scale of z.
 #[inline(always)]
-fn edge_test<I: Isa, const N: usize>(
+fn edge_test<I: SimdLevel, const N: usize>(
     isa: I,
     [a, b, c]: [[[f32; N]; 3]; 3],
     sz: [f32; N],
@@ -420,7 +420,7 @@ fn project<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::lanes::{Work, dispatch};
+    use crate::mesh::simd::{SimdKernel, dispatch};
     use crate::numeric::{spawn_point, triangle_spawn_error};
     use glam::DVec3;
 
@@ -579,11 +579,11 @@ mod tests {
             let shears = ShearLanes::new(round % 3, &lane_rows(&|r| r.origin), &lane_rows(&|r| r.direction));
             let (near, far) = ([0.0; 16], [2.0; 16]);
             for triangle in 0..8 {
-                let lanes = shears.intersect(AnyIsa, pack.triangle(triangle), &near, &far);
+                let lanes = shears.intersect(Scalar, pack.triangle(triangle), &near, &far);
                 for (i, r) in rays.iter().enumerate() {
                     let one = Shear::new(r).intersect(pack.triangle(triangle), 0.0, 2.0);
                     assert_eq!(lane_hit(&lanes, i), one);
-                    let eight = Shear::new(r).intersect_pack(AnyIsa, &pack, 0.0, 2.0);
+                    let eight = Shear::new(r).intersect_pack(Scalar, &pack, 0.0, 2.0);
                     assert_eq!(lane_hit(&eight, triangle), one);
                     let best = dispatch(Eight(Shear::new(r), pack));
                     assert_eq!(lane_hit(&best, triangle), one);
@@ -597,11 +597,11 @@ mod tests {
     /// Eight triangles by the best instruction set.
     struct Eight(Shear, TrianglePack);
 
-    impl Work for Eight {
+    impl SimdKernel for Eight {
         type Output = LaneHits<PACK>;
 
         #[inline(always)]
-        fn run<I: Isa>(self, isa: I) -> LaneHits<PACK> {
+        fn run<I: SimdLevel>(self, isa: I) -> LaneHits<PACK> {
             self.0.intersect_pack(isa, &self.1, 0.0, 2.0)
         }
     }

@@ -7,7 +7,7 @@ use crate::mesh::Mesh;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet};
 
-/// The arrays of a mesh, resolved once: a `Slab` decides at every access whether it is mapped.
+/// The arrays of a mesh, resolved once: a `Buffer` decides at every access whether it is mapped.
 pub(super) struct MeshView<'s> {
     pub(super) positions: &'s [[f32; 3]],
     pub(super) triangles: &'s [[u32; 3]],

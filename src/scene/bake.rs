@@ -6,7 +6,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use super::survey::{self, Dropped};
 use super::{Geometry, Material, Scene, Space, Texture};
-use crate::mesh::{Mesh, Slab};
+use crate::mesh::{Buffer, Mesh};
 use crate::numeric;
 use crate::parallel;
 
@@ -59,8 +59,8 @@ pub(crate) fn with_positions(mesh: &Mesh, moved: impl Fn(DVec3) -> DVec3 + Sync)
 }
 
 /// Returns what `map` makes of every element, by several threads.
-fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(T) -> T + Sync) -> Slab<T> {
-    Slab::from(parallel::generate(elements.len(), |i| map(elements[i])))
+fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(T) -> T + Sync) -> Buffer<T> {
+    Buffer::from(parallel::generate(elements.len(), |i| map(elements[i])))
 }
 
 /// Whether the object space of what has this material is seen, by a pattern that it is carved from.
@@ -154,10 +154,10 @@ mod tests {
 
     fn triangle() -> Mesh {
         Mesh {
-            positions: Slab::from(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-            triangles: Slab::from(vec![[0, 1, 2]]),
-            normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; 3])),
-            tangents: Some(Slab::from(vec![[1.0, 0.0, 0.0, 1.0]; 3])),
+            positions: Buffer::from(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            triangles: Buffer::from(vec![[0, 1, 2]]),
+            normals: Some(Buffer::from(vec![[0.0, 0.0, 1.0]; 3])),
+            tangents: Some(Buffer::from(vec![[1.0, 0.0, 0.0, 1.0]; 3])),
             ..Mesh::default()
         }
     }

@@ -280,7 +280,7 @@ fn power_of_two_below(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Slab;
+    use crate::mesh::Buffer;
     use crate::scene::{Camera, Instance, Light};
 
     const POSITIONS: [[f32; 3]; 3] = [[0.25, -1.0, 0.1], [1.5, 0.3, -0.7], [-0.9, 2.1, 0.0]];
@@ -289,12 +289,12 @@ mod tests {
     fn scene(scale: f64, offset: DVec3) -> Scene {
         let moved = |p: DVec3| p * scale + offset;
         let triangle = Mesh {
-            positions: Slab::from(
+            positions: Buffer::from(
                 POSITIONS
                     .map(|p| moved(glam::Vec3::from(p).as_dvec3()).as_vec3().to_array())
                     .to_vec(),
             ),
-            triangles: Slab::from(vec![[0, 1, 2]]),
+            triangles: Buffer::from(vec![[0, 1, 2]]),
             ..Mesh::default()
         };
         let map = DAffine3::from_scale_rotation_translation(
@@ -457,8 +457,8 @@ mod tests {
 
     fn scene_far_triangle() -> Mesh {
         Mesh {
-            positions: Slab::from(vec![[1e6, 0.0, 0.0], [1e6 + 1.0, 0.0, 0.0], [1e6, 1.0, 0.0]]),
-            triangles: Slab::from(vec![[0, 1, 2]]),
+            positions: Buffer::from(vec![[1e6, 0.0, 0.0], [1e6 + 1.0, 0.0, 0.0], [1e6, 1.0, 0.0]]),
+            triangles: Buffer::from(vec![[0, 1, 2]]),
             ..Mesh::default()
         }
     }

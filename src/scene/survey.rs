@@ -7,7 +7,7 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::mesh::{Mesh, Slab};
+use crate::mesh::{Buffer, Mesh};
 use crate::numeric::Bounds;
 use crate::parallel;
 
@@ -80,7 +80,7 @@ pub(crate) fn drop_unusable(mesh: &mut Mesh) -> Dropped {
             dropped.not_finite += 1;
         }
     }
-    mesh.triangles = Slab::from(kept);
+    mesh.triangles = Buffer::from(kept);
     dropped
 }
 
@@ -90,7 +90,7 @@ pub(crate) fn clear_non_finite_positions(mesh: &mut Mesh) {
         return;
     }
     let clear = |p: &[f32; 3]| if Vec3::from(*p).is_finite() { *p } else { [0.0; 3] };
-    mesh.positions = Slab::from(mesh.positions.iter().map(clear).collect::<Vec<_>>());
+    mesh.positions = Buffer::from(mesh.positions.iter().map(clear).collect::<Vec<_>>());
 }
 
 fn survey_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> Result<Survey, BadIndex> {
@@ -139,8 +139,8 @@ mod tests {
 
     fn mesh(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Mesh {
         Mesh {
-            positions: Slab::from(positions),
-            triangles: Slab::from(triangles),
+            positions: Buffer::from(positions),
+            triangles: Buffer::from(triangles),
             ..Mesh::default()
         }
     }

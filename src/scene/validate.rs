@@ -330,7 +330,7 @@ fn out_of_range(kind: &str, index: u32, count: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::{Mesh, Slab};
+    use crate::mesh::{Buffer, Mesh};
     use crate::optics::subsurface::SubsurfacePreset;
     use crate::optics::{Absorption, Dispersion};
     use crate::scene::{
@@ -344,10 +344,10 @@ mod tests {
     /// A textured triangle, a sphere, a light and a camera, all in order.
     fn scene() -> Scene {
         let mesh = Mesh {
-            positions: Slab::from(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-            triangles: Slab::from(vec![[0, 1, 2]]),
-            normals: Some(Slab::from(vec![[0.0, 0.0, 1.0]; 3])),
-            tex_coords: vec![Slab::from(vec![[0.0; 2]; 3])],
+            positions: Buffer::from(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            triangles: Buffer::from(vec![[0, 1, 2]]),
+            normals: Some(Buffer::from(vec![[0.0, 0.0, 1.0]; 3])),
+            tex_coords: vec![Buffer::from(vec![[0.0; 2]; 3])],
             ..Mesh::default()
         };
         let turned = DAffine3::from_rotation_x(0.4) * DAffine3::from_scale(DVec3::new(-1e3, 1.0, 1e-3));
@@ -418,25 +418,29 @@ mod tests {
     fn every_fault_is_found_and_its_item_named() {
         type Break = fn(&mut Scene);
         let breaks: [(&str, Break); 36] = [
-            ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 3]])),
-            ("geometry 0", |s| mesh(s).triangles = Slab::from(vec![[0, 1, 1]])),
             ("geometry 0", |s| {
-                mesh(s).positions = Slab::from(vec![[f32::NAN; 3]; 3])
+                mesh(s).triangles = Buffer::from(vec![[0, 1, 3]])
             }),
             ("geometry 0", |s| {
-                mesh(s).normals = Some(Slab::from(vec![[1.0; 3]; 2]))
+                mesh(s).triangles = Buffer::from(vec![[0, 1, 1]])
             }),
             ("geometry 0", |s| {
-                mesh(s).normals = Some(Slab::from(vec![[f32::NAN; 3]; 3]))
+                mesh(s).positions = Buffer::from(vec![[f32::NAN; 3]; 3])
             }),
             ("geometry 0", |s| {
-                mesh(s).tangents = Some(Slab::from(vec![[1.0; 4]; 4]))
+                mesh(s).normals = Some(Buffer::from(vec![[1.0; 3]; 2]))
             }),
             ("geometry 0", |s| {
-                mesh(s).tangents = Some(Slab::from(vec![[f32::NAN; 4]; 3]))
+                mesh(s).normals = Some(Buffer::from(vec![[f32::NAN; 3]; 3]))
             }),
             ("geometry 0", |s| {
-                mesh(s).colors = Some(Slab::from(vec![[f32::INFINITY; 4]; 3]))
+                mesh(s).tangents = Some(Buffer::from(vec![[1.0; 4]; 4]))
+            }),
+            ("geometry 0", |s| {
+                mesh(s).tangents = Some(Buffer::from(vec![[f32::NAN; 4]; 3]))
+            }),
+            ("geometry 0", |s| {
+                mesh(s).colors = Some(Buffer::from(vec![[f32::INFINITY; 4]; 3]))
             }),
             ("instance 0", |s| mesh(s).tex_coords.clear()),
             ("geometry 1", |s| {

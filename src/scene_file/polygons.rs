@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use super::shape::ShapeFault;
 use super::value::{At, Vector};
-use crate::mesh::{Mesh, Slab};
+use crate::mesh::{Buffer, Mesh};
 use crate::numeric::Bounds;
 
 /// A mesh of convex polygons.
@@ -56,9 +56,9 @@ impl PolygonsForm {
         }
         Ok(Mesh {
             normals: self.smooth.then(|| smooth_normals(&points, &triangles)),
-            positions: Slab::from(positions),
-            triangles: Slab::from(triangles),
-            tex_coords: self.uv.iter().map(|uv| Slab::from(uv.clone())).collect(),
+            positions: Buffer::from(positions),
+            triangles: Buffer::from(triangles),
+            tex_coords: self.uv.iter().map(|uv| Buffer::from(uv.clone())).collect(),
             ..Mesh::default()
         })
     }
@@ -106,7 +106,7 @@ fn has_area(positions: &[[f32; 3]], triangle: [u32; 3]) -> bool {
 }
 
 /// Normals of the vertices: of the triangles around, by their areas.
-fn smooth_normals(points: &[DVec3], triangles: &[[u32; 3]]) -> Slab<[f32; 3]> {
+fn smooth_normals(points: &[DVec3], triangles: &[[u32; 3]]) -> Buffer<[f32; 3]> {
     let mut sums = vec![DVec3::ZERO; points.len()];
     for triangle in triangles {
         let [a, b, c] = triangle.map(|v| points[v as usize]);
@@ -116,7 +116,7 @@ fn smooth_normals(points: &[DVec3], triangles: &[[u32; 3]]) -> Slab<[f32; 3]> {
     }
     // A vertex that belongs to no face, or to opposite ones, has any normal.
     let normal = |sum: DVec3| sum.try_normalize().unwrap_or(DVec3::Z).as_vec3().to_array();
-    Slab::from(sums.into_iter().map(normal).collect::<Vec<_>>())
+    Buffer::from(sums.into_iter().map(normal).collect::<Vec<_>>())
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use super::meshes::{icosphere, scene};
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::accel::AccelError;
-use crate::mesh::{Mesh, Slab};
+use crate::mesh::{Buffer, Mesh};
 use crate::numeric::{Bounds, SplitMix64};
 use crate::optics::subsurface::Scattering;
 use crate::optics::{Absorption, Dispersion};
@@ -311,7 +311,7 @@ fn map(random: &mut SplitMix64, x: f64) -> DAffine3 {
 }
 
 /// Vertex attributes, to one of whose numbers `x` is added.
-fn with<T: Pod>(values: &Slab<T>, random: &mut SplitMix64, x: f64) -> Slab<T> {
+fn with<T: Pod>(values: &Buffer<T>, random: &mut SplitMix64, x: f64) -> Buffer<T> {
     let mut values = values.to_vec();
     let numbers: &mut [f32] = bytemuck::cast_slice_mut(&mut values);
     let number = random.below(numbers.len());

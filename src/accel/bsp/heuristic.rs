@@ -5,7 +5,7 @@
 //! textbook ratios make far deeper trees that are slower and twice as large).
 
 use super::clip::{Cell, Piece};
-use crate::mesh::lanes::{Isa, Work, dispatch};
+use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::mesh::triangle::PACK;
 use crate::parallel;
 
@@ -177,11 +177,11 @@ fn count_bins(pieces: &[Piece], cell: &Cell) -> Bins {
 /// [`count_bins`] as work for an instruction set.
 struct CountBins<'a>(&'a [Piece], &'a Cell);
 
-impl Work for CountBins<'_> {
+impl SimdKernel for CountBins<'_> {
     type Output = Bins;
 
     #[inline(always)]
-    fn run<I: Isa>(self, _: I) -> Bins {
+    fn run<I: SimdLevel>(self, _: I) -> Bins {
         count_bins(self.0, self.1)
     }
 }
@@ -189,18 +189,18 @@ impl Work for CountBins<'_> {
 /// [`exact_plane`] as work for an instruction set.
 struct ExactPlane<'a>(&'a [Piece], &'a Cell, usize);
 
-impl Work for ExactPlane<'_> {
+impl SimdKernel for ExactPlane<'_> {
     type Output = Option<Plane>;
 
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) -> Option<Plane> {
+    fn run<I: SimdLevel>(self, isa: I) -> Option<Plane> {
         exact_plane(isa, self.0, self.1, self.2)
     }
 }
 
 /// Tries every bound of every piece. Counting all of them for sixteen planes at a time is faster than sorting.
 #[inline(always)]
-fn exact_plane<I: Isa>(isa: I, pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
+fn exact_plane<I: SimdLevel>(isa: I, pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
     let count = pieces.len();
     let mut best: Option<Plane> = None;
     for axis in 0..3 {

@@ -27,7 +27,7 @@ use super::planes::Planes;
 use super::{
     Accel, AccelError, AccelOptions, AccelPart, AccelReport, Kernel, LANES, Precision, RayOrder, RayPacket,
 };
-use crate::mesh::lanes::{Isa, Rounded, Work, dispatch};
+use crate::mesh::simd::{F32Only, SimdKernel, SimdLevel, dispatch};
 use crate::parallel;
 use crate::scene::Scene;
 use levels::{Layout, Levels};
@@ -171,11 +171,11 @@ struct Batch<'a, 's> {
     order: Option<RayOrder>,
 }
 
-impl Work for Batch<'_, '_> {
+impl SimdKernel for Batch<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) {
+    fn run<I: SimdLevel>(self, isa: I) {
         self.ask(isa);
     }
 }
@@ -183,18 +183,18 @@ impl Work for Batch<'_, '_> {
 /// A batch whose triangles are left to f32.
 struct RoundedBatch<'a, 's>(Batch<'a, 's>);
 
-impl Work for RoundedBatch<'_, '_> {
+impl SimdKernel for RoundedBatch<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) {
-        self.0.ask(Rounded(isa));
+    fn run<I: SimdLevel>(self, isa: I) {
+        self.0.ask(F32Only(isa));
     }
 }
 
 impl Batch<'_, '_> {
     #[inline(always)]
-    fn ask(self, isa: impl Isa) {
+    fn ask(self, isa: impl SimdLevel) {
         let Batch { levels, packets, .. } = self;
         // A kernel for each question, so that what only the other one needs is not in it.
         match (self.order, self.question) {

@@ -11,7 +11,7 @@ use super::single::{Found, Question, STACK, Stack, ask_whole, hit_of, trace_lane
 use super::slack::Line;
 use super::wide::{Child, Leaf, LeafPack, NO_NUMBER, Node, WIDTH, WideTree};
 use crate::accel::{LANES, RayOrder, RayPacket};
-use crate::mesh::lanes::{Isa, lanes};
+use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis};
 
 /// A value for each ray.
@@ -27,7 +27,7 @@ const FEW_RAYS: u32 = 8;
 /// Asks packets.
 #[inline(always)]
 pub(super) fn trace_packets(
-    isa: impl Isa,
+    isa: impl SimdLevel,
     levels: &Levels<WideTree>,
     packets: &mut [RayPacket],
     question: Question,
@@ -210,7 +210,7 @@ impl Group {
 /// Asks the rays of one group.
 #[inline(always)]
 fn trace_group(
-    isa: impl Isa,
+    isa: impl SimdLevel,
     levels: &Levels<WideTree>,
     (packet, members): (&mut RayPacket, [u32; 2]),
     question: Question,
@@ -242,7 +242,7 @@ fn trace_group(
 /// Walks one tree. `ask` is shown the numbers that are no triangles, lane by lane.
 #[inline(always)]
 fn walk(
-    isa: impl Isa,
+    isa: impl SimdLevel,
     tree: &WideTree,
     group: &mut Group,
     (question, cells): (Question, &mut [Waiting; STACK]),
@@ -282,7 +282,13 @@ fn walk(
 
 /// Puts the children that any ray meets on the stack, the nearest on top; returns how many wait now.
 #[inline(always)]
-fn enter(isa: impl Isa, node: &Node, group: &Group, cells: &mut [Waiting; STACK], waiting: usize) -> usize {
+fn enter(
+    isa: impl SimdLevel,
+    node: &Node,
+    group: &Group,
+    cells: &mut [Waiting; STACK],
+    waiting: usize,
+) -> usize {
     counters::node();
     let (candidates, near) = group.hull.children(isa, node, group.octant, group.best.t_last);
     let order = node.far_to_near[group.octant & 7];
@@ -305,7 +311,7 @@ fn enter(isa: impl Isa, node: &Node, group: &Group, cells: &mut [Waiting; STACK]
 impl Hull {
     /// The children that a line of the group may meet up to `t_last`, and bounds on where the first of them enters.
     #[inline(always)]
-    fn children(&self, isa: impl Isa, node: &Node, octant: usize, t_last: f32) -> (u32, [f32; WIDTH]) {
+    fn children(&self, isa: impl SimdLevel, node: &Node, octant: usize, t_last: f32) -> (u32, [f32; WIDTH]) {
         let mut near = [self.t_near; WIDTH];
         let mut far = [t_last; WIDTH];
         for axis in 0..3 {
@@ -338,7 +344,7 @@ impl Hull {
 impl Group {
     /// The rays that meet a child.
     #[inline(always)]
-    fn meets(&self, isa: impl Isa, node: &Node, slot: usize) -> u32 {
+    fn meets(&self, isa: impl SimdLevel, node: &Node, slot: usize) -> u32 {
         let mut near = self.t_near;
         let mut far = self.best.t;
         for axis in 0..3 {
@@ -356,7 +362,7 @@ impl Group {
     }
 
     #[inline(always)]
-    fn ray_by_ray(&mut self, isa: impl Isa, pack: &LeafPack, mask: u32, question: Question) {
+    fn ray_by_ray(&mut self, isa: impl SimdLevel, pack: &LeafPack, mask: u32, question: Question) {
         for lane in lanes(mask & self.best.active) {
             let lane = lane % LANES;
             counters::pack();
@@ -383,7 +389,7 @@ impl Group {
     }
 
     #[inline(always)]
-    fn triangle_by_triangle(&mut self, isa: impl Isa, pack: &LeafPack, question: Question) {
+    fn triangle_by_triangle(&mut self, isa: impl SimdLevel, pack: &LeafPack, question: Question) {
         for slot in 0..PACK {
             let number = pack.numbers[slot];
             if number == NO_NUMBER {

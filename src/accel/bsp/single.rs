@@ -8,7 +8,7 @@ use super::wide::{Child, Leaf, Node, WIDTH, WideTree};
 use crate::accel::brute::ray_in;
 use crate::accel::shapes::shape_hit;
 use crate::accel::{Hit, LANES, RayPacket};
-use crate::mesh::lanes::{Isa, lanes};
+use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{PACK, Shear};
 use crate::numeric::Ray;
 use crate::scene::Geometry;
@@ -105,7 +105,7 @@ impl Found {
 /// Asks one ray after the other.
 #[inline(always)]
 pub(super) fn trace_singles(
-    isa: impl Isa,
+    isa: impl SimdLevel,
     levels: &Levels<WideTree>,
     packets: &mut [RayPacket],
     question: Question,
@@ -124,7 +124,7 @@ pub(super) fn trace_singles(
 /// Asks one lane.
 #[inline(always)]
 pub(super) fn trace_lane(
-    isa: impl Isa,
+    isa: impl SimdLevel,
     levels: &Levels<WideTree>,
     (packet, lane): (&mut RayPacket, usize),
     question: Question,
@@ -157,7 +157,7 @@ pub(super) fn hit_of(levels: &Levels<WideTree>, found: &Found) -> Hit {
 /// Asks a shape or a placed mesh; whether it was hit, nearer than what is known.
 #[inline(always)]
 pub(super) fn ask_whole(
-    isa: impl Isa,
+    isa: impl SimdLevel,
     levels: &Levels<WideTree>,
     (ray, number): (&Ray, u32),
     found: &mut Found,
@@ -206,7 +206,7 @@ pub(super) fn ask_whole(
 /// Walks one tree; whether anything was hit. `ask` is shown the numbers that are no triangles.
 #[inline(always)]
 fn walk(
-    isa: impl Isa,
+    isa: impl SimdLevel,
     tree: &WideTree,
     beam: &Beam,
     found: &mut Found,
@@ -273,7 +273,7 @@ fn next(stack: &Stack, waiting: &mut usize, t: f32) -> Option<Child> {
 /// Puts the children that the ray meets up to `t_far` on the stack, the nearest on top; returns how many wait now.
 #[inline(always)]
 fn enter(
-    isa: impl Isa,
+    isa: impl SimdLevel,
     node: &Node,
     (beam, t_far): (&Beam, f32),
     stack: &mut Stack,

@@ -13,7 +13,7 @@ use super::triangle::answer_patch;
 use super::user::{Primitive, UserGeometry};
 use crate::accel::shapes::{shape_hit, world_sphere};
 use crate::accel::{ACTIVE, Hit, NO_HIT, RayOrder};
-use crate::mesh::lanes::{dispatch, lanes};
+use crate::mesh::simd::{dispatch, lanes};
 use crate::numeric::object_ray;
 use crate::scene::{Geometry, Instance};
 use crate::shape::Shape;

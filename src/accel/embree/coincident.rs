@@ -277,12 +277,12 @@ impl KeySet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Slab;
+    use crate::mesh::Buffer;
 
     fn mesh(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Mesh {
         Mesh {
-            positions: Slab::from(positions),
-            triangles: Slab::from(triangles),
+            positions: Buffer::from(positions),
+            triangles: Buffer::from(triangles),
             ..Mesh::default()
         }
     }

@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::scene::SceneRef;
 use crate::accel::{ACTIVE, LANES, NO_HIT, RayPacket};
-use crate::mesh::lanes::Isa;
+use crate::mesh::simd::SimdLevel;
 use crate::numeric::Ray;
 
 /// Rows of `RTCRayHitN` in the widest version, in 4-byte words a lane. Embree 3 ends one row earlier.
@@ -266,7 +266,7 @@ pub(super) fn ray_of<const W: usize>(
 
 /// Bit `i` says whether lane `i` is asked.
 #[inline(always)]
-pub(super) fn asked_lanes<I: Isa, const W: usize>(isa: I, asked: &[i32; W]) -> u32 {
+pub(super) fn asked_lanes<I: SimdLevel, const W: usize>(isa: I, asked: &[i32; W]) -> u32 {
     let mut bits = [0.0; W];
     for lane in 0..W {
         // What is asked is all ones, as a float NaN.

@@ -129,7 +129,7 @@ pub(super) mod tests {
     use glam::{DQuat, Vec3};
 
     use super::*;
-    use crate::mesh::{Mesh, Slab};
+    use crate::mesh::{Buffer, Mesh};
     use crate::numeric::object_ray;
     use crate::scene::Geometry;
 
@@ -153,8 +153,8 @@ pub(super) mod tests {
     #[test]
     fn rays_of_cameras_and_of_all_that_has_an_end_start_within_reach() {
         let mesh = Mesh {
-            positions: Slab::from(vec![[0.0; 3], [1.0, 0.0, -5.0], [0.0, 1.0, 0.0]]),
-            triangles: Slab::from(vec![[0, 1, 2]]),
+            positions: Buffer::from(vec![[0.0; 3], [1.0, 0.0, -5.0], [0.0, 1.0, 0.0]]),
+            triangles: Buffer::from(vec![[0, 1, 2]]),
             ..Mesh::default()
         };
         let mut scene = Scene {

@@ -16,7 +16,7 @@ use super::progress::{Progress, Stage, on_progress};
 use super::user::{self, UserGeometry};
 use crate::accel::bsp::in_pool;
 use crate::accel::{AccelError, AccelOptions, BuildQuality, Instancing, Precision, RayOrder};
-use crate::mesh::{Mesh, Slab};
+use crate::mesh::{Buffer, Mesh};
 use crate::scene::{Instance, Scene};
 
 /// Bytes that Embree loads to read one vertex or one row of indices.
@@ -335,7 +335,7 @@ impl NewGeometry {
     }
 
     /// Gives Embree an array of three words a row where it lies, or a copy where a load of the last row would leave it.
-    fn set_array<T: Pod>(&self, slab: &Slab<T>, kind: sys::RTCBufferType, format: sys::RTCFormat) {
+    fn set_array<T: Pod>(&self, slab: &Buffer<T>, kind: sys::RTCBufferType, format: sys::RTCFormat) {
         let row = size_of::<T>();
         let past_end = LOAD_BYTES - row;
         if slab.readable_bytes_past_end() >= past_end {

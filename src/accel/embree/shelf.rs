@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use bytemuck::Pod;
 
 use crate::accel::MeshCounts;
-use crate::mesh::{Mesh, Slab};
+use crate::mesh::{Buffer, Mesh};
 use crate::parallel;
 
 /// Positions that are looked at before all are.
@@ -32,8 +32,8 @@ struct Meshes<T> {
 /// What a mesh is known by; copies share it.
 #[derive(Clone)]
 struct Arrays {
-    positions: Slab<[f32; 3]>,
-    triangles: Slab<[u32; 3]>,
+    positions: Buffer<[f32; 3]>,
+    triangles: Buffer<[u32; 3]>,
 }
 
 struct Kept<T> {
@@ -155,7 +155,7 @@ fn label(mesh: &Mesh) -> u64 {
 }
 
 /// Whether two arrays have the same bits.
-fn is_same<T: Pod + Sync>(one: &Slab<T>, other: &Slab<T>) -> bool {
+fn is_same<T: Pod + Sync>(one: &Buffer<T>, other: &Buffer<T>) -> bool {
     let [one, other] = [one, other].map(|rows| bytemuck::cast_slice::<T, u8>(rows));
     if one.len() != other.len() || one.as_ptr() == other.as_ptr() {
         return one.len() == other.len();
@@ -170,8 +170,8 @@ mod tests {
 
     fn mesh(x: f32) -> Mesh {
         Mesh {
-            positions: Slab::from(vec![[x, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-            triangles: Slab::from(vec![[0, 1, 2]]),
+            positions: Buffer::from(vec![[x, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            triangles: Buffer::from(vec![[0, 1, 2]]),
             ..Mesh::default()
         }
     }
@@ -185,7 +185,7 @@ mod tests {
         // An equal number of other bits.
         assert_eq!(make(-0.0, 3), 3);
         let mut turned = mesh(0.0);
-        turned.triangles = Slab::from(vec![[2, 0, 1]]);
+        turned.triangles = Buffer::from(vec![[2, 0, 1]]);
         assert_eq!(*shelf.of(&turned, || 4), 4);
         assert_eq!(shelf.counts(), MeshCounts { asked: 4, found: 1 });
         assert_eq!(shelf.byte_count(|&made| u64::from(made)), 1 + 3 + 4);
@@ -207,8 +207,8 @@ mod tests {
 
     #[test]
     fn large_arrays_that_differ_in_one_place_are_told_apart() {
-        let rows = |odd: usize| -> Slab<[f32; 3]> {
-            Slab::from(
+        let rows = |odd: usize| -> Buffer<[f32; 3]> {
+            Buffer::from(
                 (0..3 * CHUNK)
                     .map(|i| [f32::from(u8::from(i == odd)); 3])
                     .collect::<Vec<_>>(),
@@ -217,6 +217,6 @@ mod tests {
         let one = rows(2 * CHUNK + 7);
         assert!(is_same(&one, &rows(2 * CHUNK + 7)) && is_same(&one, &one.clone()));
         assert!(!is_same(&one, &rows(2 * CHUNK + 8)));
-        assert!(!is_same(&one, &Slab::from(one[1..].to_vec())));
+        assert!(!is_same(&one, &Buffer::from(one[1..].to_vec())));
     }
 }

@@ -12,7 +12,7 @@
 //! exact where they are asked for, and where the sphere is behind the start or beyond the end neither comes by
 //! cancellation.
 
-use crate::mesh::lanes::Isa;
+use crate::mesh::simd::SimdLevel;
 use crate::numeric::Ray;
 use crate::shape::Sphere;
 
@@ -88,7 +88,7 @@ impl<const W: usize> Sieve<W> {
 
     /// Bit `i` says that ray `i` surely misses.
     #[inline(always)]
-    pub(super) fn misses<I: Isa>(&self, isa: I, ball: &Ball) -> u32 {
+    pub(super) fn misses<I: SimdLevel>(&self, isa: I, ball: &Ball) -> u32 {
         let (mut square, mut most) = ([0.0; W], [0.0; W]);
         let (mut first, mut last) = ([0.0; W], [0.0; W]);
         for lane in 0..W {
@@ -114,7 +114,7 @@ mod tests {
 
     use super::*;
     use crate::accel::shapes::sphere_hit;
-    use crate::mesh::lanes::{Work, dispatch};
+    use crate::mesh::simd::{SimdKernel, dispatch};
 
     /// SplitMix64 (Steele, Lea and Flood, 2014).
     struct Random(u64);
@@ -140,11 +140,11 @@ mod tests {
     /// One ray in every lane.
     struct Ask<'a>(&'a Ray, &'a Sphere);
 
-    impl Work for Ask<'_> {
+    impl SimdKernel for Ask<'_> {
         type Output = u32;
 
         #[inline(always)]
-        fn run<I: Isa>(self, isa: I) -> u32 {
+        fn run<I: SimdLevel>(self, isa: I) -> u32 {
             let lanes = |v: Vec3| v.to_array().map(|x| [x; 8]);
             let sieve = Sieve::of(lanes(self.0.origin), lanes(self.0.direction), [self.0.t_far; 8]);
             sieve.misses(isa, &Ball::of(self.1))

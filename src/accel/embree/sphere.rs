@@ -11,7 +11,7 @@ use super::lanes::{Foreign, asked_lanes, ray_of, row};
 use super::sieve::{Ball, Sieve};
 use crate::accel::shapes::sphere_at;
 use crate::accel::{ACTIVE, NO_HIT};
-use crate::mesh::lanes::{Isa, Work, dispatch, lanes};
+use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
 use crate::numeric::Ray;
 use crate::shape::Sphere;
 
@@ -61,11 +61,11 @@ struct ClusterLanes<'a, const W: usize> {
     question: Question,
 }
 
-impl<const W: usize> Work for ClusterLanes<'_, W> {
+impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
     type Output = [i32; W];
 
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) -> [i32; W] {
+    fn run<I: SimdLevel>(self, isa: I) -> [i32; W] {
         let (packet, question) = (self.packet, self.question);
         let (origin, direction) = (packet.vectors(row::ORIGIN), packet.vectors(row::DIRECTION));
         let mut sieve = Sieve::<W>::of(origin, direction, packet.floats(row::T_FAR));
@@ -129,11 +129,11 @@ fn load<const W: usize>(packet: Foreign, first: usize) -> [[f64; W]; 3] {
     ]
 }
 
-impl<const W: usize> Work for SphereLanes<'_, W> {
+impl<const W: usize> SimdKernel for SphereLanes<'_, W> {
     type Output = [i32; W];
 
     #[inline(always)]
-    fn run<I: Isa>(self, _isa: I) -> [i32; W] {
+    fn run<I: SimdLevel>(self, _isa: I) -> [i32; W] {
         let packet = self.packet;
         let (origin, direction) = (load(packet, row::ORIGIN), load(packet, row::DIRECTION));
         let t_near = widened(&packet.floats(row::T_NEAR));
@@ -220,12 +220,12 @@ struct ClusterRay<'a> {
     ray: &'a Ray,
 }
 
-impl Work for ClusterRay<'_> {
+impl SimdKernel for ClusterRay<'_> {
     /// The instance and the parameter.
     type Output = Option<(u32, f32)>;
 
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) -> Option<(u32, f32)> {
+    fn run<I: SimdLevel>(self, isa: I) -> Option<(u32, f32)> {
         let (origin, direction) = (self.ray.origin.as_dvec3(), self.ray.direction.as_dvec3());
         let exact = Sphere::nearest_of(
             &self.cluster.center,

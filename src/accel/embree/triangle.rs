@@ -10,8 +10,8 @@ use super::call::{Question, answer, number_of};
 use super::lanes::{Foreign, asked_lanes, row};
 use super::patch::{CORNERS, MEMBERS, Patch};
 use crate::accel::{ACTIVE, Hit, NO_HIT};
-use crate::mesh::lanes::{Isa, Work, dispatch, div, lanes};
-use crate::mesh::triangle::{Flat, Met, PACK, Shear, ShearLanes, may_hold_origin};
+use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, div, lanes};
+use crate::mesh::triangle::{HitLanes, PACK, ProjectedVertices, Shear, ShearLanes, may_hold_origin};
 use crate::numeric::Ray;
 
 /// Up to this part of a packet's rays are asked about one by one, against all triangles at once: eight times as much is
@@ -42,11 +42,11 @@ struct PatchLanes<'a, const W: usize> {
     question: Question,
 }
 
-impl<const W: usize> Work for PatchLanes<'_, W> {
+impl<const W: usize> SimdKernel for PatchLanes<'_, W> {
     type Output = [i32; W];
 
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) -> [i32; W] {
+    fn run<I: SimdLevel>(self, isa: I) -> [i32; W] {
         let mut hit = [0; W];
         // Comparisons are of eight numbers side by side.
         if W < PACK {
@@ -80,7 +80,7 @@ impl<const W: usize> Work for PatchLanes<'_, W> {
 ///
 /// [`dominant_axis`]: crate::mesh::triangle::dominant_axis
 #[inline(always)]
-fn dominant_axes<I: Isa, const W: usize>(isa: I, direction: &[[f32; W]; 3]) -> [u32; 3] {
+fn dominant_axes<I: SimdLevel, const W: usize>(isa: I, direction: &[[f32; W]; 3]) -> [u32; 3] {
     let mut size = [[0.0; W]; 3];
     for axis in 0..3 {
         for lane in 0..W {
@@ -96,7 +96,7 @@ fn dominant_axes<I: Isa, const W: usize>(isa: I, direction: &[[f32; W]; 3]) -> [
 impl<const W: usize> PatchLanes<'_, W> {
     /// One ray against all triangles at once.
     #[inline(always)]
-    fn answer_ray<I: Isa>(&self, isa: I, lane: usize, hit: &mut [i32; W]) {
+    fn answer_ray<I: SimdLevel>(&self, isa: I, lane: usize, hit: &mut [i32; W]) {
         let of = |row: usize| f32::from_bits(self.packet.load_one(row, lane));
         let vector = |row: usize| glam::Vec3::new(of(row), of(row + 1), of(row + 2));
         let ray = Ray {
@@ -112,16 +112,16 @@ impl<const W: usize> PatchLanes<'_, W> {
 
     /// The rays of `group`, all longest along the axis of `shears`, against one triangle after the other.
     #[inline(always)]
-    fn answer_group<I: Isa>(&self, isa: I, shears: &ShearLanes<W>, group: u32, hit: &mut [i32; W]) {
+    fn answer_group<I: SimdLevel>(&self, isa: I, shears: &ShearLanes<W>, group: u32, hit: &mut [i32; W]) {
         let patch = self.patch;
-        let mut projected = [const { MaybeUninit::<Flat<W>>::uninit() }; CORNERS];
+        let mut projected = [const { MaybeUninit::<ProjectedVertices<W>>::uninit() }; CORNERS];
         let mut depths = [0.0; CORNERS];
         for (index, slot) in projected.iter_mut().enumerate().take(patch.corner_count()) {
             let corner = shears.along_axes(patch.corner(index));
             slot.write(shears.flatten(corner));
             depths[index] = corner[2];
         }
-        let first = projected.as_ptr().cast::<Flat<W>>();
+        let first = projected.as_ptr().cast::<ProjectedVertices<W>>();
         // SAFETY: a triangle's corners are below `corner_count`, and so many were written.
         let flat = |corner: usize| unsafe { &*first.wrapping_add(corner) };
         let (mut masks, mut members) = ([0u32; MEMBERS], 0u32);
@@ -167,7 +167,7 @@ impl<const W: usize> PatchLanes<'_, W> {
 #[cold]
 #[inline(never)]
 fn settle<const W: usize>(
-    met: &mut Met<W>,
+    met: &mut HitLanes<W>,
     on_edge: u32,
     (shears, patch, member): (&ShearLanes<W>, Patch, usize),
     [t_near, t_far]: [&[f32; W]; 2],
@@ -185,7 +185,7 @@ fn settle<const W: usize>(
 struct Found<const W: usize> {
     packet: Foreign,
     t: [f32; W],
-    /// As of [`Met`].
+    /// As of [`HitLanes`].
     weights: [[f32; W]; 2],
     det: [f32; W],
     /// Instance and primitive, of lanes that have changed.
@@ -208,7 +208,7 @@ impl<const W: usize> Found<W> {
 
     /// Takes over hits within the intervals, but those of lanes whose equally near hit has a lower number.
     #[inline(always)]
-    fn merge<I: Isa>(&mut self, isa: I, met: &Met<W>, patch: Patch, member: usize) {
+    fn merge<I: SimdLevel>(&mut self, isa: I, met: &HitLanes<W>, patch: Patch, member: usize) {
         let number = [patch.instance(), patch.primitive(member)];
         let mut taken = met.mask;
         for lane in lanes(met.mask & isa.eq(&met.t, &self.t)) {
@@ -277,7 +277,7 @@ fn bits_of<const W: usize>(values: &[f32; W]) -> [u32; W] {
 
 /// What a ray meets of a patch within its interval: the nearest, of equals the one with the lowest number, or anything.
 #[inline(always)]
-fn nearest_of<I: Isa>(isa: I, patch: Patch, ray: &Ray, question: Question) -> Option<Hit> {
+fn nearest_of<I: SimdLevel>(isa: I, patch: Patch, ray: &Ray, question: Question) -> Option<Hit> {
     let shear = Shear::new(ray);
     let [first, second] = patch.own();
     let first = shear.flatten(first);
@@ -324,7 +324,7 @@ fn nearest_of<I: Isa>(isa: I, patch: Patch, ray: &Ray, question: Question) -> Op
 
 /// Blocks of projected corners one after the other.
 #[inline(always)]
-fn joined<const M: usize, const N: usize>(blocks: [Flat<PACK>; M]) -> Flat<N> {
+fn joined<const M: usize, const N: usize>(blocks: [ProjectedVertices<PACK>; M]) -> ProjectedVertices<N> {
     let mut all = [[0.0; N]; 2];
     for (number, block) in blocks.iter().enumerate() {
         for i in 0..2 {
@@ -336,7 +336,7 @@ fn joined<const M: usize, const N: usize>(blocks: [Flat<PACK>; M]) -> Flat<N> {
 
 /// Bit `i` says whether triangle `i` may be met, of the corners as they are projected.
 #[inline(always)]
-fn may_hold<I: Isa, const N: usize>(isa: I, patch: Patch, [x, y]: &Flat<N>) -> u32 {
+fn may_hold<I: SimdLevel, const N: usize>(isa: I, patch: Patch, [x, y]: &ProjectedVertices<N>) -> u32 {
     if is_aside(isa, x) || is_aside(isa, y) {
         return 0;
     }
@@ -363,7 +363,7 @@ fn may_hold<I: Isa, const N: usize>(isa: I, patch: Patch, [x, y]: &Flat<N>) -> u
 /// Whether all are on one side of zero: no triangle of such corners holds the origin, as signs of edge functions are
 /// exact.
 #[inline(always)]
-fn is_aside<I: Isa, const N: usize>(isa: I, all: &[f32; N]) -> bool {
+fn is_aside<I: SimdLevel, const N: usize>(isa: I, all: &[f32; N]) -> bool {
     let zero = [0.0; N];
     let whole = u32::MAX >> (u32::BITS as usize - N);
     isa.lt(all, &zero) == whole || isa.lt(&zero, all) == whole
@@ -377,7 +377,7 @@ mod tests {
     use super::super::reach::tests::unpadded;
     use super::*;
     use crate::accel::{Accel, AccelOptions, LANES, Precision, RayOrder, RayPacket};
-    use crate::mesh::{Mesh, Slab};
+    use crate::mesh::{Buffer, Mesh};
     use crate::scene::{Geometry, Instance, Scene};
 
     /// A closed ball of 8 n² triangles around a point: an octahedron whose faces are cut up and blown up.
@@ -406,8 +406,8 @@ mod tests {
             }
         }
         let mesh = Mesh {
-            positions: Slab::from(positions),
-            triangles: Slab::from(triangles),
+            positions: Buffer::from(positions),
+            triangles: Buffer::from(triangles),
             ..Mesh::default()
         };
         Scene {

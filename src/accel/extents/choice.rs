@@ -17,7 +17,7 @@ use super::shape::{BoxExtent, SphereExtent};
 use super::{Ball, ExtentKind, Object, Offers, surface};
 use crate::accel::brute::nearest_of;
 use crate::accel::{LANES, RayPacket};
-use crate::mesh::lanes::{Isa, Work, dispatch};
+use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::numeric::{Bounds, Ray};
 use crate::scene::{Geometry, Instance, Scene};
 
@@ -156,11 +156,11 @@ struct Calibration<'a> {
     objects: &'a [Object],
 }
 
-impl Work for Calibration<'_> {
+impl SimdKernel for Calibration<'_> {
     type Output = u32;
 
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) -> u32 {
+    fn run<I: SimdLevel>(self, isa: I) -> u32 {
         let rays = RayLanes::new(isa, self.packet, 0.0);
         let t_far = black_box(self.packet.t_far);
         self.objects

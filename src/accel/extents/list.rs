@@ -8,7 +8,7 @@ use super::{ExtentCounts, ExtentKind, Extents, Object};
 use crate::accel::brute::{blocks, nearest_of};
 use crate::accel::planes::Planes;
 use crate::accel::{Accel, AccelPart, AccelReport, Hit, LANES, RayOrder, RayPacket};
-use crate::mesh::lanes::{Isa, Work, dispatch, lanes};
+use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
 use crate::scene::Scene;
 
 /// The objects of a scene in a list, each behind its extent.
@@ -169,11 +169,11 @@ struct Batch<'a, 's, C> {
     count: &'a mut C,
 }
 
-impl<C: Count> Work for Batch<'_, '_, C> {
+impl<C: Count> SimdKernel for Batch<'_, '_, C> {
     type Output = ();
 
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) {
+    fn run<I: SimdLevel>(self, isa: I) {
         let extents = &self.list.extents;
         for packet in self.packets {
             packet.drop_untraceable();
@@ -207,7 +207,7 @@ pub(super) struct Search<'a, 's> {
 impl<'a, 's> Search<'a, 's> {
     #[inline(always)]
     pub(super) fn new(
-        isa: impl Isa,
+        isa: impl SimdLevel,
         list: &'a ListAccel<'s>,
         packet: &RayPacket,
         question: Question,
@@ -227,7 +227,7 @@ impl<'a, 's> Search<'a, 's> {
 
     /// Asks the active lanes of `among` about one object.
     #[inline(always)]
-    pub(super) fn ask(&mut self, isa: impl Isa, object: &Object, among: u32, count: &mut impl Count) {
+    pub(super) fn ask(&mut self, isa: impl SimdLevel, object: &Object, among: u32, count: &mut impl Count) {
         let asked = self.active & among;
         let mut mask = asked;
         if object.has_extent() {

@@ -31,7 +31,7 @@ use self::guard::Guard;
 use self::hull::Hull;
 use self::rays::{Lanes, RayLanes};
 use self::shape::Extent;
-use crate::mesh::lanes::Isa;
+use crate::mesh::simd::SimdLevel;
 use crate::numeric::Bounds;
 use crate::parallel;
 use crate::scene::{Geometry, Instance, Scene};
@@ -235,7 +235,7 @@ pub(crate) fn spheres_of_shapes(scene: &Scene) -> Vec<Option<SphereExtent>> {
 impl Object {
     /// The lanes that may meet the object before `t_far`.
     #[inline(always)]
-    pub(crate) fn meets(&self, isa: impl Isa, rays: &RayLanes, t_far: &Lanes) -> u32 {
+    pub(crate) fn meets(&self, isa: impl SimdLevel, rays: &RayLanes, t_far: &Lanes) -> u32 {
         match &self.extent {
             Extent::None => u32::MAX,
             Extent::Box(extent) => rays.meet_box(isa, extent, t_far),

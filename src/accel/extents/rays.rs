@@ -7,7 +7,7 @@
 
 use crate::accel::bsp::slack::Line;
 use crate::accel::{LANES, RayPacket};
-use crate::mesh::lanes::Isa;
+use crate::mesh::simd::SimdLevel;
 
 use super::shape::{BoxExtent, SphereExtent};
 
@@ -42,7 +42,7 @@ pub(crate) struct RayLanes {
 impl RayLanes {
     /// The rays of a packet. `by_origin` is the largest of the guards'.
     #[inline(always)]
-    pub(crate) fn new(isa: impl Isa, packet: &RayPacket, by_origin: f32) -> RayLanes {
+    pub(crate) fn new(isa: impl SimdLevel, packet: &RayPacket, by_origin: f32) -> RayLanes {
         let (origin, direction) = (packet.origin, packet.direction);
         let [enter, leave] = Line::reciprocals(&direction);
         let mut pad = [0.0; LANES];
@@ -84,7 +84,7 @@ impl RayLanes {
 
     /// The lanes that may meet the box before `t_far`.
     #[inline(always)]
-    pub(super) fn meet_box(&self, isa: impl Isa, extent: &BoxExtent, t_far: &Lanes) -> u32 {
+    pub(super) fn meet_box(&self, isa: impl SimdLevel, extent: &BoxExtent, t_far: &Lanes) -> u32 {
         let (mut near, mut far) = (self.t_near, *t_far);
         for l in 0..LANES {
             let depth = extent.depth * self.inverse_length[l];
@@ -111,7 +111,7 @@ impl RayLanes {
     /// The squared distance of the line from the centre is `|f|² - (f.d)² / |d|²`, and no hit is farther along the ray
     /// than the radius from where it is nearest.
     #[inline(always)]
-    pub(super) fn meet_sphere(&self, isa: impl Isa, extent: &SphereExtent, t_far: &Lanes) -> u32 {
+    pub(super) fn meet_sphere(&self, isa: impl SimdLevel, extent: &SphereExtent, t_far: &Lanes) -> u32 {
         let [mut beside, mut from, mut to] = [[0.0f32; LANES]; 3];
         for l in 0..LANES {
             let x = self.origin[0][l] - extent.center[0];

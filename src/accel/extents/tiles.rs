@@ -10,7 +10,7 @@ use super::projection::{FilmBox, ProjectionExtents};
 use super::{ExtentKind, Extents};
 
 use crate::accel::{Accel, AccelPart, AccelReport, RayOrder, RayPacket};
-use crate::mesh::lanes::{Isa, Work, dispatch};
+use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::numeric::LANES;
 use crate::parallel;
 use crate::scene::{CameraView, Geometry, Scene};
@@ -189,11 +189,11 @@ struct Batch<'b, 'a, 's, C> {
     count: &'b mut C,
 }
 
-impl<C: Count> Work for Batch<'_, '_, '_, C> {
+impl<C: Count> SimdKernel for Batch<'_, '_, '_, C> {
     type Output = usize;
 
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) -> usize {
+    fn run<I: SimdLevel>(self, isa: I) -> usize {
         let accel = self.accel;
         let objects = accel.list.extents.objects();
         for (done, packet) in self.packets.iter_mut().enumerate() {
@@ -222,7 +222,7 @@ impl ProjectedAccel<'_, '_> {
     #[inline(always)]
     fn search_tile(
         &self,
-        isa: impl Isa,
+        isa: impl SimdLevel,
         entries: &[u32],
         (film, [scale, base]): (&FilmBox, [f32; 2]),
         search: &mut Search,

@@ -4,7 +4,7 @@
 use glam::DAffine3;
 use whit::accel::embree::EmbreeAccel;
 use whit::accel::{Accel, AccelOptions, RayOrder, RayPacket};
-use whit::mesh::{Mesh, Slab};
+use whit::mesh::{Buffer, Mesh};
 use whit::scene::{Geometry, Instance, Scene};
 
 use crate::batches::Traced;
@@ -59,8 +59,8 @@ fn height_field(n: u32) -> Scene {
         .flat_map(|v| [[v, v + 1, v + n + 2], [v, v + n + 2, v + n + 1]])
         .collect();
     let mesh = Mesh {
-        positions: Slab::from(positions),
-        triangles: Slab::from(triangles),
+        positions: Buffer::from(positions),
+        triangles: Buffer::from(triangles),
         ..Mesh::default()
     };
     Scene {

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::embree::EmbreeAccel;
 use whit::accel::{Accel, AccelError, AccelOptions, Hit, Kernel, LANES, Precision, RayOrder, RayPacket};
-use whit::mesh::{Mesh, Slab};
+use whit::mesh::{Buffer, Mesh};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Shape, Sphere};
@@ -13,8 +13,8 @@ use whit::shape::{Shape, Sphere};
 /// The right triangle with legs of 1 along x and y, in the plane z = 0.
 fn triangle() -> Geometry {
     Geometry::Mesh(Mesh {
-        positions: Slab::from(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-        triangles: Slab::from(vec![[0, 1, 2]]),
+        positions: Buffer::from(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+        triangles: Buffer::from(vec![[0, 1, 2]]),
         ..Mesh::default()
     })
 }
@@ -31,8 +31,8 @@ fn field(n: u32) -> Geometry {
         .flat_map(|v| [[v, v + 1, v + n + 2], [v, v + n + 2, v + n + 1]])
         .collect();
     Geometry::Mesh(Mesh {
-        positions: Slab::from(positions),
-        triangles: Slab::from(triangles),
+        positions: Buffer::from(positions),
+        triangles: Buffer::from(triangles),
         ..Mesh::default()
     })
 }

@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::brute::BruteAccel;
 use whit::accel::embree::EmbreeAccel;
 use whit::accel::{Accel, AccelError, AccelOptions, Kernel, LANES, Precision, RayOrder, RayPacket};
-use whit::mesh::{Mesh, Slab};
+use whit::mesh::{Buffer, Mesh};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
 
@@ -17,8 +17,8 @@ fn square(zero: f32, triangles: Vec<[u32; 3]>) -> Geometry {
         [zero, 1.0, 1.0],
     ];
     Geometry::Mesh(Mesh {
-        positions: Slab::from(corners),
-        triangles: Slab::from(triangles),
+        positions: Buffer::from(corners),
+        triangles: Buffer::from(triangles),
         ..Mesh::default()
     })
 }

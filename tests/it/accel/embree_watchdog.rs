@@ -9,7 +9,7 @@ use std::time::Duration;
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::embree::EmbreeAccel;
 use whit::accel::{Accel, AccelOptions, Instancing, Kernel, LANES, Precision, RayOrder, RayPacket};
-use whit::mesh::{Mesh, Slab};
+use whit::mesh::{Buffer, Mesh};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Shape, Sphere};
@@ -58,13 +58,13 @@ enum Call {
 /// A tetrahedron around the origin.
 fn tetrahedron() -> Geometry {
     Geometry::Mesh(Mesh {
-        positions: Slab::from(vec![
+        positions: Buffer::from(vec![
             [1.0, 1.0, 1.0],
             [-1.0, -1.0, 1.0],
             [-1.0, 1.0, -1.0],
             [1.0, -1.0, -1.0],
         ]),
-        triangles: Slab::from(vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+        triangles: Buffer::from(vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
         ..Mesh::default()
     })
 }

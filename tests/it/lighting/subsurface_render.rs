@@ -7,7 +7,7 @@ use crate::support::meshes::{Shading, ball};
 use crate::support::pictures::{add, rendered, settings};
 use glam::{DAffine3, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
-use whit::mesh::{Mesh, Slab};
+use whit::mesh::{Buffer, Mesh};
 use whit::optics::dielectric;
 use whit::optics::subsurface::{Dipole, Scattering, SubsurfacePreset, diffuse_transmittance};
 use whit::render::{Account, Monitor, RenderSettings, Rendering, render};
@@ -96,13 +96,13 @@ fn mean(rendering: &Rendering) -> [f64; 3] {
 fn squares(half: f64) -> [(Geometry, DAffine3); 2] {
     let corner = |x: f64, y: f64| [(x * half) as f32, (y * half) as f32, 0.0];
     let mesh = Mesh {
-        positions: Slab::from(vec![
+        positions: Buffer::from(vec![
             corner(-1.0, -1.0),
             corner(1.0, -1.0),
             corner(1.0, 1.0),
             corner(-1.0, 1.0),
         ]),
-        triangles: Slab::from(vec![[0, 1, 2], [0, 2, 3]]),
+        triangles: Buffer::from(vec![[0, 1, 2], [0, 2, 3]]),
         ..Mesh::default()
     };
     [

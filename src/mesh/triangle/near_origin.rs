@@ -17,7 +17,7 @@
 use glam::DVec3;
 
 use super::Shear;
-use crate::mesh::lanes::{Isa, max, min};
+use crate::mesh::simd::{SimdLevel, max, min};
 
 /// Of the parameter, in parts of `m (m + R) S / |det|`: 128 units of roundoff, more than 72 as this is computed in f32.
 const OF_WEIGHTS: f32 = 1.0 / (1 << 17) as f32;
@@ -27,7 +27,7 @@ const OF_DEPTHS: f32 = 1.0 / (1 << 21) as f32;
 /// Bit `i` says whether the hit of lane `i` at `t` may be as far before the start of the ray, `t_near`, as it is behind.
 /// `corners` are projected: x, y and the unscaled depth; `scale` is that of depths.
 #[inline(always)]
-pub(super) fn may_be_behind<I: Isa, const N: usize>(
+pub(super) fn may_be_behind<I: SimdLevel, const N: usize>(
     isa: I,
     corners: [[&[f32; N]; 3]; 3],
     scale: &[f32; N],
@@ -79,7 +79,7 @@ mod tests {
     use super::super::tests::{Random, leaving};
     use super::super::{PACK, ShearLanes, TrianglePack, dominant_axis};
     use super::*;
-    use crate::mesh::lanes::{AnyIsa, Rounded};
+    use crate::mesh::simd::{F32Only, Scalar};
 
     /// A triangle in the cube [-1, 1]³, so many times as long as high.
     fn sliver(random: &mut Random, aspect: f64) -> [Vec3; 3] {
@@ -104,11 +104,11 @@ mod tests {
                 let one = shear.intersect(corners, 0.0, f32::INFINITY);
                 let mut pack = TrianglePack::EMPTY;
                 pack.set(3, corners.map(Vec3::from));
-                let eight = shear.intersect_pack(AnyIsa, &pack, 0.0, f32::INFINITY);
+                let eight = shear.intersect_pack(Scalar, &pack, 0.0, f32::INFINITY);
                 let rows = |v: Vec3| v.to_array().map(|x| [x; PACK]);
                 let dominant = dominant_axis(ray.direction.to_array());
                 let shears = ShearLanes::new(dominant, &rows(ray.origin), &rows(ray.direction));
-                let lanes = shears.intersect(AnyIsa, corners, &[0.0; PACK], &[f32::INFINITY; PACK]);
+                let lanes = shears.intersect(Scalar, corners, &[0.0; PACK], &[f32::INFINITY; PACK]);
                 met += u32::from(one.is_some() || eight.mask != 0 || lanes.mask != 0);
             }
             assert_eq!(met, 0, "{aspect} times as long as high");
@@ -126,7 +126,7 @@ mod tests {
             };
             let mut pack = TrianglePack::EMPTY;
             pack.set(3, corners);
-            let hits = Shear::new(&ray).intersect_pack(Rounded(AnyIsa), &pack, 0.0, f32::INFINITY);
+            let hits = Shear::new(&ray).intersect_pack(F32Only(Scalar), &pack, 0.0, f32::INFINITY);
             met += u32::from(hits.mask == 1 << 3);
         }
         assert!(met > 0);
@@ -136,7 +136,7 @@ mod tests {
         pack.set(0, [a, b, c]);
         pack.set(5, [b, a, d]);
         let ray = crate::numeric::Ray::new(Vec3::new(0.5, 0.5, 0.0), Vec3::Z);
-        let hits = Shear::new(&ray).intersect_pack(Rounded(AnyIsa), &pack, 0.0, f32::INFINITY);
+        let hits = Shear::new(&ray).intersect_pack(F32Only(Scalar), &pack, 0.0, f32::INFINITY);
         assert_eq!((hits.mask, hits.t[0], hits.t[5]), (1 | 1 << 5, 2.0, 2.0));
     }
 

@@ -2,11 +2,11 @@
 //! bits.
 //!
 //! Kernels are written as loops over arrays, which the compiler turns into vector instructions; what it does not see is
-//! how to gather the outcomes of comparisons into a mask. An [`Isa`] does that one thing. All give the same answers.
+//! how to gather the outcomes of comparisons into a mask. An [`SimdLevel`] does that one thing. All give the same answers.
 
 /// An instruction set that can be relied on.
-pub trait Isa: Copy {
-    /// Whether kernels ask f64 where f32 cannot decide, as they do but for [`Rounded`].
+pub trait SimdLevel: Copy {
+    /// Whether kernels ask f64 where f32 cannot decide, as they do but for [`F32Only`].
     const IS_EXACT: bool = true;
 
     /// Bit `i` says whether `a[i] <= b[i]`; false for NaN.
@@ -88,9 +88,9 @@ pub(crate) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
 
 /// What every machine can do.
 #[derive(Clone, Copy, Debug)]
-pub struct AnyIsa;
+pub struct Scalar;
 
-impl Isa for AnyIsa {
+impl SimdLevel for Scalar {
     #[inline(always)]
     fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
         (0..N).fold(0, |mask, i| mask | u32::from(a[i] <= b[i]) << i)
@@ -133,9 +133,9 @@ impl Isa for AnyIsa {
 
 /// An instruction set on which kernels leave what f32 cannot decide to its rounding.
 #[derive(Clone, Copy, Debug)]
-pub struct Rounded<I>(pub I);
+pub struct F32Only<I>(pub I);
 
-impl<I: Isa> Isa for Rounded<I> {
+impl<I: SimdLevel> SimdLevel for F32Only<I> {
     const IS_EXACT: bool = false;
 
     #[inline(always)]
@@ -178,7 +178,7 @@ mod x86 {
     use bytemuck::cast;
     use pulp::x86::V3;
 
-    use super::Isa;
+    use super::SimdLevel;
 
     /// Eight lanes at a time; `N` is a multiple of eight.
     #[inline(always)]
@@ -193,7 +193,7 @@ mod x86 {
         mask
     }
 
-    impl Isa for V3 {
+    impl SimdLevel for V3 {
         #[inline(always)]
         fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
             compare::<_CMP_LE_OQ, N>(self, a, b)
@@ -262,22 +262,22 @@ mod x86 {
 }
 
 /// Work that is compiled once for every instruction set.
-pub trait Work {
+pub trait SimdKernel {
     /// What comes out.
     type Output;
 
     /// Does it; must be `#[inline(always)]`, as must be all that it calls and that is to be compiled along with it.
-    fn run<I: Isa>(self, isa: I) -> Self::Output;
+    fn run<I: SimdLevel>(self, isa: I) -> Self::Output;
 }
 
 /// Does `work` with the best instruction set of this machine.
 #[inline]
-pub fn dispatch<W: Work>(work: W) -> W::Output {
+pub fn dispatch<W: SimdKernel>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
     if let Some(isa) = pulp::x86::V3::try_new() {
         struct Compiled<W>(pulp::x86::V3, W);
 
-        impl<W: Work> pulp::NullaryFnOnce for Compiled<W> {
+        impl<W: SimdKernel> pulp::NullaryFnOnce for Compiled<W> {
             type Output = W::Output;
 
             #[inline(always)]
@@ -287,7 +287,7 @@ pub fn dispatch<W: Work>(work: W) -> W::Output {
         }
         return isa.vectorize(Compiled(isa, work));
     }
-    work.run(AnyIsa)
+    work.run(Scalar)
 }
 
 /// The numbers of the bits set in `mask`, ascending.
@@ -296,7 +296,7 @@ pub fn lanes(mask: u32) -> Lanes {
     Lanes(mask)
 }
 
-/// Iterator of [`lanes`].
+/// Iterator of [`simd`].
 #[derive(Clone, Copy, Debug)]
 pub struct Lanes(u32);
 
@@ -320,11 +320,11 @@ mod tests {
 
     struct Masks([f32; 16], [f32; 16]);
 
-    impl Work for Masks {
+    impl SimdKernel for Masks {
         type Output = [u32; 3];
 
         #[inline(always)]
-        fn run<I: Isa>(self, isa: I) -> [u32; 3] {
+        fn run<I: SimdLevel>(self, isa: I) -> [u32; 3] {
             [
                 isa.le(&self.0, &self.1),
                 isa.lt(&self.0, &self.1),
@@ -344,17 +344,17 @@ mod tests {
         // Equal everywhere but in lanes 3, 5 (NaN), 9 (greater) and 14 (less).
         let equal = !(1u32 << 3 | 1 << 5 | 1 << 9 | 1 << 14) & 0xffff;
         let expected = [equal | 1 << 14, 1 << 14, equal];
-        assert_eq!(Masks(a, b).run(AnyIsa), expected);
+        assert_eq!(Masks(a, b).run(Scalar), expected);
         assert_eq!(dispatch(Masks(a, b)), expected);
     }
 
     struct Pick([f32; 24], [u32; 8]);
 
-    impl Work for Pick {
+    impl SimdKernel for Pick {
         type Output = [f32; 8];
 
         #[inline(always)]
-        fn run<I: Isa>(self, isa: I) -> [f32; 8] {
+        fn run<I: SimdLevel>(self, isa: I) -> [f32; 8] {
             isa.pick(&self.0, &self.1)
         }
     }
@@ -364,18 +364,18 @@ mod tests {
         let table = std::array::from_fn(|i| 100.0 + i as f32);
         for index in [[0, 7, 8, 15, 16, 23, 3, 20], [12; 8]] {
             let expected = index.map(|i| 100.0 + i as f32);
-            assert_eq!(Pick(table, index).run(AnyIsa), expected);
+            assert_eq!(Pick(table, index).run(Scalar), expected);
             assert_eq!(dispatch(Pick(table, index)), expected);
         }
     }
 
     struct CountBelow([f32; 16], f32, f32);
 
-    impl Work for CountBelow {
+    impl SimdKernel for CountBelow {
         type Output = [[i32; 16]; 2];
 
         #[inline(always)]
-        fn run<I: Isa>(self, isa: I) -> [[i32; 16]; 2] {
+        fn run<I: SimdLevel>(self, isa: I) -> [[i32; 16]; 2] {
             let mut counts = [[10; 16], [20; 16]];
             let [below_high, below_both] = &mut counts;
             isa.count_below(&self.0, self.1, self.2, below_high, below_both);
@@ -391,13 +391,13 @@ mod tests {
         let mut expected = [[10; 16], [20; 16]];
         expected[0][..10].fill(11);
         expected[1][..6].fill(21);
-        assert_eq!(CountBelow(a, 5.0, 9.5).run(AnyIsa), expected);
+        assert_eq!(CountBelow(a, 5.0, 9.5).run(Scalar), expected);
         assert_eq!(dispatch(CountBelow(a, 5.0, 9.5)), expected);
         // A flat piece in the plane at 4 is not right of it: `<` fails though `<=` holds.
         let mut expected = [[10; 16], [20; 16]];
         expected[0][..4].fill(11);
         expected[1][..4].fill(21);
-        assert_eq!(CountBelow(a, 4.0, 4.0).run(AnyIsa), expected);
+        assert_eq!(CountBelow(a, 4.0, 4.0).run(Scalar), expected);
         assert_eq!(dispatch(CountBelow(a, 4.0, 4.0)), expected);
     }
 

@@ -3,17 +3,20 @@
 //!
 //! The arithmetic is that of [`Shear::intersect`], operation by operation, so the answers have its bits.
 
-use super::start::may_be_behind;
+use super::near_origin::may_be_behind;
 use super::{Shear, ShearLanes, TriangleHit, project};
-use crate::mesh::lanes::{Isa, add, div, max, min, mul, sub};
+use crate::mesh::simd::{SimdLevel, add, div, max, min, mul, sub};
 
 /// Projected corners side by side: x and y in the sheared frame, where the ray is the origin.
-pub(crate) type Flat<const N: usize> = [[f32; N]; 2];
+pub(crate) type ProjectedVertices<const N: usize> = [[f32; N]; 2];
 
 /// Bit `i` says whether the `i`-th of `N` triangles may hold the origin; it is clear only where two edge functions have
 /// opposite signs, so that [`Shear::intersect`] misses whatever the interval.
 #[inline(always)]
-pub(crate) fn may_hold_origin<I: Isa, const N: usize>(isa: I, corners: [&Flat<N>; 3]) -> u32 {
+pub(crate) fn may_hold_origin<I: SimdLevel, const N: usize>(
+    isa: I,
+    corners: [&ProjectedVertices<N>; 3],
+) -> u32 {
     let [u, v, w] = edges(corners);
     let zero = [0.0; N];
     let mut product = zero;
@@ -26,7 +29,7 @@ pub(crate) fn may_hold_origin<I: Isa, const N: usize>(isa: I, corners: [&Flat<N>
 
 /// The edge functions opposite to each corner.
 #[inline(always)]
-fn edges<const N: usize>([a, b, c]: [&Flat<N>; 3]) -> [[f32; N]; 3] {
+fn edges<const N: usize>([a, b, c]: [&ProjectedVertices<N>; 3]) -> [[f32; N]; 3] {
     [
         sub(&mul(&c[0], &b[1]), &mul(&c[1], &b[0])),
         sub(&mul(&a[0], &c[1]), &mul(&a[1], &c[0])),
@@ -37,7 +40,7 @@ fn edges<const N: usize>([a, b, c]: [&Flat<N>; 3]) -> [[f32; N]; 3] {
 impl Shear {
     /// Projects `N` points, given by axis.
     #[inline(always)]
-    pub(crate) fn flatten<const N: usize>(&self, points: &[[f32; N]; 3]) -> Flat<N> {
+    pub(crate) fn flatten<const N: usize>(&self, points: &[[f32; N]; 3]) -> ProjectedVertices<N> {
         let [kx, ky, kz] = self.axes;
         let [ox, oy, oz] = self.origin;
         let [sx, sy, _] = self.shear;
@@ -50,7 +53,7 @@ impl Shear {
 
 /// Where rays meet one triangle. The numbers mean something where the lane's bit in `mask` is set.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Met<const N: usize> {
+pub(crate) struct HitLanes<const N: usize> {
     pub(crate) mask: u32,
     /// Parameters along the rays.
     pub(crate) t: [f32; N],
@@ -69,7 +72,7 @@ impl<const N: usize> ShearLanes<N> {
 
     /// Projects one point for each ray; its coordinates are [along](ShearLanes::along_axes) the rays' axes.
     #[inline(always)]
-    pub(crate) fn flatten(&self, [x, y, z]: [f32; 3]) -> Flat<N> {
+    pub(crate) fn flatten(&self, [x, y, z]: [f32; 3]) -> ProjectedVertices<N> {
         let [sx, sy, _] = self.shear;
         let [x, y, _] = project([&[x; N], &[y; N], &[z; N]], &self.origin, &[sx, sy]);
         [x, y]
@@ -84,11 +87,11 @@ impl<const N: usize> ShearLanes<N> {
     #[inline(always)]
     pub(crate) fn meet(
         &self,
-        isa: impl Isa,
-        (flat, depths): ([&Flat<N>; 3], [f32; 3]),
+        isa: impl SimdLevel,
+        (flat, depths): ([&ProjectedVertices<N>; 3], [f32; 3]),
         asked: u32,
         [t_near, t_far]: [&[f32; N]; 2],
-    ) -> (Met<N>, u32) {
+    ) -> (HitLanes<N>, u32) {
         let [u, v, w] = edges(flat);
         let zero = [0.0; N];
         let [mut least, mut greatest, mut smallest] = [zero; 3];
@@ -115,7 +118,7 @@ impl<const N: usize> ShearLanes<N> {
             0 => 0,
             _ => mask & may_be_behind(isa, rows, scale, &det, [t_near, &t]),
         };
-        let met = Met {
+        let met = HitLanes {
             mask: mask & !doubtful,
             t,
             weights: [v, w],
@@ -125,7 +128,7 @@ impl<const N: usize> ShearLanes<N> {
     }
 }
 
-impl<const N: usize> Met<N> {
+impl<const N: usize> HitLanes<N> {
     /// Takes over what [`Shear::intersect`] says of a lane.
     #[inline(always)]
     pub(crate) fn set(&mut self, lane: usize, hit: &TriangleHit) {
@@ -142,7 +145,7 @@ mod tests {
 
     use super::super::dominant_axis;
     use super::*;
-    use crate::mesh::lanes::{AnyIsa, Work, dispatch, lanes};
+    use crate::mesh::simd::{Scalar, SimdKernel, dispatch, lanes};
     use crate::numeric::Ray;
 
     /// Whole numbers from -2 to 2 (Weyl's sequence on the golden ratio), so that edges and corners are met often.
@@ -168,11 +171,11 @@ mod tests {
     /// The hits of eight rays on one triangle.
     struct Meet([Ray; 8], usize, [[f32; 3]; 3]);
 
-    impl Work for Meet {
+    impl SimdKernel for Meet {
         type Output = [Option<TriangleHit>; 8];
 
         #[inline(always)]
-        fn run<I: Isa>(self, isa: I) -> [Option<TriangleHit>; 8] {
+        fn run<I: SimdLevel>(self, isa: I) -> [Option<TriangleHit>; 8] {
             let Meet(rays, dominant, corners) = self;
             let rows = |of: fn(&Ray) -> Vec3| {
                 [0, 1, 2].map(|axis| std::array::from_fn(|lane| of(&rays[lane])[axis]))
@@ -215,13 +218,13 @@ mod tests {
                     .all(|r| dominant_axis(r.direction.to_array()) == dominant)
             );
             let expected = rays.map(|ray| Shear::new(&ray).intersect(corners, ray.t_near, ray.t_far));
-            assert_eq!(Meet(rays, dominant, corners).run(AnyIsa), expected);
+            assert_eq!(Meet(rays, dominant, corners).run(Scalar), expected);
             assert_eq!(dispatch(Meet(rays, dominant, corners)), expected);
             for ray in rays {
                 let shear = Shear::new(&ray);
                 let flat = corners.map(|corner| shear.flatten::<8>(&corner.map(|x| [x; 8])));
                 let [a, b, c] = &flat;
-                let may_meet = may_hold_origin(AnyIsa, [a, b, c]);
+                let may_meet = may_hold_origin(Scalar, [a, b, c]);
                 assert!(may_meet == 0 || may_meet == 0xff);
                 assert!(may_meet != 0 || shear.intersect(corners, 0.0, f32::INFINITY).is_none());
             }

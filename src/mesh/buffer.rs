@@ -8,7 +8,7 @@ use memmap2::Mmap;
 
 /// A read-only array of plain values.
 #[derive(Clone, Debug)]
-pub struct Slab<T: Pod>(Storage<T>);
+pub struct Buffer<T: Pod>(Storage<T>);
 
 #[derive(Clone, Debug)]
 enum Storage<T> {
@@ -19,15 +19,15 @@ enum Storage<T> {
 /// Mapped files end on a page: the bytes from the file's end to there can be read and are zero.
 const PAGE: usize = 4096;
 
-impl<T: Pod> Slab<T> {
+impl<T: Pod> Buffer<T> {
     /// A window of `count` values that starts `offset` bytes into `map`.
     ///
     /// `None` if the window leaves the map or is not aligned for `T`.
-    pub fn from_map(map: &Arc<Mmap>, offset: usize, count: usize) -> Option<Slab<T>> {
+    pub fn from_map(map: &Arc<Mmap>, offset: usize, count: usize) -> Option<Buffer<T>> {
         let end = count.checked_mul(size_of::<T>())?.checked_add(offset)?;
         let window = map.get(offset..end)?;
         bytemuck::try_cast_slice::<u8, T>(window).ok()?;
-        Some(Slab(Storage::Mapped {
+        Some(Buffer(Storage::Mapped {
             map: Arc::clone(map),
             bytes: offset..end,
         }))
@@ -48,21 +48,21 @@ impl<T: Pod> Slab<T> {
     }
 }
 
-impl<T: Pod> From<Vec<T>> for Slab<T> {
-    /// Takes the values over, with room for one more behind them (see [`Slab::readable_bytes_past_end`]).
-    fn from(mut values: Vec<T>) -> Slab<T> {
+impl<T: Pod> From<Vec<T>> for Buffer<T> {
+    /// Takes the values over, with room for one more behind them (see [`Buffer::readable_bytes_past_end`]).
+    fn from(mut values: Vec<T>) -> Buffer<T> {
         values.reserve_exact(1);
-        Slab(Storage::Owned(Arc::new(values)))
+        Buffer(Storage::Owned(Arc::new(values)))
     }
 }
 
-impl<T: Pod> Default for Slab<T> {
-    fn default() -> Slab<T> {
-        Slab::from(Vec::new())
+impl<T: Pod> Default for Buffer<T> {
+    fn default() -> Buffer<T> {
+        Buffer::from(Vec::new())
     }
 }
 
-impl<T: Pod> Deref for Slab<T> {
+impl<T: Pod> Deref for Buffer<T> {
     type Target = [T];
 
     #[inline(always)]
@@ -89,18 +89,18 @@ mod tests {
     #[test]
     fn a_window_outside_the_map_or_unaligned_is_refused() {
         let map = mapped(&[0u8; 64]);
-        assert!(Slab::<[f32; 3]>::from_map(&map, 0, 5).is_some());
-        assert!(Slab::<[f32; 3]>::from_map(&map, 0, 6).is_none());
-        assert!(Slab::<[f32; 3]>::from_map(&map, 2, 1).is_none());
-        assert!(Slab::<[f32; 3]>::from_map(&map, usize::MAX - 3, 1).is_none());
-        assert!(Slab::<[f32; 3]>::from_map(&map, 0, usize::MAX).is_none());
+        assert!(Buffer::<[f32; 3]>::from_map(&map, 0, 5).is_some());
+        assert!(Buffer::<[f32; 3]>::from_map(&map, 0, 6).is_none());
+        assert!(Buffer::<[f32; 3]>::from_map(&map, 2, 1).is_none());
+        assert!(Buffer::<[f32; 3]>::from_map(&map, usize::MAX - 3, 1).is_none());
+        assert!(Buffer::<[f32; 3]>::from_map(&map, 0, usize::MAX).is_none());
     }
 
     #[test]
     fn owned_and_mapped_arrays_leave_room_for_a_16_byte_load_of_the_last_vertex() {
-        assert!(Slab::from(vec![[0f32; 3]; 7]).readable_bytes_past_end() >= 4);
+        assert!(Buffer::from(vec![[0f32; 3]; 7]).readable_bytes_past_end() >= 4);
         let map = mapped(&[0u8; 24]);
-        let slab = Slab::<[f32; 3]>::from_map(&map, 0, 2).unwrap();
+        let slab = Buffer::<[f32; 3]>::from_map(&map, 0, 2).unwrap();
         assert_eq!(slab.readable_bytes_past_end(), 4096 - 24);
     }
 }

@@ -10,9 +10,9 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::disk::flat_point;
-use super::frame::{nearest_to_origin, polar, turn};
+use super::parametrization::{nearest_to_origin, polar, turn};
 use super::span::{Crossings, Span, crossings_of_wall, nearest, report};
-use super::{Implicit, Leaving, ShapeHit, ShapePoint, ShapeRay, Side};
+use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
 
@@ -76,7 +76,7 @@ fn wall_span(ray: &ShapeRay) -> Span {
         Span::new(t1, f64::INFINITY, WALL)
     } else if matches!(
         ray.leaving,
-        Some(Leaving {
+        Some(OriginSurface {
             part: WALL,
             side: Side::Inside
         })

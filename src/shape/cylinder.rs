@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::disk::flat_point;
-use super::frame::{polar, turn};
+use super::parametrization::{polar, turn};
 use super::span::{Crossings, Span, UNIT, crossings_of_wall, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;

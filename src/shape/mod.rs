@@ -5,23 +5,23 @@
 //!
 //! Every answer is backward stable: it is the exact answer for a surface moved by a few roundings of the coordinates
 //! involved. Convex solids are the overlap of parameter intervals, one a bounding surface, so that no ray slips
-//! between two of their parts. A ray that starts on a shape says so ([`Leaving`]); its own root is then left out by
+//! between two of their parts. A ray that starts on a shape says so ([`OriginSurface`]); its own root is then left out by
 //! algebra, not by distance.
 
-#[cfg(test)]
-mod agreement;
 mod cone;
 mod cube;
 mod cylinder;
 mod disk;
-mod frame;
 pub(crate) mod oracle;
+mod parametrization;
 mod plane;
 mod polyhedron;
 mod quad;
 mod quadric;
 mod span;
 mod sphere;
+#[cfg(test)]
+mod tests;
 mod torus;
 
 use std::sync::Arc;
@@ -34,7 +34,7 @@ pub use cone::Cone;
 pub use cube::Cube;
 pub use cylinder::Cylinder;
 pub use disk::Disk;
-pub(crate) use frame::tangents;
+pub(crate) use parametrization::tangents;
 pub use plane::Plane;
 pub use polyhedron::{HalfSpace, Polyhedron, PolyhedronError};
 pub use quad::Quad;
@@ -54,7 +54,7 @@ pub struct ShapeRay {
     /// Farthest parameter that counts; may be infinite.
     pub t_far: f64,
     /// Set where the ray starts on the very shape that is asked.
-    pub leaving: Option<Leaving>,
+    pub leaving: Option<OriginSurface>,
 }
 
 impl ShapeRay {
@@ -100,7 +100,7 @@ impl ShapeRay {
 /// The origin may be off the surface by its rounding to f32. A ray that does not go to the side it names, by more than
 /// that, meets nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Leaving {
+pub struct OriginSurface {
     /// The part that it starts on, as in [`ShapeHit::part`].
     pub part: u32,
     /// The side that it goes to.

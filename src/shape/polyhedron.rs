@@ -7,9 +7,9 @@ use std::collections::HashMap;
 
 use glam::{DMat3, DVec3};
 
-use super::frame::tangents;
+use super::parametrization::tangents;
 use super::span::{Crossings, Span, nearest, report};
-use super::{Implicit, Leaving, ShapeHit, ShapePoint, ShapeRay, Side};
+use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 
 /// The points with `n · x <= h`.
@@ -155,7 +155,7 @@ impl Polyhedron {
         let mut span = Span::ALL;
         // A ray to the inside does not meet its own plane again, whatever rounding makes of a grazing one.
         let own = match ray.leaving {
-            Some(Leaving {
+            Some(OriginSurface {
                 part,
                 side: Side::Inside,
             }) => part,

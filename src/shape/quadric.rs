@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::frame::nearest_to_origin;
+use super::parametrization::nearest_to_origin;
 use super::span::{Crossings, NOTHING, NOWHERE, Span, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;

@@ -4,7 +4,7 @@
 //! Comparisons are closed (≤) and nothing is compared with an epsilon, so a ray in a face, through an edge or through
 //! a vertex has one definite answer, the same for all parts that meet there.
 
-use super::{Leaving, ShapeHit, ShapeRay, Side};
+use super::{OriginSurface, ShapeHit, ShapeRay, Side};
 
 /// The extent of most shapes along most axes.
 pub(super) const UNIT: [f64; 2] = [-1.0, 1.0];
@@ -94,10 +94,10 @@ impl Span {
         match ray.leaving {
             None if self.enter.t <= self.exit.t => [self.enter, self.exit],
             None => NOTHING,
-            Some(Leaving {
+            Some(OriginSurface {
                 side: Side::Outside, ..
             }) => NOTHING,
-            Some(Leaving { part, .. }) => {
+            Some(OriginSurface { part, .. }) => {
                 let ShapeHit { t, part: exit } = self.exit;
                 if exit != part {
                     [
@@ -125,7 +125,7 @@ pub(super) fn crossings_of_wall(wall: &Span, kept: &Span, ray: &ShapeRay) -> Cro
     let cut = |hit: ShapeHit| if kept.contains(hit.t) { hit } else { NOWHERE };
     match ray.leaving {
         None if wall.enter.t <= wall.exit.t => [cut(wall.enter), cut(wall.exit)],
-        Some(Leaving {
+        Some(OriginSurface {
             side: Side::Inside, ..
         }) if wall.exit.t > 0.0 => [NOWHERE, cut(wall.exit)],
         _ => NOTHING,
@@ -191,7 +191,7 @@ mod tests {
     #[test]
     fn a_ray_into_a_solid_exits_at_its_start_at_the_earliest_and_never_where_it_left() {
         let inward = |part| ShapeRay {
-            leaving: Some(Leaving {
+            leaving: Some(OriginSurface {
                 part,
                 side: Side::Inside,
             }),

@@ -9,7 +9,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::frame::{nearest_to_origin, polar, turn};
+use super::parametrization::{nearest_to_origin, polar, turn};
 use super::span::{Crossings, Span, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::roots::quadratic_roots;

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::frame::{nearest_to_origin, polar, turn};
+use super::parametrization::{nearest_to_origin, polar, turn};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::{cubic_sign_changes, quartic_sign_changes};

@@ -6,7 +6,8 @@ use glam::DVec3;
 
 use super::oracle::{Intervals, at, cut, dodecahedron, dot, inside_quadric, inside_torus, is_within, whole};
 use super::{
-    Cone, Cylinder, HalfSpace, Implicit, Leaving, Polyhedron, Quadric, Shape, ShapeRay, Side, Sphere, Torus,
+    Cone, Cylinder, HalfSpace, Implicit, OriginSurface, Polyhedron, Quadric, Shape, ShapeRay, Side, Sphere,
+    Torus,
 };
 use crate::numeric::{Bounds, DoubleDouble, SplitMix64, spawn_point};
 
@@ -432,7 +433,7 @@ fn a_ray_that_leaves_a_surface_does_not_hit_where_it_left() {
                 })
             };
             let leaving = ShapeRay {
-                leaving: Some(Leaving { part, side }),
+                leaving: Some(OriginSurface { part, side }),
                 ..ShapeRay::new(point.p.as_vec3().as_dvec3(), direction)
             };
             let hit = shape.intersect(&leaving);

@@ -1,10 +1,10 @@
 //! Fresnel's equations for the smooth boundary of two dielectrics.
 //!
 //! All differences are taken with twice the digits, as they cancel: at the critical angle, at grazing incidence, at
-//! Brewster's angle, and for indices that nearly match (see `interface`). Transmittance is computed directly, not as one
+//! Brewster's angle, and for indices that nearly match (see `dielectric_interface`). Transmittance is computed directly, not as one
 //! minus the reflectance, which would lose it where it is small.
 
-use super::interface::Interface;
+use super::dielectric_interface::DielectricInterface;
 
 /// A share of the light for each linear polarisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +42,7 @@ pub struct Fresnel {
 /// 2 where it is more than some roundings from the critical angle.
 #[inline(always)]
 pub fn dielectric(cos_i: f64, eta_i: f64, eta_t: f64) -> Fresnel {
-    let interface = Interface::new(cos_i, eta_i, eta_t);
+    let interface = DielectricInterface::new(cos_i, eta_i, eta_t);
     Fresnel {
         reflectance: interface.reflectance(),
         transmittance: interface.transmittance(),

@@ -7,12 +7,12 @@
 
 mod absorption;
 mod conductor;
+mod dielectric_interface;
+mod dielectric_simd;
+mod diffuse_transmission;
 mod dispersion;
 mod fresnel;
-mod interface;
-mod lanes;
-mod leaf;
-mod media;
+mod nested_dielectrics;
 mod snell;
 mod spectrum;
 pub mod subsurface;
@@ -20,11 +20,11 @@ mod thin_slab;
 
 pub use absorption::Absorption;
 pub use conductor::{Conductor, conductor};
+pub use dielectric_simd::{DielectricLanes, dielectric_lanes};
+pub use diffuse_transmission::DiffuseTransmission;
 pub use dispersion::{Cauchy, Dispersion, LINE_C, LINE_D, LINE_F, Sellmeier};
 pub use fresnel::{Fresnel, Polarised, dielectric};
-pub use lanes::{DielectricLanes, dielectric_lanes};
-pub use leaf::Leaf;
-pub use media::{Body, Crossing, MEDIA_CAPACITY, MediaStack, Passage};
+pub use nested_dielectrics::{Body, BoundaryCrossing, BoundaryEvent, InteriorStack, MEDIA_CAPACITY};
 pub use snell::{Refraction, brewster_angle, critical_angle, ior_from_speed, reflect, refract};
 pub use spectrum::{
     LINEAR_SRGB_FROM_XYZ, MAX_WAVELENGTH, MIN_WAVELENGTH, SpectralSampler, color_matching, linear_srgb,

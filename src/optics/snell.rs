@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::interface::{Interface, facing};
+use super::dielectric_interface::{DielectricInterface, facing};
 
 /// A ray after it crossed a boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,7 +27,7 @@ pub fn reflect(v: DVec3, n: DVec3) -> DVec3 {
 #[inline(always)]
 pub fn refract(d: DVec3, n: DVec3, eta_i: f64, eta_t: f64) -> Option<Refraction> {
     let (cos_i, n) = facing(d, n);
-    let interface = Interface::new(cos_i, eta_i, eta_t);
+    let interface = DielectricInterface::new(cos_i, eta_i, eta_t);
     if interface.total {
         return None;
     }

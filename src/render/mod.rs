@@ -81,7 +81,7 @@ pub use crate::scene::picture::{FilterKind, Pattern};
 use crate::accel::{Accel, RayOrder, RayPacket};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes, Ray, SpawnPolicy};
-use crate::optics::{Body, MediaStack, SpectralSampler};
+use crate::optics::{Body, InteriorStack, SpectralSampler};
 use crate::parallel;
 use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
 use crate::scene::{
@@ -244,7 +244,7 @@ struct Frame<'s> {
     /// Into which wavelengths a path splits.
     spectrum: SpectralSampler,
     /// The bodies around the camera.
-    media_at_eye: MediaStack,
+    media_at_eye: InteriorStack,
     /// Rays that were asked to find them.
     probe_count: u64,
     /// What each pixel cost, where somebody asks.
@@ -469,7 +469,7 @@ impl<'s> Frame<'s> {
             },
             plan,
             spectrum: SpectralSampler::new(settings.wavelengths as usize),
-            media_at_eye: MediaStack::EMPTY,
+            media_at_eye: InteriorStack::EMPTY,
             probe_count: 0,
             costs: (settings.ledger && settings.cost_aovs)
                 .then(|| CostSheet::new(settings.width, settings.height)),
@@ -543,7 +543,7 @@ impl<'s> Frame<'s> {
     }
 
     /// The bodies around the camera in the middle of the time, with the number of rays asked.
-    fn media_at_eye(&self) -> (MediaStack, u64) {
+    fn media_at_eye(&self) -> (InteriorStack, u64) {
         if !self.effects().has(Effect::MotionBlur) {
             return self.media_around(self.view.ray(0.5, 0.5).origin, 0.0);
         }
@@ -557,8 +557,8 @@ impl<'s> Frame<'s> {
 
     /// The bodies around `p` at `time`, by the surfaces that a ray from there meets: a body that is left before it is
     /// entered is one of them. With the number of rays asked.
-    fn media_around(&self, p: DVec3, time: f32) -> (MediaStack, u64) {
-        let (mut around, mut probe_count) = (MediaStack::EMPTY, 0);
+    fn media_around(&self, p: DVec3, time: f32) -> (InteriorStack, u64) {
+        let (mut around, mut probe_count) = (InteriorStack::EMPTY, 0);
         if !self.effects().has(Effect::Refraction) {
             return (around, probe_count);
         }

@@ -10,7 +10,7 @@ use super::meter::Accounts;
 use super::travel::{MediaColumn, Travel, TravelPacket, Travels};
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
-use crate::optics::MediaStack;
+use crate::optics::InteriorStack;
 use crate::scene::EffectSet;
 
 /// Packets that are traced and shaded together: 24 KB of rays, half of a first-level cache.
@@ -374,7 +374,7 @@ impl ShadowQueue {
     }
 
     /// Sets the bodies around all points of the packet that is committed next.
-    pub(super) fn set_medium(&mut self, media: &MediaStack) {
+    pub(super) fn set_medium(&mut self, media: &InteriorStack) {
         for l in 0..LANES {
             self.media.set(self.count, l, media);
         }

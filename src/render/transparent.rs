@@ -17,7 +17,8 @@ use super::travel::{Travel, TravelPacket};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes3, Ray};
 use crate::optics::{
-    Body, Crossing, LINE_D, MediaStack, Passage, Polarised, dielectric, reflect, refract, thin_slab,
+    Body, BoundaryCrossing, BoundaryEvent, InteriorStack, LINE_D, Polarised, dielectric, reflect, refract,
+    thin_slab,
 };
 use crate::scene::{Effect, Lecture, MIRROR_ROUGHNESS, Material, Model};
 use crate::shading::MaterialPacket;
@@ -26,7 +27,7 @@ use crate::shading::ray_cone::Cone;
 /// A boundary that a ray meets.
 pub(super) struct Boundary<'m> {
     pub(super) material: &'m Material,
-    pub(super) crossing: Crossing,
+    pub(super) crossing: BoundaryCrossing,
     /// Whether it is that of a body that light goes through.
     is_body: bool,
 }
@@ -71,17 +72,17 @@ impl Frame<'_> {
 
     /// What instance `instance` means to a ray with these bodies around, which comes from its outside if
     /// `from_outside`.
-    pub(super) fn boundary(&self, instance: u32, from_outside: bool, media: &MediaStack) -> Boundary<'_> {
+    pub(super) fn boundary(&self, instance: u32, from_outside: bool, media: &InteriorStack) -> Boundary<'_> {
         let index = self.scene.instances[instance as usize].material;
         let material = &self.scene.materials[index as usize];
         let passage = if from_outside {
-            Passage::Enter
+            BoundaryEvent::Enter
         } else {
-            Passage::Leave
+            BoundaryEvent::Leave
         };
         let is_body = self.effects().has(Effect::Refraction) && material.transmits() && !material.is_wall();
         let crossing = if !is_body {
-            Crossing {
+            BoundaryCrossing {
                 before: media.current(),
                 after: media.current(),
                 through: *media,
@@ -144,7 +145,7 @@ impl Frame<'_> {
     }
 
     /// What is left of light after `distance` with these bodies around.
-    pub(super) fn transmittance(&self, media: &MediaStack, distance: f64) -> [f32; 3] {
+    pub(super) fn transmittance(&self, media: &InteriorStack, distance: f64) -> [f32; 3] {
         match self.body_material(media.current()).and_then(|m| m.interior) {
             Some(inside) => inside.absorption.transmittance(distance).map(|x| x as f32),
             None => [1.0; 3],

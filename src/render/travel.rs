@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::memory::Memory;
 use crate::numeric::{LANES, Lanes};
-use crate::optics::{Body, MediaStack};
+use crate::optics::{Body, InteriorStack};
 use crate::scene::{Effect, EffectSet};
 use crate::shading::ray_cone::Cone;
 
@@ -21,7 +21,7 @@ pub(super) struct Travel {
     /// Unit direction, before it was rounded to the ray's.
     pub(super) direction: DVec3,
     /// The bodies around it.
-    pub(super) media: MediaStack,
+    pub(super) media: InteriorStack,
     /// How wide it is.
     pub(super) cone: Cone,
     /// Which of its pixel's samples it is a part of. Rays into one lobe count as so many samples.
@@ -38,7 +38,7 @@ impl Travel {
         depth: 0,
         wavelength: 0.0,
         direction: DVec3::ZERO,
-        media: MediaStack::EMPTY,
+        media: InteriorStack::EMPTY,
         cone: Cone {
             width: 0.0,
             spread: 0.0,
@@ -181,7 +181,7 @@ impl TravelPacket<'_> {
     }
 
     /// The bodies around lane `l`.
-    pub(super) fn media(&self, l: usize) -> MediaStack {
+    pub(super) fn media(&self, l: usize) -> InteriorStack {
         self.travels.media.get(self.packet, l)
     }
 }
@@ -228,7 +228,7 @@ impl<T: Copy> Column<T> {
 /// The bodies around every lane: none where light goes through none, one where no two can overlap.
 pub(super) struct MediaColumn {
     single: Column<Option<Body>>,
-    nested: Column<MediaStack>,
+    nested: Column<InteriorStack>,
 }
 
 impl MediaColumn {
@@ -244,7 +244,7 @@ impl MediaColumn {
     /// Makes room for `packets` packets, new ones outside of all bodies.
     pub(super) fn resize(&mut self, packets: usize) {
         self.single.resize(packets, None);
-        self.nested.resize(packets, MediaStack::EMPTY);
+        self.nested.resize(packets, InteriorStack::EMPTY);
     }
 
     /// Adds what the columns hold.
@@ -256,16 +256,16 @@ impl MediaColumn {
     }
 
     /// Writes lane `l` of packet `packet`.
-    pub(super) fn set(&mut self, packet: usize, l: usize, media: &MediaStack) {
+    pub(super) fn set(&mut self, packet: usize, l: usize, media: &InteriorStack) {
         self.single.set(packet, l, media.current());
         self.nested.set(packet, l, *media);
     }
 
     /// The bodies around lane `l` of packet `packet`.
-    pub(super) fn get(&self, packet: usize, l: usize) -> MediaStack {
+    pub(super) fn get(&self, packet: usize, l: usize) -> InteriorStack {
         match self.single.get(packet, l, None) {
-            Some(body) => MediaStack::of(body),
-            None => self.nested.get(packet, l, MediaStack::EMPTY),
+            Some(body) => InteriorStack::of(body),
+            None => self.nested.get(packet, l, InteriorStack::EMPTY),
         }
     }
 }

@@ -28,7 +28,7 @@ use super::travel::TravelPacket;
 use super::{Frame, shade};
 use crate::accel::{ACTIVE, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::optics::MediaStack;
+use crate::optics::InteriorStack;
 use crate::scene::{Effect, Light, LightKind};
 use crate::shading::{TextureSet, illuminate};
 use crate::volume::{March, PointLanes, Stretch};
@@ -136,7 +136,7 @@ impl Outcome<'_, '_> {
                 source: Source::Emission,
                 sheets: self.sheets.as_deref_mut(),
                 meter: &mut self.meter,
-                media: travels.map_or(MediaStack::EMPTY, |travels| travels.media(l)),
+                media: travels.map_or(InteriorStack::EMPTY, |travels| travels.media(l)),
                 stage,
                 time: packet.time[l],
                 origin: Origin {
@@ -263,7 +263,7 @@ struct Lamps<'a, 'f, 's> {
     sheets: Option<&'a mut Surfaces>,
     meter: &'a mut Meter,
     /// The bodies around the ray.
-    media: MediaStack,
+    media: InteriorStack,
     stage: Stage,
     /// When the ray is sent.
     time: f32,

@@ -5,7 +5,7 @@
 use super::texture::Parameter;
 use super::{Layer, Scene};
 use crate::optics::subsurface::Scattering;
-use crate::optics::{Absorption, Dispersion, Leaf};
+use crate::optics::{Absorption, DiffuseTransmission, Dispersion};
 
 /// A surface description.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,8 +43,12 @@ pub struct Translucency {
 
 impl Translucency {
     /// The sheet under a base colour of white.
-    pub fn leaf(&self) -> Leaf {
-        Leaf::from_diffuse_transmission([1.0; 3], self.factor.into(), self.color.map(f64::from))
+    pub fn leaf(&self) -> DiffuseTransmission {
+        DiffuseTransmission::from_diffuse_transmission(
+            [1.0; 3],
+            self.factor.into(),
+            self.color.map(f64::from),
+        )
     }
 }
 

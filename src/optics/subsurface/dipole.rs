@@ -12,7 +12,7 @@
 
 use std::f64::consts::PI;
 
-use super::exponential::exp_of_minus;
+use super::fast_exp::exp_neg;
 use super::scattering::{Scattering, ScatteringError, boundary_factor};
 
 /// A sum of coefficients below this is that of a clear body, which sends nothing back.
@@ -143,7 +143,7 @@ impl Dipole {
     /// The constants of its f32 form.
     pub(super) fn kernel(&self) -> Kernel {
         let constants = |channel: &Channel| {
-            channel.z.map(|z| Pole {
+            channel.z.map(|z| PointSource {
                 inverse_z2: (z * z).recip() as f32,
                 decay: (channel.sigma_tr * z) as f32,
                 peak: (channel.albedo / (4.0 * PI) / (z * z)) as f32,
@@ -155,11 +155,11 @@ impl Dipole {
 
 /// R_d in f32, of squared distances.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Kernel(pub(super) [[Pole; 2]; 3]);
+pub(super) struct Kernel(pub(super) [[PointSource; 2]; 3]);
 
 /// The source or its image, in units of its distance z from the surface.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pole {
+pub(super) struct PointSource {
     inverse_z2: f32,
     /// sigma_tr z.
     decay: f32,
@@ -167,7 +167,7 @@ pub(super) struct Pole {
     peak: f32,
 }
 
-impl Pole {
+impl PointSource {
     /// The term of R_d at squared distance `r2`. Without branches, so that lanes vectorise.
     ///
     /// Its relative error is within (16 + 4.5 x) 2^-24 for x = sigma_tr d, as long as it is no less than the least
@@ -179,7 +179,7 @@ impl Pole {
         let u = r2 * self.inverse_z2 + 1.0;
         let root = u.sqrt();
         let x = (self.decay * root).min(FAR);
-        self.peak * ((1.0 + x) * exp_of_minus(x)) / (u * root)
+        self.peak * ((1.0 + x) * exp_neg(x)) / (u * root)
     }
 }
 

@@ -13,17 +13,17 @@
 //! direction over [`diffuse_transmittance`], its mean. Light that is scattered only once is no part of it.
 
 mod dipole;
-mod exponential;
-mod gather;
-mod lattice;
+mod fast_exp;
+mod hierarchical;
+mod mesh_samples;
+mod octree;
 mod presets;
-mod samples;
 mod scattering;
-mod tree;
+mod shape_samples;
 
 pub use dipole::Dipole;
-pub use lattice::lattice_samples;
+pub use mesh_samples::{MAX_SAMPLES, SurfaceSample, SurfaceSamples, surface_samples};
+pub use octree::{DEFAULT_SOLID_ANGLE, IrradianceSample, IrradianceTree};
 pub use presets::SubsurfacePreset;
-pub use samples::{MAX_SAMPLES, SurfaceSample, SurfaceSamples, surface_samples};
 pub use scattering::{Scattering, ScatteringError, diffuse_fresnel_reflectance, diffuse_transmittance};
-pub use tree::{DEFAULT_SOLID_ANGLE, IrradianceSample, IrradianceTree};
+pub use shape_samples::lattice_samples;

@@ -8,20 +8,20 @@ use std::f64::consts::FRAC_1_PI;
 
 /// How a thin sheet divides light between its two sides, in linear red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Leaf {
+pub struct DiffuseTransmission {
     reflectance: [f64; 3],
     translucency: [f64; 3],
 }
 
-impl Leaf {
+impl DiffuseTransmission {
     /// The sheet that sends back `reflectance` and lets through `translucency` of what arrives, from either side.
     ///
     /// Negative numbers and NaN count as 0. Channels of which more than 1 would leave have both parts divided by their
     /// sum.
-    pub fn new(reflectance: [f64; 3], translucency: [f64; 3]) -> Leaf {
+    pub fn new(reflectance: [f64; 3], translucency: [f64; 3]) -> DiffuseTransmission {
         // Also of a NaN, and so that the sum of two is finite.
         let part = |x: f64| if x > 0.0 { x.min(f64::MAX / 2.0) } else { 0.0 };
-        let mut leaf = Leaf {
+        let mut leaf = DiffuseTransmission {
             reflectance: reflectance.map(part),
             translucency: translucency.map(part),
         };
@@ -38,8 +38,8 @@ impl Leaf {
 
     /// The sheet of base colour `base` that lets through `factor` of what is not reflected as by a mirror, coloured by
     /// `color` (KHR_materials_diffuse_transmission): reflectance (1 - factor) base, translucency factor color.
-    pub fn from_diffuse_transmission(base: [f64; 3], factor: f64, color: [f64; 3]) -> Leaf {
-        Leaf::new(base.map(|b| (1.0 - factor) * b), color.map(|c| factor * c))
+    pub fn from_diffuse_transmission(base: [f64; 3], factor: f64, color: [f64; 3]) -> DiffuseTransmission {
+        DiffuseTransmission::new(base.map(|b| (1.0 - factor) * b), color.map(|c| factor * c))
     }
 
     /// What it sends back over what arrives.
@@ -89,7 +89,7 @@ mod tests {
         ];
         for r in values {
             for t in values {
-                let leaf = Leaf::new([r, t, r], [t, r, 0.5]);
+                let leaf = DiffuseTransmission::new([r, t, r], [t, r, 0.5]);
                 let out = leaf.radiant_exitance([1.0; 3], [1.0; 3]);
                 assert!(out.iter().all(|x| (0.0..=1.0).contains(x)), "{r} {t}: {leaf:?}");
                 let parts = leaf.reflectance().into_iter().chain(leaf.translucency());
@@ -100,14 +100,14 @@ mod tests {
 
     #[test]
     fn what_is_possible_stays_as_it_is_and_the_rest_keeps_its_proportion() {
-        let leaf = Leaf::new([0.25, 0.5, 3.0], [0.5, 0.5, 1.0]);
+        let leaf = DiffuseTransmission::new([0.25, 0.5, 3.0], [0.5, 0.5, 1.0]);
         assert_eq!(leaf.reflectance(), [0.25, 0.5, 0.75]);
         assert_eq!(leaf.translucency(), [0.5, 0.5, 0.25]);
     }
 
     #[test]
     fn the_lobes_sum_to_their_parts_over_the_hemispheres() {
-        let leaf = Leaf::new([0.3; 3], [0.6; 3]);
+        let leaf = DiffuseTransmission::new([0.3; 3], [0.6; 3]);
         // The integral of f |cos| over a hemisphere: 2 pi times that of f cos over cos in (0, 1); a linear integrand,
         // for which the midpoint rule is exact.
         let over = |side: f64| {
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn a_sheet_lit_from_behind_shows_its_translucency() {
-        let leaf = Leaf::from_diffuse_transmission([0.2, 0.8, 0.4], 0.25, [0.4, 1.0, 0.0]);
+        let leaf = DiffuseTransmission::from_diffuse_transmission([0.2, 0.8, 0.4], 0.25, [0.4, 1.0, 0.0]);
         assert_eq!(leaf.radiant_exitance([0.0; 3], [2.0; 3]), [0.2, 0.5, 0.0]);
         // 3/4 of the base colour.
         let front = leaf.radiant_exitance([1.0; 3], [0.0; 3]);

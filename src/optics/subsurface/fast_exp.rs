@@ -13,7 +13,7 @@ const LN_2_LOW: f32 = 1.428_606_8e-6;
 /// -x = n ln 2 + f with |f| <= ln 2 / 2 (Cody and Waite), and e^f by its series to f^7, whose remainder is below
 /// 0.35^8 / 8! < 2^-27 there.
 #[inline(always)]
-pub(super) fn exp_of_minus(x: f32) -> f32 {
+pub(super) fn exp_neg(x: f32) -> f32 {
     let shifted = TO_INTEGER - x * std::f32::consts::LOG2_E;
     let n = shifted - TO_INTEGER;
     let f = (-x - n * LN_2_HIGH) - n * LN_2_LOW;
@@ -35,9 +35,9 @@ mod tests {
         let bits = (0.5f32.powi(20).to_bits()..=87f32.to_bits()).step_by(97);
         for x in bits.map(f32::from_bits).chain([0.0, 87.0]) {
             let exact = (-f64::from(x)).exp();
-            let error = (f64::from(exp_of_minus(x)) / exact - 1.0).abs();
+            let error = (f64::from(exp_neg(x)) / exact - 1.0).abs();
             assert!(error <= 0.5f64.powi(22), "{x}: {error}");
         }
-        assert_eq!(exp_of_minus(0.0), 1.0);
+        assert_eq!(exp_neg(0.0), 1.0);
     }
 }

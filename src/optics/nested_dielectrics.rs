@@ -23,17 +23,17 @@ pub struct Body {
 impl Body {
     /// Whether this body is the one that is there where both are.
     #[inline(always)]
-    fn displaces(self, other: Body) -> bool {
+    fn has_priority_over(self, other: Body) -> bool {
         (self.priority, other.id) > (other.priority, self.id)
     }
 }
 
 /// Fills the places of the list that hold no body, so that equal lists are equal.
-const NOBODY: Body = Body { id: 0, priority: 0 };
+const NO_INTERIOR: Body = Body { id: 0, priority: 0 };
 
 /// What a ray does to a body's surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Passage {
+pub enum BoundaryEvent {
     /// It goes in.
     Enter,
     /// It comes out.
@@ -42,16 +42,16 @@ pub enum Passage {
 
 /// What a surface means to a ray that goes through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Crossing {
+pub struct BoundaryCrossing {
     /// The body that is there on the near side; `None` for the surroundings.
     pub before: Option<Body>,
     /// The body that is there on the far side; `None` for the surroundings.
     pub after: Option<Body>,
     /// The bodies around a ray that goes through; one that is reflected keeps the bodies it had.
-    pub through: MediaStack,
+    pub through: InteriorStack,
 }
 
-impl Crossing {
+impl BoundaryCrossing {
     /// Whether the medium changes. Where it does not, the ray goes on as if there were no surface.
     #[inline(always)]
     pub fn is_real(&self) -> bool {
@@ -61,30 +61,30 @@ impl Crossing {
 
 /// The bodies around a point of a ray's path, the one that is there first.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MediaStack {
+pub struct InteriorStack {
     /// In falling order of precedence; only the first `count` count.
     bodies: [Body; MEDIA_CAPACITY],
     count: u8,
     anomalies: u8,
 }
 
-impl Default for MediaStack {
-    fn default() -> MediaStack {
-        MediaStack::EMPTY
+impl Default for InteriorStack {
+    fn default() -> InteriorStack {
+        InteriorStack::EMPTY
     }
 }
 
-impl MediaStack {
+impl InteriorStack {
     /// Outside of all bodies.
-    pub const EMPTY: MediaStack = MediaStack {
-        bodies: [NOBODY; MEDIA_CAPACITY],
+    pub const EMPTY: InteriorStack = InteriorStack {
+        bodies: [NO_INTERIOR; MEDIA_CAPACITY],
         count: 0,
         anomalies: 0,
     };
 
     /// Inside of one body.
-    pub fn of(body: Body) -> MediaStack {
-        let mut stack = MediaStack::EMPTY;
+    pub fn of(body: Body) -> InteriorStack {
+        let mut stack = InteriorStack::EMPTY;
         stack.enter(body);
         stack
     }
@@ -108,13 +108,13 @@ impl MediaStack {
 
     /// What the surface of `body` means to a ray with these bodies around.
     #[inline(always)]
-    pub fn crossing(&self, body: Body, passage: Passage) -> Crossing {
+    pub fn crossing(&self, body: Body, passage: BoundaryEvent) -> BoundaryCrossing {
         let mut through = *self;
         match passage {
-            Passage::Enter => through.enter(body),
-            Passage::Leave => through.leave(body.id),
+            BoundaryEvent::Enter => through.enter(body),
+            BoundaryEvent::Leave => through.leave(body.id),
         }
-        Crossing {
+        BoundaryCrossing {
             before: self.current(),
             after: through.current(),
             through,
@@ -130,7 +130,7 @@ impl MediaStack {
         let place = self
             .bodies()
             .iter()
-            .take_while(|other| other.displaces(body))
+            .take_while(|other| other.has_priority_over(body))
             .count();
         if count == MEDIA_CAPACITY {
             self.count_anomaly();
@@ -152,7 +152,7 @@ impl MediaStack {
         };
         self.bodies.copy_within(place + 1..usize::from(self.count), place);
         self.count -= 1;
-        self.bodies[usize::from(self.count)] = NOBODY;
+        self.bodies[usize::from(self.count)] = NO_INTERIOR;
     }
 
     fn position(&self, id: u32) -> Option<usize> {
@@ -172,19 +172,19 @@ mod tests {
     const ICE: Body = Body { id: 2, priority: 20 };
     const GLASS: Body = Body { id: 3, priority: 30 };
 
-    fn around(bodies: &[Body]) -> MediaStack {
-        let mut stack = MediaStack::EMPTY;
+    fn around(bodies: &[Body]) -> InteriorStack {
+        let mut stack = InteriorStack::EMPTY;
         bodies.iter().for_each(|body| stack.enter(*body));
         stack
     }
 
-    fn ids(stack: &MediaStack) -> Vec<u32> {
+    fn ids(stack: &InteriorStack) -> Vec<u32> {
         stack.bodies().iter().map(|body| body.id).collect()
     }
 
     /// Crosses surfaces one after the other and says what was real: the ids before and after, 0 for the surroundings.
-    fn walk(surfaces: &[(Body, Passage)]) -> (Vec<(u32, u32)>, MediaStack) {
-        let mut stack = MediaStack::EMPTY;
+    fn walk(surfaces: &[(Body, BoundaryEvent)]) -> (Vec<(u32, u32)>, InteriorStack) {
+        let mut stack = InteriorStack::EMPTY;
         let mut real = Vec::new();
         let id = |body: Option<Body>| body.map_or(0, |body| body.id);
         for (body, passage) in surfaces {
@@ -201,35 +201,35 @@ mod tests {
     fn a_ray_through_ice_in_water_in_a_glass_sees_each_medium_once() {
         // The water reaches into the wall of the glass, the ice floats inside the water.
         let (real, stack) = walk(&[
-            (GLASS, Passage::Enter),
-            (WATER, Passage::Enter),
-            (GLASS, Passage::Leave),
-            (ICE, Passage::Enter),
-            (ICE, Passage::Leave),
-            (GLASS, Passage::Enter),
-            (WATER, Passage::Leave),
-            (GLASS, Passage::Leave),
+            (GLASS, BoundaryEvent::Enter),
+            (WATER, BoundaryEvent::Enter),
+            (GLASS, BoundaryEvent::Leave),
+            (ICE, BoundaryEvent::Enter),
+            (ICE, BoundaryEvent::Leave),
+            (GLASS, BoundaryEvent::Enter),
+            (WATER, BoundaryEvent::Leave),
+            (GLASS, BoundaryEvent::Leave),
         ]);
         assert_eq!(real, [(0, 3), (3, 1), (1, 2), (2, 1), (1, 3), (3, 0)]);
-        assert_eq!(stack, MediaStack::EMPTY);
+        assert_eq!(stack, InteriorStack::EMPTY);
     }
 
     #[test]
     fn ice_that_rises_above_the_water_leaves_into_air() {
         let (real, stack) = walk(&[
-            (WATER, Passage::Enter),
-            (ICE, Passage::Enter),
-            (WATER, Passage::Leave),
-            (ICE, Passage::Leave),
+            (WATER, BoundaryEvent::Enter),
+            (ICE, BoundaryEvent::Enter),
+            (WATER, BoundaryEvent::Leave),
+            (ICE, BoundaryEvent::Leave),
         ]);
         assert_eq!(real, [(0, 1), (1, 2), (2, 0)]);
-        assert_eq!(stack, MediaStack::EMPTY);
+        assert_eq!(stack, InteriorStack::EMPTY);
     }
 
     #[test]
     fn a_reflected_ray_keeps_its_bodies_and_one_that_goes_through_adds_one() {
         let stack = around(&[WATER]);
-        let crossing = stack.crossing(ICE, Passage::Enter);
+        let crossing = stack.crossing(ICE, BoundaryEvent::Enter);
         assert_eq!(ids(&stack), [1]);
         assert_eq!(ids(&crossing.through), [2, 1]);
     }
@@ -237,11 +237,11 @@ mod tests {
     #[test]
     fn a_camera_inside_starts_with_the_bodies_around_it() {
         let stack = around(&[WATER, ICE]);
-        let crossing = stack.crossing(ICE, Passage::Leave);
+        let crossing = stack.crossing(ICE, BoundaryEvent::Leave);
         assert!(crossing.is_real());
         assert_eq!((crossing.before, crossing.after), (Some(ICE), Some(WATER)));
         // Had it been taken to be outside, the first surface would only have been counted.
-        let crossing = MediaStack::EMPTY.crossing(ICE, Passage::Leave);
+        let crossing = InteriorStack::EMPTY.crossing(ICE, BoundaryEvent::Leave);
         assert!(!crossing.is_real());
         assert_eq!(crossing.through.anomalies(), 1);
     }
@@ -271,10 +271,10 @@ mod tests {
     #[test]
     fn a_surface_reported_twice_changes_nothing_but_the_count() {
         let (real, stack) = walk(&[
-            (WATER, Passage::Enter),
-            (WATER, Passage::Enter),
-            (WATER, Passage::Leave),
-            (WATER, Passage::Leave),
+            (WATER, BoundaryEvent::Enter),
+            (WATER, BoundaryEvent::Enter),
+            (WATER, BoundaryEvent::Leave),
+            (WATER, BoundaryEvent::Leave),
         ]);
         assert_eq!(real, [(0, 1), (1, 0)]);
         assert_eq!((stack.current(), stack.anomalies()), (None, 2));
@@ -299,7 +299,7 @@ mod tests {
 
     #[test]
     fn anomalies_do_not_overflow() {
-        let mut stack = MediaStack::EMPTY;
+        let mut stack = InteriorStack::EMPTY;
         (0..300).for_each(|_| stack.leave(1));
         assert_eq!(stack.anomalies(), 255);
     }

@@ -4,7 +4,7 @@ use glam::DVec3;
 use multiversion::multiversion;
 
 use super::dipole::Kernel;
-use super::tree::{IrradianceTree, Moments};
+use super::octree::{IrradianceTree, Moments};
 use crate::numeric::{LANES, Lanes3};
 
 /// Sources that are evaluated at a time.

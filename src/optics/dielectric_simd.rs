@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::interface::{Interface, facing};
+use super::dielectric_interface::{DielectricInterface, facing};
 use super::snell::reflect;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
@@ -35,7 +35,7 @@ impl DielectricLanes {
             DVec3::from_array(axes.map(|(_, n)| n)),
         );
         let (cos_i, n) = facing(d, n);
-        let interface = Interface::new(cos_i, eta_i, eta_t);
+        let interface = DielectricInterface::new(cos_i, eta_i, eta_t);
         for axis in 0..3 {
             self.refracted[axis][l] = if interface.total {
                 self.reflected[axis][l]
@@ -73,7 +73,7 @@ pub fn dielectric_lanes(
             DVec3::new(n[0][l], n[1][l], n[2][l]),
         );
         let (cos_i, n) = facing(d, n);
-        let (interface, is_critical) = Interface::away_from_critical(cos_i, eta_i[l], eta_t[l]);
+        let (interface, is_critical) = DielectricInterface::away_from_critical(cos_i, eta_i[l], eta_t[l]);
         critical[l] = u64::from(is_critical);
         any_critical |= critical[l];
         let reflected = reflect(d, n);

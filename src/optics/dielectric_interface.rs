@@ -21,7 +21,7 @@ const CRITICAL: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// Light that meets the boundary of two dielectrics at a given angle.
 #[derive(Clone, Copy)]
-pub(super) struct Interface {
+pub(super) struct DielectricInterface {
     cos_i: f64,
     eta_i: f64,
     eta_t: f64,
@@ -35,11 +35,11 @@ pub(super) struct Interface {
     pub(super) total: bool,
 }
 
-impl Interface {
+impl DielectricInterface {
     /// `cos_i` is at least 0 (a rounded excess over 1 is cut off), both indices are positive.
     #[inline(always)]
-    pub(super) fn new(cos_i: f64, eta_i: f64, eta_t: f64) -> Interface {
-        let (interface, is_critical) = Interface::away_from_critical(cos_i, eta_i, eta_t);
+    pub(super) fn new(cos_i: f64, eta_i: f64, eta_t: f64) -> DielectricInterface {
+        let (interface, is_critical) = DielectricInterface::away_from_critical(cos_i, eta_i, eta_t);
         if is_critical {
             interface.settled()
         } else {
@@ -47,10 +47,10 @@ impl Interface {
         }
     }
 
-    /// The same without branches, and whether it is too near the critical angle for that; [`Interface::new`] knows more
+    /// The same without branches, and whether it is too near the critical angle for that; [`DielectricInterface::new`] knows more
     /// then.
     #[inline(always)]
-    pub(super) fn away_from_critical(cos_i: f64, eta_i: f64, eta_t: f64) -> (Interface, bool) {
+    pub(super) fn away_from_critical(cos_i: f64, eta_i: f64, eta_t: f64) -> (DielectricInterface, bool) {
         let cos_i = if cos_i > 1.0 { 1.0 } else { cos_i };
         let p = two_product(eta_i, cos_i);
         let p_square = product(p, p);
@@ -60,7 +60,7 @@ impl Interface {
         let q_square = difference.0 + low;
         // A NaN must not come out as a refracted ray.
         let total = !(q_square > 0.0);
-        let interface = Interface {
+        let interface = DielectricInterface {
             cos_i,
             eta_i,
             eta_t,
@@ -79,7 +79,7 @@ impl Interface {
     /// With q² from p² - delta without any rounding but that of the result.
     #[cold]
     #[inline(never)]
-    fn settled(self) -> Interface {
+    fn settled(self) -> DielectricInterface {
         let (p, apart, both) = (
             self.p,
             two_sum(self.eta_i, -self.eta_t),
@@ -100,7 +100,7 @@ impl Interface {
         }
         let q_square = exact_sum(terms);
         let total = !(q_square.0 > 0.0);
-        Interface {
+        DielectricInterface {
             q: if total {
                 (0.0, 0.0)
             } else {
@@ -282,7 +282,8 @@ mod tests {
     #[test]
     fn an_angle_at_which_doubles_cancel_too_is_refracted_to_the_last_places() {
         // Exactly these numbers, in fractions of whole numbers: cos_t = 4.184753292508398e-11.
-        let cos_t = Interface::new(6.124812217946641e-2, 1.6918398083634327, 1.6886634999132542).cos_t();
+        let cos_t =
+            DielectricInterface::new(6.124812217946641e-2, 1.6918398083634327, 1.6886634999132542).cos_t();
         assert!(
             (cos_t - 4.184753292508398e-11).abs() <= 2.0 * f64::EPSILON * cos_t,
             "{cos_t:e}"
@@ -291,6 +292,6 @@ mod tests {
 
     #[test]
     fn what_is_not_a_number_is_never_refracted() {
-        assert!(Interface::new(f64::NAN, 1.0, 1.5).total);
+        assert!(DielectricInterface::new(f64::NAN, 1.0, 1.5).total);
     }
 }

@@ -9,7 +9,7 @@
 
 use glam::{DAffine3, DVec3};
 
-use super::samples::SurfaceSample;
+use super::mesh_samples::SurfaceSample;
 use crate::numeric::Bounds;
 use crate::parallel;
 

@@ -90,7 +90,7 @@ struct Builder<'a> {
 }
 
 impl IrradianceTree {
-    /// The tree of `samples`, fewer than 2^32, under the surface of a body of that `dipole`, in the same units of
+    /// The tree of `mesh_samples`, fewer than 2^32, under the surface of a body of that `dipole`, in the same units of
     /// length.
     ///
     /// A cell stands for its points where both their area and the disk around them are seen under less than

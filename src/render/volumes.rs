@@ -31,7 +31,7 @@ use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::optics::InteriorStack;
 use crate::scene::{Effect, Light, LightKind};
 use crate::shading::{TextureSet, illuminate};
-use crate::volume::{March, PointLanes, Stretch};
+use crate::volume::{March, PointLanes, RaySegment};
 
 /// The phase function of matter that scatters evenly: the share of light that goes into a unit of solid angle.
 const PHASE: f32 = (0.25 / PI) as f32;
@@ -77,7 +77,7 @@ impl<'f> Marches<'f> {
 }
 
 fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) -> u64 {
-    let mut stretches = [Stretch::NONE; LANES];
+    let mut stretches = [RaySegment::NONE; LANES];
     let mut lane = [0; LANES];
     let mut count = 0;
     for l in 0..LANES {
@@ -85,7 +85,7 @@ fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut
             continue;
         }
         let ray = packet.ray(l);
-        stretches[count] = Stretch {
+        stretches[count] = RaySegment {
             origin: ray.origin.as_dvec3(),
             direction: ray.direction.as_dvec3(),
             t_near: 0.0,
@@ -146,7 +146,7 @@ impl Outcome<'_, '_> {
                 },
             };
             let ray = packet.ray(l);
-            let stretch = Stretch {
+            let stretch = RaySegment {
                 origin: ray.origin.as_dvec3(),
                 direction: ray.direction.as_dvec3(),
                 t_near: f64::from(ray.t_near),
@@ -231,7 +231,7 @@ impl LightShares {
     }
 
     /// Says what each light gives to lane `l` of weight `weight`, whose march has just been walked.
-    fn divide(&mut self, march: &mut March, stretch: &Stretch, (weight, l): ([f32; 3], usize)) {
+    fn divide(&mut self, march: &mut March, stretch: &RaySegment, (weight, l): ([f32; 3], usize)) {
         let by_itself = march.radiance(stretch, Some(&mut |_| DARK)).radiance;
         for (plane, calls) in self.lit.iter_mut().enumerate() {
             let is_lit = calls

@@ -66,7 +66,7 @@ mod tests {
 
     use super::*;
     use crate::volume::{
-        Fog, Grid, March, Samples, Stretch, Thickness, Transfer, TransferNode, VolumeDescription,
+        Fog, Grid, March, RaySegment, Samples, Thickness, Transfer, TransferNode, VolumeDescription,
     };
 
     fn volume(thickness: Thickness) -> Volume {
@@ -97,7 +97,7 @@ mod tests {
                 ..Scene::default()
             };
             let seen = |scene: &Scene, x: f64, scale: f64| {
-                let stretch = Stretch {
+                let stretch = RaySegment {
                     origin: DVec3::new(x, 0.25 * scale, 0.5 * scale),
                     direction: DVec3::X,
                     t_near: 0.0,

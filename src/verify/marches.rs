@@ -8,7 +8,7 @@ use super::sketch::Axis;
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
 use crate::volume::{
-    Grid, March, Samples, Stretch, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
+    Grid, March, RaySegment, Samples, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
 };
 
 pub(super) const CASES: &[Case] = &[Case {
@@ -29,7 +29,7 @@ pub(super) fn march(sigma: f64, length: f64, step: f64) -> [f64; 2] {
     let Some(volume) = even_volume(sigma, step) else {
         return [f64::NAN; 2];
     };
-    let stretch = Stretch {
+    let stretch = RaySegment {
         origin: DVec3::new(0.1, 0.2, -1.0),
         direction: DVec3::Z,
         t_near: 0.0,

@@ -4,7 +4,7 @@
 //! opacity holds for the step it was measured over; over another step it is 1 - (1 - alpha)^ratio (Bruckner, thesis,
 //! 2004, eq. 3.13), here through logarithms that do not cancel: the plain power loses all of an opacity of 10^-7 in f32.
 
-use super::depth::{opacity, optical_depth};
+use super::optical_depth::{opacity, optical_depth};
 
 /// The opacity over `ratio` reference steps of what has the opacity `alpha` in [0, 1] over one. Within 4 ulp.
 #[inline(always)]

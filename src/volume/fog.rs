@@ -1,7 +1,7 @@
 //! Homogeneous fog: what a stretch of it does has a closed form.
 
 use super::composite::Composite;
-use super::depth::opacity;
+use super::optical_depth::opacity;
 use super::{MAX_STEPS, VolumeError};
 
 /// A medium that is the same everywhere.

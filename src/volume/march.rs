@@ -11,17 +11,17 @@
 use glam::DVec3;
 
 use super::composite::Composite;
-use super::depth::DepthSum;
-use super::sample::{Batch, Met, Waiting, sample, sample_depth};
+use super::deferred_lighting::PendingSamples;
+use super::empty_space_skip::{fill, range};
+use super::optical_depth::CompensatedSum;
+use super::sample_batch::{Batch, PendingBatch, VolumeSegment, sample, sample_depth};
 use super::steps::Steps;
-use super::survey::{fill, range};
-use super::unlit::Unlit;
 use super::{Fog, Volume};
 use crate::numeric::{Lanes, Lanes3};
 
 /// The part of a ray that is marched, in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stretch {
+pub struct RaySegment {
     /// The point at t = 0.
     pub origin: DVec3,
     /// Direction of any length but 0; `t` is measured in it.
@@ -32,9 +32,9 @@ pub struct Stretch {
     pub t_far: f64,
 }
 
-impl Stretch {
+impl RaySegment {
     /// One of no length.
-    pub const NONE: Stretch = Stretch {
+    pub const NONE: RaySegment = RaySegment {
         origin: DVec3::ZERO,
         direction: DVec3::Z,
         t_near: 0.0,
@@ -84,18 +84,18 @@ pub struct March<'a> {
     /// Optical depth from which on nothing counts.
     pub(super) deepest: f64,
     pub(super) skip: SkipEmpty,
-    pub(super) met: Vec<Met<'a>>,
+    pub(super) met: Vec<VolumeSegment<'a>>,
     cuts: Vec<f64>,
-    active: Vec<Met<'a>>,
-    unlit: Unlit,
+    active: Vec<VolumeSegment<'a>>,
+    unlit: PendingSamples,
 }
 
 /// Light on its way: what has been composited.
 struct Progress<'s, 'l> {
-    stretch: &'s Stretch,
+    stretch: &'s RaySegment,
     light: Option<Lighting<'l>>,
     composite: Composite,
-    depth: DepthSum,
+    depth: CompensatedSum,
     sample_count: u64,
 }
 
@@ -122,7 +122,7 @@ impl<'a> March<'a> {
             met: Vec::new(),
             cuts: Vec::new(),
             active: Vec::new(),
-            unlit: Unlit::NONE,
+            unlit: PendingSamples::NONE,
         }
     }
 
@@ -142,12 +142,12 @@ impl<'a> March<'a> {
     /// The light that reaches the near end of `stretch`, and what is left of the light from the far end.
     ///
     /// Without `light` everything is lit by 1: colours are seen as they are.
-    pub fn radiance(&mut self, stretch: &Stretch, light: Option<Lighting<'_>>) -> Marched {
+    pub fn radiance(&mut self, stretch: &RaySegment, light: Option<Lighting<'_>>) -> Marched {
         let mut progress = Progress {
             stretch,
             light,
             composite: Composite::CLEAR,
-            depth: DepthSum::default(),
+            depth: CompensatedSum::default(),
             sample_count: 0,
         };
         self.meet(stretch);
@@ -160,18 +160,18 @@ impl<'a> March<'a> {
     }
 
     /// What share of the light from the far end of `stretch` reaches the near one: for shadow rays.
-    pub fn transmittance(&mut self, stretch: &Stretch) -> f64 {
+    pub fn transmittance(&mut self, stretch: &RaySegment) -> f64 {
         self.meet(stretch);
         self.depth(stretch, &mut 0).transmittance()
     }
 
     /// The depth of `stretch`, which [`March::meet`] has seen; adds how many samples it took to `sample_count`.
-    pub(super) fn depth(&mut self, stretch: &Stretch, sample_count: &mut u64) -> DepthSum {
+    pub(super) fn depth(&mut self, stretch: &RaySegment, sample_count: &mut u64) -> CompensatedSum {
         let mut progress = Progress {
             stretch,
             light: None,
             composite: Composite::CLEAR,
-            depth: DepthSum::default(),
+            depth: CompensatedSum::default(),
             sample_count: 0,
         };
         self.walk::<false>(&mut progress);
@@ -202,7 +202,7 @@ impl<'a> March<'a> {
     }
 
     /// Finds the volumes that the ray meets, and all places where it enters or leaves one.
-    pub(super) fn meet(&mut self, stretch: &Stretch) {
+    pub(super) fn meet(&mut self, stretch: &RaySegment) {
         self.met.clear();
         self.cuts.clear();
         if !(stretch.t_near < stretch.t_far) {
@@ -248,10 +248,10 @@ impl<'a> March<'a> {
         let step = volume_steps.chain(lit_fog).fold(f64::INFINITY, f64::min);
         let steps = Steps::new(from, to, step / unit);
         // Fog is everywhere, and some volumes have no empty block.
-        let is_full = |met: &Met| met.volume.empty.share() == 0.0;
+        let is_full = |met: &VolumeSegment| met.volume.empty.share() == 0.0;
         let leaps = self.fog.is_none() && !self.active.iter().any(is_full);
         let skip = if leaps { self.skip } else { SkipEmpty::Never };
-        let mut waiting = Waiting::NONE;
+        let mut waiting = PendingBatch::NONE;
         let mut steps_left = range(&self.active, skip, &steps);
         let mut flow = Flow::GoOn;
         while flow == Flow::GoOn && (!steps_left.is_empty() || waiting.filled > 0) {
@@ -305,7 +305,7 @@ impl Progress<'_, '_> {
     }
 
     /// Lights up to sixteen samples and puts them behind what has been met before.
-    fn composite(&mut self, unlit: &mut Unlit) {
+    fn composite(&mut self, unlit: &mut PendingSamples) {
         unlit.composite(self.stretch, self.light.as_mut(), &mut self.composite);
     }
 

@@ -12,31 +12,31 @@
 //! S (1 - exp(-tau)) / tau. In matter that does not change along the step this is exact, so that the size of the step
 //! does not matter there (N. Max, "Optical models for direct volume rendering", 1995).
 
-mod blocks;
 pub mod cloud;
 pub mod composite;
-mod courses;
-mod depth;
+mod deferred_lighting;
+mod empty_space_skip;
 mod fog;
 mod grid;
+mod macrocells;
 mod march;
+mod optical_depth;
+mod ray_intervals;
 pub mod read;
-mod sample;
+mod sample_batch;
 mod steps;
-mod survey;
-mod transfer;
+mod transfer_function;
 mod transmittance;
-mod unlit;
 
 #[cfg(test)]
 mod tests;
 
-pub use blocks::EmptySpace;
-pub use depth::{opacity, optical_depth, transmittance_of};
 pub use fog::Fog;
 pub use grid::{Grid, Samples};
-pub use march::{Lighting, March, Marched, PointLanes, SkipEmpty, Stretch};
-pub use transfer::{Thickness, Transfer, TransferNode};
+pub use macrocells::MacrocellGrid;
+pub use march::{Lighting, March, Marched, PointLanes, RaySegment, SkipEmpty};
+pub use optical_depth::{opacity, optical_depth, transmittance_of};
+pub use transfer_function::{Thickness, Transfer, TransferNode};
 
 use std::sync::Arc;
 
@@ -66,7 +66,7 @@ pub struct Volume {
     density: Arc<Grid>,
     color: Option<Arc<[Grid; 3]>>,
     transfer: Transfer,
-    empty: EmptySpace,
+    empty: MacrocellGrid,
     world_from_cube: DAffine3,
     cube_from_world: DAffine3,
     /// To where the grid's samples lie at the integers.
@@ -162,7 +162,7 @@ impl Volume {
         }
         Ok(Volume {
             name: "".into(),
-            empty: EmptySpace::new(&density, &transfer),
+            empty: MacrocellGrid::new(&density, &transfer),
             voxel_from_cube: density.voxel_from_box() * box_from_cube(),
             density,
             color,
@@ -239,7 +239,7 @@ impl Volume {
     }
 
     /// The space in it that is leapt over.
-    pub fn empty_space(&self) -> &EmptySpace {
+    pub fn empty_space(&self) -> &MacrocellGrid {
         &self.empty
     }
 

@@ -44,8 +44,8 @@ fn slab([from, to]: [f64; 2], matter: TransferNode, thickness: Thickness, step: 
 }
 
 /// Along z from z = 0.
-fn along_z(t_far: f64) -> Stretch {
-    Stretch {
+fn along_z(t_far: f64) -> RaySegment {
+    RaySegment {
         origin: DVec3::new(0.25, -0.5, 0.0),
         direction: DVec3::Z,
         t_near: 0.0,
@@ -154,7 +154,7 @@ fn a_density_that_rises_linearly_has_the_depth_of_its_mean() {
     let transfer = Transfer::new(&nodes, Thickness::Extinction).unwrap();
     // Eight steps: no kink lies inside one, and the middle of a step has its mean.
     let volumes = [volume(grid, transfer, DAffine3::IDENTITY, 0.25)];
-    let stretch = Stretch {
+    let stretch = RaySegment {
         origin: DVec3::new(0.0, 0.0, -5.0),
         ..along_z(f64::INFINITY)
     };
@@ -201,7 +201,7 @@ fn placement_direction_and_origin_do_not_change_what_is_met() {
     let volumes = [volume(constant(), transfer, map, 0.07)];
     // Through the slab along its own z, 1 thick: entering, from inside, and ending inside.
     let direction = map.transform_vector3(DVec3::Z) * 2.0;
-    let stretch = |z: f64, t_far| Stretch {
+    let stretch = |z: f64, t_far| RaySegment {
         origin: map.transform_point3(DVec3::new(0.3, 0.2, z)),
         direction: direction * 4.0,
         t_near: 0.0,
@@ -230,7 +230,7 @@ fn rays_beside_along_and_inside_out_meet_what_they_should() {
     )];
     let mut march = March::new(&volumes, None);
     let mut depth = |origin: DVec3, direction: DVec3, t_near, t_far| {
-        let stretch = Stretch {
+        let stretch = RaySegment {
             origin,
             direction,
             t_near,
@@ -263,14 +263,14 @@ fn smoke() -> [Volume; 1] {
     [volume(Cloud::SMOKE.bake([64; 3]).unwrap(), transfer, map, 0.01)]
 }
 
-fn rays(count: u32) -> impl Iterator<Item = Stretch> {
+fn rays(count: u32) -> impl Iterator<Item = RaySegment> {
     // Fractions of Roberts's sequence: where from, and where to.
     let share = |i: u32, k: i32| (f64::from(i) * 1.167_303_978_261_418_7f64.powi(-k)).fract();
     (0..count).map(move |i| {
         let from = DVec3::new(share(i, 1), share(i, 2), share(i, 3)) - 0.5;
         let to = DVec3::new(share(i, 4), share(i, 5), 0.6 * share(i, 1)) * 1.6 - 0.8;
         let origin = from.normalize() * 4.0;
-        Stretch {
+        RaySegment {
             origin,
             direction: to - origin,
             t_near: 0.0,
@@ -322,7 +322,7 @@ fn leaving_out_empty_space_changes_no_bit_where_volumes_overlap() {
 }
 
 /// What each of `stretches` leaves, taken one by one and together, and how many samples the latter took.
-fn one_by_one_and_together(march: &mut March, stretches: &[Stretch]) -> ([f64; LANES], [f64; LANES], u64) {
+fn one_by_one_and_together(march: &mut March, stretches: &[RaySegment]) -> ([f64; LANES], [f64; LANES], u64) {
     let mut single = [1.0; LANES];
     for (left, stretch) in single.iter_mut().zip(stretches) {
         *left = march.transmittance(stretch);
@@ -349,7 +349,7 @@ fn rays_whose_samples_share_batches_find_what_each_finds_alone() {
     let volumes = [first, puff(0.4, 1.0), puff(2.0, 1.0)];
     let apart = [puff(-0.9, 0.2), puff(0.9, 0.7)];
     let fog = Fog::new(0.1, PINK, DARK, 0.2).unwrap();
-    let stretches: Vec<Stretch> = rays(500).collect();
+    let stretches: Vec<RaySegment> = rays(500).collect();
     for (volumes, fog) in [
         (&volumes[..1], None),
         (&apart[..], None),
@@ -385,7 +385,7 @@ fn samples_that_are_leapt_over_do_not_count() {
     assert_eq!(one_by_one_and_together(&mut march, &stretches).2, 24);
     assert_eq!(march.radiance(&stretches[2], None).sample_count, 8);
     let smoke = smoke();
-    let stretches: Vec<Stretch> = rays(16).collect();
+    let stretches: Vec<RaySegment> = rays(16).collect();
     let [all, leaping] = [SkipEmpty::Never, SkipEmpty::Leap].map(|skip| {
         let mut march = March::new(&smoke, None).with_skip(skip);
         one_by_one_and_together(&mut march, &stretches).2
@@ -425,7 +425,7 @@ fn a_surface_inside_cuts_a_march_in_two() {
     for cut in [0.5, 1.1, 2.0, 2.9, 5.0] {
         let front = march.radiance(&along_z(cut), None);
         let back = march.radiance(
-            &Stretch {
+            &RaySegment {
                 t_near: cut,
                 ..along_z(9.0)
             },
@@ -508,7 +508,7 @@ fn colour_grids_tint_what_the_transfer_function_says() {
     };
     let volumes = [Volume::new(description).unwrap()];
     let colors = |t_near, t_far| {
-        let stretch = Stretch {
+        let stretch = RaySegment {
             origin: DVec3::NEG_Z,
             t_near,
             ..along_z(t_far)

@@ -7,17 +7,17 @@ use std::ops::Range;
 
 use multiversion::multiversion;
 
-use super::courses::{Courses, Rays};
-use super::depth::DepthSum;
-use super::march::{SkipEmpty, Stretch};
-use super::sample::{Met, ROOM, places};
+use super::empty_space_skip::StepWindow;
+use super::march::{RaySegment, SkipEmpty};
+use super::optical_depth::CompensatedSum;
+use super::ray_intervals::{Rays, VolumeSegments};
+use super::sample_batch::{ROOM, VolumeSegment, places};
 use super::steps::Steps;
-use super::survey::Survey;
 use super::{March, Volume};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// Samples of several rays through one volume that wait to be taken together.
-struct Shared<'a> {
+struct TransmittanceBatch<'a> {
     volume: Option<&'a Volume>,
     /// In voxel space.
     places: [[f64; ROOM]; 3],
@@ -30,9 +30,9 @@ struct Shared<'a> {
 }
 
 /// What up to sixteen rays have met.
-struct Depths<'a> {
-    waiting: Shared<'a>,
-    sums: [DepthSum; LANES],
+struct OpticalDepths<'a> {
+    waiting: TransmittanceBatch<'a>,
+    sums: [CompensatedSum; LANES],
     /// From which on nothing counts.
     deepest: f64,
     sample_count: u64,
@@ -43,11 +43,11 @@ impl<'a> March<'a> {
     /// taken.
     ///
     /// The answers are the same to the last bit.
-    pub fn transmittances(&mut self, stretches: &[Stretch], left: &mut Lanes<f64>) -> u64 {
+    pub fn transmittances(&mut self, stretches: &[RaySegment], left: &mut Lanes<f64>) -> u64 {
         let stretches = &stretches[..stretches.len().min(LANES)];
-        let mut depths = Depths {
-            waiting: Shared::EMPTY,
-            sums: [DepthSum::default(); LANES],
+        let mut depths = OpticalDepths {
+            waiting: TransmittanceBatch::EMPTY,
+            sums: [CompensatedSum::default(); LANES],
             deepest: self.deepest,
             sample_count: 0,
         };
@@ -73,22 +73,22 @@ impl<'a> March<'a> {
     "x86_64+sse4.2"
 ))]
 fn follow_all<'a>(
-    depths: &mut Depths<'a>,
+    depths: &mut OpticalDepths<'a>,
     volumes: &'a [Volume],
     skip: SkipEmpty,
-    stretches: &[Stretch],
+    stretches: &[RaySegment],
 ) -> u16 {
     let rays = Rays::new(stretches);
     let (mut through_any, mut through_more) = (0, 0);
     if volumes.len() > 1 {
         for volume in volumes {
-            let met = Courses::new(volume, &rays).met;
+            let met = VolumeSegments::new(volume, &rays).met;
             through_more |= through_any & met;
             through_any |= met;
         }
     }
     for volume in volumes {
-        let courses = Courses::new(volume, &rays);
+        let courses = VolumeSegments::new(volume, &rays);
         let mut left = courses.met & !through_more;
         if left == 0 {
             continue;
@@ -114,13 +114,13 @@ fn follow_all<'a>(
     through_more
 }
 
-impl<'a> Depths<'a> {
+impl<'a> OpticalDepths<'a> {
     /// Takes the samples in `range` of the `steps` of ray `l` through the one volume that it meets, and lets the last of
     /// them wait; `unit` is that of t in the world.
     #[inline(always)]
     fn follow(
         &mut self,
-        met: &Met<'a>,
+        met: &VolumeSegment<'a>,
         skip: SkipEmpty,
         (steps, range, unit): (&Steps, Range<u64>, f64),
         l: usize,
@@ -128,7 +128,7 @@ impl<'a> Depths<'a> {
         let met = std::slice::from_ref(met);
         let Range { start: mut i, end } = range;
         while i < end {
-            let survey = Survey::new(met, skip, steps, i, end);
+            let survey = StepWindow::new(met, skip, steps, i, end);
             self.waiting
                 .push(&places(&met[0].ray, &survey.t), &survey, unit, l as u8);
             if self.waiting.filled >= LANES {
@@ -172,8 +172,8 @@ impl<'a> Depths<'a> {
     }
 }
 
-impl Shared<'_> {
-    const EMPTY: Shared<'static> = Shared {
+impl TransmittanceBatch<'_> {
+    const EMPTY: TransmittanceBatch<'static> = TransmittanceBatch {
         volume: None,
         places: [[0.0; ROOM]; 3],
         length: [0.0; ROOM],
@@ -181,9 +181,9 @@ impl Shared<'_> {
         filled: 0,
     };
 
-    /// Puts the steps of `survey` that are wanted, which lie at `places`, to the ones that wait.
+    /// Puts the steps of `empty_space_skip` that are wanted, which lie at `places`, to the ones that wait.
     #[inline(always)]
-    fn push(&mut self, places: &Lanes3<f64>, survey: &Survey, unit: f64, ray: u8) {
+    fn push(&mut self, places: &Lanes3<f64>, survey: &StepWindow, unit: f64, ray: u8) {
         let mut length = survey.length;
         for l in 0..LANES {
             length[l] *= unit;

@@ -27,7 +27,7 @@ use whit::render::{Account, Monitor, RenderSettings, Rendering, render};
 use whit::scene::{Camera, Light, LightKind, Scene};
 use whit::volume::cloud::{Cloud, CloudShape};
 use whit::volume::{
-    March, Marched, SkipEmpty, Stretch, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
+    March, Marched, RaySegment, SkipEmpty, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
 };
 
 const TURNS: usize = 5;
@@ -236,14 +236,14 @@ fn count_darkened(volumes: &[Volume], film: usize) -> usize {
 }
 
 /// Returns a ray of a camera that sees the whole cube.
-fn camera_ray(x: usize, y: usize, film: usize) -> Stretch {
+fn camera_ray(x: usize, y: usize, film: usize) -> RaySegment {
     /// Tangent of half the angle of view.
     const HALF_WIDTH: f64 = 0.36;
     let forward = -EYE.normalize();
     let right = forward.cross(DVec3::Y).normalize();
     let up = right.cross(forward);
     let [u, v] = [x, y].map(|i| (2.0 * (i as f64 + 0.5) / film as f64 - 1.0) * HALF_WIDTH);
-    Stretch {
+    RaySegment {
         origin: EYE,
         direction: (forward + u * right - v * up).normalize(),
         t_near: 0.0,

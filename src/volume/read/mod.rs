@@ -11,7 +11,7 @@
 //! version, forgets background values and constant tiles, and unpacks untrusted bytes through C; the OpenVDB library
 //! itself is C++ with a dozen dependencies.
 
-mod element;
+mod dtype;
 mod npy;
 mod nrrd;
 mod raw;
@@ -19,7 +19,7 @@ mod raw;
 #[cfg(test)]
 mod tests;
 
-pub use element::{ByteOrder, Element};
+pub use dtype::{ByteOrder, Element};
 pub use raw::{RawHeader, read_raw};
 
 use std::ffi::OsStr;
@@ -156,7 +156,7 @@ fn too_big(bytes: u64, max_bytes: u64) -> Fault {
 /// The grids of the numbers in `data`, which may go on after them.
 fn grids(
     path: &Path,
-    layout: &element::Layout,
+    layout: &dtype::Layout,
     data: &[u8],
     max_bytes: u64,
     world_from_cube: Option<DAffine3>,

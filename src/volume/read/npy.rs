@@ -1,6 +1,6 @@
 //! NumPy's `.npy` (NEP 1, "A simple file format for NumPy arrays"; versions 1 to 3): a Python dictionary, then numbers.
 
-use super::element::{Axis, ByteOrder, Element, Layout};
+use super::dtype::{Axis, ByteOrder, Element, Layout};
 use super::{Fault, SAVE_AGAIN, THREE_AXES};
 
 /// The first bytes of every file.

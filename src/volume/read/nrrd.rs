@@ -9,7 +9,7 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::element::{Axis, ByteOrder, Element, Layout};
+use super::dtype::{Axis, ByteOrder, Element, Layout};
 use super::{Fault, ReadError, ReadVolume, SAVE_AGAIN, THREE_AXES, bytes_of, content, grids};
 use crate::volume::box_from_cube;
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::element::{Axis, ByteOrder, Element, Layout};
+use super::dtype::{Axis, ByteOrder, Element, Layout};
 use super::{Fault, ReadError, ReadVolume, bytes_of, content, grids};
 
 /// What a file of raw numbers holds.

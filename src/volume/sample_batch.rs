@@ -4,17 +4,17 @@
 
 use multiversion::multiversion;
 
-use super::blocks::{VoxelRay, clipped};
-use super::depth::opacity;
 use super::grid::Grid;
-use super::march::Stretch;
-use super::transfer::Matter;
+use super::macrocells::{VoxelRay, clipped};
+use super::march::RaySegment;
+use super::optical_depth::opacity;
+use super::transfer_function::MediumSample;
 use super::{Fog, Volume};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// A volume that a ray goes through.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Met<'a> {
+pub(super) struct VolumeSegment<'a> {
     pub(super) volume: &'a Volume,
     pub(super) ray: VoxelRay,
     pub(super) enter: f64,
@@ -29,7 +29,7 @@ pub(super) const ROOM: usize = 2 * LANES;
 
 /// Samples of one ray that wait to be taken together.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Waiting {
+pub(super) struct PendingBatch {
     t: [f64; ROOM],
     /// In world units.
     length: [f64; ROOM],
@@ -49,7 +49,7 @@ pub(super) struct Batch {
 impl Volume {
     /// The ray in voxel space and the stretch of it inside the volume, if there is one.
     #[inline(always)]
-    pub(super) fn meet(&self, stretch: &Stretch) -> Option<Met<'_>> {
+    pub(super) fn meet(&self, stretch: &RaySegment) -> Option<VolumeSegment<'_>> {
         let origin = self.cube_from_world.transform_point3(stretch.origin);
         let direction = self.cube_from_world.transform_vector3(stretch.direction);
         let inverse = direction.recip();
@@ -61,7 +61,7 @@ impl Volume {
         if !(enter < leave && leave < f64::INFINITY) {
             return None;
         }
-        Some(Met {
+        Some(VolumeSegment {
             volume: self,
             ray: VoxelRay::new(
                 self.voxel_from_cube.transform_point3(origin),
@@ -73,8 +73,8 @@ impl Volume {
     }
 }
 
-impl Waiting {
-    pub(super) const NONE: Waiting = Waiting {
+impl PendingBatch {
+    pub(super) const NONE: PendingBatch = PendingBatch {
         t: [0.0; ROOM],
         length: [0.0; ROOM],
         filled: 0,
@@ -107,8 +107,8 @@ impl Waiting {
 }
 
 /// What sixteen samples show.
-pub(super) struct Seen {
-    pub(super) matter: Matter,
+pub(super) struct ShadedSamples {
+    pub(super) matter: MediumSample,
     /// 1 - exp(-depth).
     pub(super) alpha: Lanes<f64>,
     /// (1 - exp(-depth)) / depth: how much of the source is seen through its own matter.
@@ -123,8 +123,8 @@ pub(super) struct Seen {
     "x86_64+avx2+bmi1+bmi2+fma",
     "x86_64+sse4.2"
 ))]
-pub(super) fn sample(met: &[Met], fog: Option<&Fog>, batch: &Batch) -> Seen {
-    let mut sum = Matter::NONE;
+pub(super) fn sample(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> ShadedSamples {
+    let mut sum = MediumSample::NONE;
     for met in met {
         let volume = met.volume;
         let places = places(&met.ray, &batch.t);
@@ -153,7 +153,7 @@ pub(super) fn sample(met: &[Met], fog: Option<&Fog>, batch: &Batch) -> Seen {
     for l in 0..LANES {
         adds |= u16::from(amount[l] > 0.0) << l;
     }
-    Seen {
+    ShadedSamples {
         matter: sum,
         alpha,
         share,
@@ -167,7 +167,7 @@ pub(super) fn sample(met: &[Met], fog: Option<&Fog>, batch: &Batch) -> Seen {
     "x86_64+avx2+bmi1+bmi2+fma",
     "x86_64+sse4.2"
 ))]
-pub(super) fn sample_depth(met: &[Met], fog: Option<&Fog>, batch: &Batch) -> Lanes<f64> {
+pub(super) fn sample_depth(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> Lanes<f64> {
     let mut sum = [0.0; LANES];
     for met in met {
         let volume = met.volume;
@@ -199,7 +199,7 @@ pub(super) fn places(ray: &VoxelRay, t: &Lanes<f64>) -> Lanes3<f64> {
 
 /// Multiplies the colour of matter by that of grids, which need not be of the size of `density`.
 #[inline(always)]
-fn tint(matter: &mut Matter, density: &Grid, colors: &[Grid; 3], places: &Lanes3<f64>) {
+fn tint(matter: &mut MediumSample, density: &Grid, colors: &[Grid; 3], places: &Lanes3<f64>) {
     for (channel, color) in colors.iter().enumerate() {
         let mut there = *places;
         for axis in 0..3 {
@@ -216,8 +216,8 @@ fn tint(matter: &mut Matter, density: &Grid, colors: &[Grid; 3], places: &Lanes3
 }
 
 #[inline(always)]
-fn fog_matter(fog: &Fog, length: &Lanes<f64>) -> Matter {
-    let mut matter = Matter::NONE;
+fn fog_matter(fog: &Fog, length: &Lanes<f64>) -> MediumSample {
+    let mut matter = MediumSample::NONE;
     for l in 0..LANES {
         matter.depth[l] = fog.extinction() * length[l];
     }
@@ -230,9 +230,9 @@ fn fog_matter(fog: &Fog, length: &Lanes<f64>) -> Matter {
     matter
 }
 
-impl Matter {
+impl MediumSample {
     #[inline(always)]
-    fn add(&mut self, other: &Matter) {
+    fn add(&mut self, other: &MediumSample) {
         for l in 0..LANES {
             self.depth[l] += other.depth[l];
         }

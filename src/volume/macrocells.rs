@@ -11,7 +11,7 @@
 use glam::DVec3;
 
 use super::grid::{Grid, LERP_ERROR, clamped, whole};
-use super::transfer::Transfer;
+use super::transfer_function::Transfer;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::parallel;
 
@@ -26,7 +26,7 @@ const BITS: f64 = (SIDE * SIDE * SIDE) as f64;
 
 /// The empty space of one grid under one transfer function.
 #[derive(Clone, Debug, PartialEq)]
-pub struct EmptySpace {
+pub struct MacrocellGrid {
     /// Blocks along x, y, z.
     count: [usize; 3],
     /// Highest cell along x, y, z.
@@ -76,9 +76,9 @@ impl VoxelRay {
     }
 }
 
-impl EmptySpace {
-    /// Finds the empty space of `grid` as `transfer` shows it.
-    pub fn new(grid: &Grid, transfer: &Transfer) -> EmptySpace {
+impl MacrocellGrid {
+    /// Finds the empty space of `grid` as `transfer_function` shows it.
+    pub fn new(grid: &Grid, transfer: &Transfer) -> MacrocellGrid {
         let cells = grid.cells();
         let count = cells.map(|cells| cells.div_ceil(SIDE));
         let matter = full_bits(grid, transfer, count);
@@ -91,7 +91,7 @@ impl EmptySpace {
         parallel::for_each_chunk_mut(&mut distance, nearest.len(), &|octant, distance| {
             spread(distance, count, octant);
         });
-        EmptySpace {
+        MacrocellGrid {
             count,
             last_cell: DVec3::from_array(cells.map(|cells| (cells - 1) as f64)),
             matter,
@@ -225,7 +225,7 @@ pub(super) fn clipped(
     [start, if is_outside { f64::NEG_INFINITY } else { end }]
 }
 
-/// The bits of all blocks, `[nx, ny, nz]` of them: [`EmptySpace::matter`].
+/// The bits of all blocks, `[nx, ny, nz]` of them: [`MacrocellGrid::matter`].
 fn full_bits(grid: &Grid, transfer: &Transfer, [nx, ny, nz]: [usize; 3]) -> Vec<u64> {
     let (cells, count) = (grid.cells(), nx * ny * nz);
     let is_empty = |from: [usize; 3], to: [usize; 3]| {
@@ -331,7 +331,7 @@ fn spread(distance: &mut [u8], [nx, ny, nz]: [usize; 3], octant: usize) {
 mod tests {
     use super::*;
     use crate::volume::Samples;
-    use crate::volume::transfer::{Thickness, TransferNode};
+    use crate::volume::transfer_function::{Thickness, TransferNode};
 
     fn transfer(clear_to: f64) -> Transfer {
         let node = |value, thickness| TransferNode {
@@ -358,7 +358,7 @@ mod tests {
     #[test]
     fn distances_are_those_of_a_search_through_all_blocks() {
         let matter = [[3, 5, 6], [41, 5, 45], [17, 30, 21]];
-        let space = EmptySpace::new(&grid(&matter, 1.0), &transfer(0.0));
+        let space = MacrocellGrid::new(&grid(&matter, 1.0), &transfer(0.0));
         assert_eq!(space.count, [13; 3]);
         // No sample lies on a border of blocks, so each is in one.
         for (i, &distance) in space.distance.iter().enumerate() {
@@ -382,7 +382,7 @@ mod tests {
 
     #[test]
     fn a_sample_on_a_border_belongs_to_the_cells_on_both_sides() {
-        let space = EmptySpace::new(&grid(&[[8, 8, 8]], 1.0), &transfer(0.0));
+        let space = MacrocellGrid::new(&grid(&[[8, 8, 8]], 1.0), &transfer(0.0));
         let full = space.distance[..BLOCKS]
             .iter()
             .filter(|&&distance| distance == 0)
@@ -393,16 +393,16 @@ mod tests {
     #[test]
     fn values_that_the_transfer_function_does_not_show_are_empty() {
         let matter = grid(&[[3, 3, 3]], 1.0);
-        assert_eq!(EmptySpace::new(&matter, &transfer(1.5)).share(), 1.0);
+        assert_eq!(MacrocellGrid::new(&matter, &transfer(1.5)).share(), 1.0);
         let all_but_one = (BLOCKS - 1) as f64 / BLOCKS as f64;
-        assert_eq!(EmptySpace::new(&matter, &transfer(0.5)).share(), all_but_one);
+        assert_eq!(MacrocellGrid::new(&matter, &transfer(0.5)).share(), all_but_one);
         // At the very edge what rounding may add is not empty.
-        assert_eq!(EmptySpace::new(&matter, &transfer(1.0)).share(), all_but_one);
+        assert_eq!(MacrocellGrid::new(&matter, &transfer(1.0)).share(), all_but_one);
     }
 
     #[test]
     fn a_leap_ends_before_the_first_block_with_matter() {
-        let space = EmptySpace::new(&grid(&[[42, 5, 5]], 1.0), &transfer(0.0));
+        let space = MacrocellGrid::new(&grid(&[[42, 5, 5]], 1.0), &transfer(0.0));
         let along_x =
             |x: f64, speed: f64| VoxelRay::new(DVec3::new(x, 5.0, 5.0), DVec3::new(speed, 0.0, 0.0));
         // Matter is in block 10, cells 40 to 43; block 0 has a distance of 10: it sees to the end of block 9, x = 40.
@@ -415,7 +415,7 @@ mod tests {
 
     #[test]
     fn the_span_of_matter_goes_on_beyond_the_border_only() {
-        let space = EmptySpace::new(&grid(&[[1, 21, 46], [5, 26, 49]], 1.0), &transfer(0.0));
+        let space = MacrocellGrid::new(&grid(&[[1, 21, 46], [5, 26, 49]], 1.0), &transfer(0.0));
         // Blocks 0 to 1, 5 to 6 and 11 to 12 of 0 to 12, and a voxel on either side.
         let [low, high] = [
             DVec3::new(-f64::INFINITY, 19.0, 43.0),
@@ -435,14 +435,14 @@ mod tests {
             let [start, end] = span(origin, direction);
             assert!(end < start, "{start} {end}");
         }
-        let clear = EmptySpace::new(&grid(&[], 1.0), &transfer(0.0));
+        let clear = MacrocellGrid::new(&grid(&[], 1.0), &transfer(0.0));
         let [start, end] = clear.span(&VoxelRay::new(DVec3::ZERO, DVec3::ONE));
         assert!(end < start);
     }
 
     #[test]
     fn points_are_asked_about_where_they_are_and_beyond_the_border() {
-        let space = EmptySpace::new(&grid(&[[1, 1, 1], [49, 49, 49]], 1.0), &transfer(0.0));
+        let space = MacrocellGrid::new(&grid(&[[1, 1, 1], [49, 49, 49]], 1.0), &transfer(0.0));
         let mut places = [[20.0; LANES]; 3];
         let all = |x: f64| [x; 3];
         for (l, place) in [

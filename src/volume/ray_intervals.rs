@@ -8,9 +8,9 @@ use std::ops::Range;
 use glam::{DAffine3, DVec3};
 
 use super::Volume;
-use super::blocks::{VoxelRay, clipped};
-use super::march::{SkipEmpty, Stretch};
-use super::sample::{CUBE, Met};
+use super::macrocells::{VoxelRay, clipped};
+use super::march::{RaySegment, SkipEmpty};
+use super::sample_batch::{CUBE, VolumeSegment};
 use super::steps::Steps;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
@@ -25,7 +25,7 @@ pub(super) struct Rays {
 }
 
 /// Their ways through one volume.
-pub(super) struct Courses<'a> {
+pub(super) struct VolumeSegments<'a> {
     volume: &'a Volume,
     /// Bit `l` says whether ray `l` meets it.
     pub(super) met: u16,
@@ -38,7 +38,7 @@ pub(super) struct Courses<'a> {
 }
 
 /// Their steps there.
-pub(super) struct CourseSteps {
+pub(super) struct SegmentSteps {
     size: Lanes<f64>,
     /// How many there are, and the middle and the length of the last.
     cut: Lanes3<f64>,
@@ -49,7 +49,7 @@ pub(super) struct CourseSteps {
 impl Rays {
     /// Up to sixteen.
     #[inline(always)]
-    pub(super) fn new(stretches: &[Stretch]) -> Rays {
+    pub(super) fn new(stretches: &[RaySegment]) -> Rays {
         let mut rays = Rays {
             origin: [[0.0; LANES]; 3],
             // Of the lanes without a ray, which have no length.
@@ -80,10 +80,10 @@ impl Rays {
     }
 }
 
-impl<'a> Courses<'a> {
+impl<'a> VolumeSegments<'a> {
     /// Finds where `rays` enter and leave `volume`, as [`Volume::meet`] does.
     #[inline(always)]
-    pub(super) fn new(volume: &'a Volume, rays: &Rays) -> Courses<'a> {
+    pub(super) fn new(volume: &'a Volume, rays: &Rays) -> VolumeSegments<'a> {
         let origin = mapped(&volume.cube_from_world, &rays.origin);
         let direction = turned(&volume.cube_from_world, &rays.direction);
         let inverse = inverses(&direction);
@@ -99,7 +99,7 @@ impl<'a> Courses<'a> {
             met |= u16::from((enter[l] < leave[l]) & (leave[l] < f64::INFINITY)) << l;
         }
         let direction = turned(&volume.voxel_from_cube, &direction);
-        Courses {
+        VolumeSegments {
             volume,
             met,
             origin: mapped(&volume.voxel_from_cube, &origin),
@@ -112,9 +112,9 @@ impl<'a> Courses<'a> {
 
     /// The way of ray `l`, which meets the volume.
     #[inline(always)]
-    pub(super) fn met(&self, l: usize) -> Met<'a> {
+    pub(super) fn met(&self, l: usize) -> VolumeSegment<'a> {
         let at = |lanes: &Lanes3<f64>| DVec3::new(lanes[0][l], lanes[1][l], lanes[2][l]);
-        Met {
+        VolumeSegment {
             volume: self.volume,
             ray: VoxelRay::with_inverse(at(&self.origin), at(&self.direction), at(&self.inverse)),
             enter: self.enter[l],
@@ -124,8 +124,8 @@ impl<'a> Courses<'a> {
 
     /// Cuts the ways into steps.
     #[inline(always)]
-    pub(super) fn steps(&self, rays: &Rays) -> CourseSteps {
-        let mut steps = CourseSteps {
+    pub(super) fn steps(&self, rays: &Rays) -> SegmentSteps {
+        let mut steps = SegmentSteps {
             size: [0.0; LANES],
             cut: [[0.0; LANES]; 3],
             matter: [[0.0; LANES]; 2],
@@ -161,10 +161,10 @@ impl<'a> Courses<'a> {
     }
 }
 
-impl CourseSteps {
-    /// Those of ray `l` of `courses`.
+impl SegmentSteps {
+    /// Those of ray `l` of `ray_intervals`.
     #[inline(always)]
-    pub(super) fn of(&self, courses: &Courses, l: usize) -> Steps {
+    pub(super) fn of(&self, courses: &VolumeSegments, l: usize) -> Steps {
         Steps::of_cut(courses.enter[l], self.size[l], self.cut.map(|row| row[l]))
     }
 

@@ -5,7 +5,7 @@
 //! Colours stand for the share of light that is sent on to the viewer, and are seen only where something is opaque.
 
 use super::VolumeError;
-use super::depth::{OPAQUE, optical_depth};
+use super::optical_depth::{OPAQUE, optical_depth};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// What a grid's number means at one node; between nodes all of it is interpolated linearly.
@@ -53,7 +53,7 @@ struct Piece {
 
 /// What sixteen samples do to light over their steps.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Matter {
+pub(super) struct MediumSample {
     /// Optical depth.
     pub(super) depth: Lanes<f64>,
     /// Depth times colour.
@@ -62,9 +62,9 @@ pub(super) struct Matter {
     pub(super) emission: Lanes3<f64>,
 }
 
-impl Matter {
+impl MediumSample {
     /// Nothing at all.
-    pub(super) const NONE: Matter = Matter {
+    pub(super) const NONE: MediumSample = MediumSample {
         depth: [0.0; LANES],
         scattering: [[0.0; LANES]; 3],
         emission: [[0.0; LANES]; 3],
@@ -169,8 +169,8 @@ impl Transfer {
 
     /// What matter of sixteen values does to light over steps of `length` world units.
     #[inline(always)]
-    pub(super) fn matter_lanes(&self, values: &Lanes<f64>, length: &Lanes<f64>) -> Matter {
-        let mut matter = Matter::NONE;
+    pub(super) fn matter_lanes(&self, values: &Lanes<f64>, length: &Lanes<f64>) -> MediumSample {
+        let mut matter = MediumSample::NONE;
         let colors: &[Lanes<f64>];
         let (with_emission, without_emission): ([Lanes<f64>; FIELDS], [Lanes<f64>; 4]);
         if self.emits {

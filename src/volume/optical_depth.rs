@@ -25,12 +25,12 @@ pub(super) const OPAQUE: f64 = 1e6;
 /// A sum of depths and what its roundings lost, so that ten million equal terms are as exact as one (D. Knuth, The Art of
 /// Computer Programming 2, 4.2.2, theorem B). Adding 0 changes no bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct DepthSum {
+pub(super) struct CompensatedSum {
     rounded: f64,
     lost: f64,
 }
 
-impl DepthSum {
+impl CompensatedSum {
     #[inline(always)]
     pub(super) fn add(&mut self, depth: f64) {
         let sum = self.rounded + depth;
@@ -59,7 +59,7 @@ impl DepthSum {
 
 /// The share of light that comes through layers of these depths, one behind the other, none negative.
 pub fn transmittance_of(depths: impl Iterator<Item = f64>) -> f64 {
-    let mut sum = DepthSum::default();
+    let mut sum = CompensatedSum::default();
     depths.for_each(|depth| sum.add(depth));
     sum.transmittance()
 }
@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn ten_million_equal_depths_sum_to_their_product() {
         for depth in [1e-7, 0.3, 0.1] {
-            let mut sum = DepthSum::default();
+            let mut sum = CompensatedSum::default();
             for _ in 0..10_000_000 {
                 sum.add(depth);
             }
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn an_infinite_depth_leaves_nothing() {
-        let mut sum = DepthSum::default();
+        let mut sum = CompensatedSum::default();
         for depth in [1.0, f64::INFINITY, 1.0, f64::INFINITY] {
             sum.add(depth);
         }

@@ -4,13 +4,13 @@
 //! march goes through is clear. They are composited in their order along the ray once they are lit.
 
 use super::composite::Composite;
-use super::march::{Lighting, PointLanes, Stretch};
-use super::sample::{ROOM, Seen};
+use super::march::{Lighting, PointLanes, RaySegment};
+use super::sample_batch::{ROOM, ShadedSamples};
 use crate::numeric::{LANES, Lanes};
 
 /// Taken samples, the nearest first.
 #[derive(Clone, Debug)]
-pub(super) struct Unlit {
+pub(super) struct PendingSamples {
     rows: [[f64; ROOM]; ROWS],
     /// Fewer than sixteen, but while more are put to them.
     filled: usize,
@@ -25,9 +25,9 @@ const SHARE: usize = 2;
 const SCATTERING: usize = 3;
 const EMISSION: usize = 6;
 
-impl Unlit {
+impl PendingSamples {
     /// None.
-    pub(super) const NONE: Unlit = Unlit {
+    pub(super) const NONE: PendingSamples = PendingSamples {
         rows: [[0.0; ROOM]; ROWS],
         filled: 0,
     };
@@ -45,7 +45,7 @@ impl Unlit {
 
     /// Puts those of the first `count` samples that add anything to the ones that wait, which are fewer than sixteen.
     #[inline(always)]
-    pub(super) fn push(&mut self, t: &Lanes<f64>, seen: &Seen, count: usize) {
+    pub(super) fn push(&mut self, t: &Lanes<f64>, seen: &ShadedSamples, count: usize) {
         let from = self.filled % LANES;
         let [red, green, blue] = &seen.matter.scattering;
         let [red_sent, green_sent, blue_sent] = &seen.matter.emission;
@@ -84,7 +84,7 @@ impl Unlit {
     /// Lights the first sixteen, or all, of the ray along `stretch`, and puts them behind what has been met before.
     pub(super) fn composite(
         &mut self,
-        stretch: &Stretch,
+        stretch: &RaySegment,
         light: Option<&mut Lighting>,
         composite: &mut Composite,
     ) {
@@ -106,7 +106,7 @@ impl Unlit {
     }
 
     /// Asks for the light at those of the first `count` samples that scatter any.
-    fn light_up(&mut self, stretch: &Stretch, light: &mut Lighting, count: usize) {
+    fn light_up(&mut self, stretch: &RaySegment, light: &mut Lighting, count: usize) {
         let mut active = 0;
         for l in 0..count {
             let scatters = (0..3).any(|channel| self.rows[SCATTERING + channel][l] > 0.0);

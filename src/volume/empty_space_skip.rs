@@ -5,13 +5,13 @@ use std::ops::Range;
 use multiversion::multiversion;
 
 use super::SkipEmpty;
-use super::sample::{Met, Waiting, places};
+use super::sample_batch::{PendingBatch, VolumeSegment, places};
 use super::steps::Steps;
 use crate::numeric::{LANES, Lanes};
 
 /// Up to sixteen steps in a row.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Survey {
+pub(super) struct StepWindow {
     /// Middles of the steps.
     pub(super) t: Lanes<f64>,
     /// Their lengths, in units of t.
@@ -23,13 +23,13 @@ pub(super) struct Survey {
     pub(super) next: u64,
 }
 
-impl Survey {
+impl StepWindow {
     /// Looks at the steps from `i` on, which lies before `end`, along a ray through all of `met`.
     #[inline(always)]
-    pub(super) fn new(met: &[Met], skip: SkipEmpty, steps: &Steps, i: u64, end: u64) -> Survey {
+    pub(super) fn new(met: &[VolumeSegment], skip: SkipEmpty, steps: &Steps, i: u64, end: u64) -> StepWindow {
         let [t, length] = steps.lanes(i);
         let count = (end - i).min(LANES as u64);
-        let mut survey = Survey {
+        let mut survey = StepWindow {
             t,
             length,
             wanted: count as usize,
@@ -58,7 +58,7 @@ impl Survey {
 
 /// The steps outside which there is no matter.
 #[inline(always)]
-pub(super) fn range(met: &[Met], skip: SkipEmpty, steps: &Steps) -> Range<u64> {
+pub(super) fn range(met: &[VolumeSegment], skip: SkipEmpty, steps: &Steps) -> Range<u64> {
     if skip == SkipEmpty::Never {
         return 0..steps.count;
     }
@@ -78,7 +78,7 @@ pub(super) fn range(met: &[Met], skip: SkipEmpty, steps: &Steps) -> Range<u64> {
 
 /// The step up to which there is nothing from `t` on.
 #[inline(always)]
-fn leap(met: &[Met], steps: &Steps, t: f64) -> u64 {
+fn leap(met: &[VolumeSegment], steps: &Steps, t: f64) -> u64 {
     let mut until = f64::INFINITY;
     for met in met {
         let leap = met.volume.empty.leap(&met.ray, t);
@@ -96,15 +96,15 @@ fn leap(met: &[Met], steps: &Steps, t: f64) -> u64 {
     "x86_64+sse4.2"
 ))]
 pub(super) fn fill(
-    met: &[Met],
+    met: &[VolumeSegment],
     skip: SkipEmpty,
     (steps, unit): (&Steps, f64),
     range: Range<u64>,
-    waiting: &mut Waiting,
+    waiting: &mut PendingBatch,
 ) -> u64 {
     let mut i = range.start;
     while i < range.end && waiting.filled < LANES {
-        let mut survey = Survey::new(met, skip, steps, i, range.end);
+        let mut survey = StepWindow::new(met, skip, steps, i, range.end);
         for l in 0..LANES {
             survey.length[l] *= unit;
         }

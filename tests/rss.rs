@@ -1,7 +1,7 @@
 //! Pictures larger than what is held of them: rows come and go, and memory does not grow with the picture.
 
 use whit::image::rows::{
-    Compression, ExrChannel, ExrLayout, ExrRowsReader, ExrRowsWriter, SampleType, Samples,
+    Compression, ExrChannel, ExrLayout, ExrScanlineReader, ExrScanlineWriter, SampleType, Samples,
 };
 use whit::report::memory;
 
@@ -22,7 +22,7 @@ fn a_large_picture_is_written_and_read_in_a_part_of_its_memory() {
         compression: Compression::Zips,
         ..ExrLayout::of_size([WIDTH, HEIGHT], channels.to_vec())
     };
-    let mut writer = ExrRowsWriter::create(&path, &layout).unwrap();
+    let mut writer = ExrScanlineWriter::create(&path, &layout).unwrap();
     for first_row in (0..HEIGHT).step_by(ROWS as usize) {
         let plane = vec![first_row as f32; (WIDTH * ROWS) as usize];
         let plane = Samples::from(&plane[..]);
@@ -30,7 +30,7 @@ fn a_large_picture_is_written_and_read_in_a_part_of_its_memory() {
     }
     writer.finish().unwrap();
 
-    let mut reader = ExrRowsReader::open(&path).unwrap();
+    let mut reader = ExrScanlineReader::open(&path).unwrap();
     for first_row in (0..HEIGHT).step_by(ROWS as usize) {
         for plane in reader.read_rows(first_row..first_row + ROWS).unwrap() {
             let Samples::Floats(values) = plane else {

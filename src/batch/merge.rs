@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 use super::piece::{Coverage, Part, Piece};
 use super::piece_file::{PieceFolder, PieceReader, PieceRows, Plane};
-use crate::image::{ExtraKind, ImageError};
+use crate::image::{ChannelKind, ImageError};
 use crate::render::Sums;
 
 /// Rows that are read at a time: as many as EXR's compressions take together at most.
@@ -154,7 +154,7 @@ pub fn planes_of(sums: &Sums) -> Vec<Plane> {
 pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<Plane> {
     let plane = |(channel, name): (usize, &str)| Plane {
         name: name.to_owned(),
-        kind: ExtraKind::Color,
+        kind: ChannelKind::Color,
         values: pixels.iter().map(|pixel| pixel[channel]).collect(),
     };
     ["R", "G", "B"].into_iter().enumerate().map(plane).collect()
@@ -163,7 +163,7 @@ pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<Plane> {
 fn exact(name: &str, values: Vec<f32>) -> Plane {
     Plane {
         name: name.to_owned(),
-        kind: ExtraKind::Exact,
+        kind: ChannelKind::Exact,
         values,
     }
 }

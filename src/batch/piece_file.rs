@@ -13,10 +13,10 @@ use serde::{Deserialize, Serialize};
 use super::key::Key;
 use super::piece::{Coverage, Cut, Part, Piece};
 use crate::image::rows::{
-    Compression, ExrChannel, ExrLayout, ExrRowsReader, ExrRowsWriter, SampleType, Samples, Window, join_f64,
-    split_f64,
+    Compression, ExrChannel, ExrLayout, ExrScanlineReader, ExrScanlineWriter, SampleType, Samples, Window,
+    join_f64, split_f64,
 };
-use crate::image::{ExrEncoding, ExtraKind, ImageError, Note, PngEncoding};
+use crate::image::{Attribute, ChannelKind, ExrEncoding, ImageError, PngEncoding};
 use crate::render::Sums;
 
 /// The folder of all pieces, within a batch's.
@@ -41,7 +41,7 @@ pub struct Plane {
     /// What the file calls it.
     pub name: String,
     /// Whether a file of halves may round it.
-    pub kind: ExtraKind,
+    pub kind: ChannelKind,
     /// A value a pixel, the top row first.
     pub values: Vec<f32>,
 }
@@ -109,7 +109,7 @@ impl PieceFolder {
         let mut folders = Vec::new();
         for folder in entries(&out.join(FOLDER))? {
             let head = entries(&folder)?.iter().find_map(|path| {
-                let reader = ExrRowsReader::open(path).ok()?;
+                let reader = ExrScanlineReader::open(path).ok()?;
                 serde_json::from_str::<FrameHead>(&reader.note(FRAME)?).ok()
             });
             folders.extend(head.map(|head| PieceFolder::new(out, head)));
@@ -174,10 +174,10 @@ impl PieceFolder {
     ///
     /// Where the disk takes no more.
     pub fn write_finished(&self, rows: &Range<u32>, planes: &[Plane]) -> Result<(), ImageError> {
-        let colors = planes.iter().filter(|plane| plane.kind == ExtraKind::Color);
+        let colors = planes.iter().filter(|plane| plane.kind == ChannelKind::Color);
         let colors: Vec<&str> = colors.map(|plane| plane.name.as_str()).collect();
         let colors = colors.join(" ");
-        let note = Note {
+        let note = Attribute {
             name: COLORS,
             text: &colors,
         };
@@ -208,7 +208,7 @@ impl PieceFolder {
             .map(Samples::from);
         let (channels, values): (Vec<ExrChannel>, Vec<Samples>) = (channels.collect(), values.collect());
         let samples = sums.samples.to_string();
-        let note = Note {
+        let note = Attribute {
             name: SAMPLES,
             text: &samples,
         };
@@ -224,7 +224,7 @@ impl PieceFolder {
         piece: &Piece,
         channels: Vec<ExrChannel>,
         values: &[Samples],
-        note: Note,
+        note: Attribute,
     ) -> Result<(), ImageError> {
         let mut writer = self.create(&self.name(piece), self.window(&piece.rows), channels, note)?;
         writer.write_rows(values)?;
@@ -237,10 +237,10 @@ impl PieceFolder {
         name: &str,
         window: Window,
         channels: Vec<ExrChannel>,
-        note: Note,
-    ) -> Result<ExrRowsWriter, ImageError> {
+        note: Attribute,
+    ) -> Result<ExrScanlineWriter, ImageError> {
         let text = serde_json::to_string(&self.head).unwrap_or_default();
-        let head = Note {
+        let head = Attribute {
             name: FRAME,
             text: &text,
         };
@@ -251,7 +251,7 @@ impl PieceFolder {
             compression: Compression::None,
             notes: &[head, note],
         };
-        ExrRowsWriter::create(&self.path(name), &layout)
+        ExrScanlineWriter::create(&self.path(name), &layout)
     }
 
     /// Where a file of the frame is.
@@ -328,8 +328,8 @@ impl PieceFolder {
     }
 
     /// Opens a file of the frame that has these pixels.
-    pub(super) fn open_file(&self, path: &Path, window: Window) -> Result<ExrRowsReader, ImageError> {
-        let reader = ExrRowsReader::open(path)?;
+    pub(super) fn open_file(&self, path: &Path, window: Window) -> Result<ExrScanlineReader, ImageError> {
+        let reader = ExrScanlineReader::open(path)?;
         let head = reader
             .note(FRAME)
             .and_then(|text| serde_json::from_str::<FrameHead>(&text).ok());
@@ -349,7 +349,7 @@ impl PieceFolder {
 pub struct PieceReader {
     piece: Piece,
     path: PathBuf,
-    reader: ExrRowsReader,
+    reader: ExrScanlineReader,
 }
 
 impl PieceReader {
@@ -370,8 +370,8 @@ impl PieceReader {
         if self.piece.part == Part::All {
             let colors = self.reader.note(COLORS).unwrap_or_default();
             let kind = |name: &str| match colors.split(' ').any(|color| color == name) {
-                true => ExtraKind::Color,
-                false => ExtraKind::Exact,
+                true => ChannelKind::Color,
+                false => ChannelKind::Exact,
             };
             let plane = |(name, values): (String, Samples)| match values {
                 Samples::Floats(values) => Some(Plane {
@@ -501,9 +501,9 @@ mod tests {
         Plane {
             name: name.into(),
             kind: if name == "Z" {
-                ExtraKind::Exact
+                ChannelKind::Exact
             } else {
-                ExtraKind::Color
+                ChannelKind::Color
             },
             values,
         }

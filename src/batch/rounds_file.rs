@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::piece_file::{PieceFolder, damaged};
 use crate::image::rows::{ExrChannel, SampleType, Samples, Window};
-use crate::image::{ImageError, Note};
+use crate::image::{Attribute, ImageError};
 use crate::render::Rounds;
 
 /// What the file is called.
@@ -26,7 +26,7 @@ impl PieceFolder {
     pub fn write_rounds(&self, rounds: &Rounds) -> Result<(), ImageError> {
         let channel = |name: &str| ExrChannel::new(name, SampleType::Uint);
         let rest = rounds.rest();
-        let note = Note {
+        let note = Attribute {
             name: REST,
             text: &rest,
         };
@@ -118,7 +118,7 @@ mod tests {
         let out = tempfile::tempdir().unwrap();
         let folder = folder(out.path(), 1);
         let window = Window::of_size(folder.head().size);
-        let note = Note {
+        let note = Attribute {
             name: REST,
             text: "{}",
         };

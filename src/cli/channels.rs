@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use crate::image::ExtraKind;
+use crate::image::ChannelKind;
 use crate::render::{Account, Layer, LayerKind, Rendering};
 
 use super::args::Aov;
@@ -67,7 +67,7 @@ fn cost_channels(job: &RenderJob, rendering: &Rendering) -> Vec<Layer> {
 fn exact(name: &str, values: Vec<f32>) -> Layer {
     Layer {
         name: name.into(),
-        kind: ExtraKind::Exact,
+        kind: ChannelKind::Exact,
         values,
     }
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::image::metrics::{self, Viewing};
-use crate::image::{ImageFormat, LinearImage, Picture, ToneMap, check_writable, read_picture, write};
+use crate::image::{ImageFormat, LinearImage, LoadedImage, ToneMap, check_writable, read_picture, write};
 use crate::report::compare::CompareReport;
 use crate::report::{compare_page, difference};
 
@@ -75,7 +75,7 @@ pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
 }
 
 /// The mean HDR-FLIP error, where both pictures are radiance.
-fn flip_hdr([reference, picture]: [&Picture; 2], pixels_per_degree: f64) -> Option<f64> {
+fn flip_hdr([reference, picture]: [&LoadedImage; 2], pixels_per_degree: f64) -> Option<f64> {
     if !(reference.is_radiance && picture.is_radiance) {
         return None;
     }

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::accel::EmbreeIdentity;
 use crate::cost::{Configuration, Settings};
-use crate::image::{Note, cryptomatte};
+use crate::image::{Attribute, cryptomatte};
 use crate::render::{LayerKind, Plan};
 use crate::scene::picture::FilterKind;
 use crate::scene::{Camera, Effect, EffectSet, Scene};
@@ -57,8 +57,11 @@ impl Notes {
     }
 
     /// The texts as a file takes them.
-    pub(super) fn list(&self) -> Vec<Note<'_>> {
-        self.0.iter().map(|(name, text)| Note { name, text }).collect()
+    pub(super) fn list(&self) -> Vec<Attribute<'_>> {
+        self.0
+            .iter()
+            .map(|(name, text)| Attribute { name, text })
+            .collect()
     }
 }
 

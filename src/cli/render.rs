@@ -8,7 +8,7 @@ use crate::accel::extents::{ExtentKind, ListLimits, ProjectedAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::cost::{Findings, Settings};
 use crate::gltf::Pose;
-use crate::image::{self, ExtraChannel, ImageFormat, Note, PngEncoding, ToneMap};
+use crate::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
 use crate::parallel;
 use crate::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
 use crate::report::cost::AimText;
@@ -316,7 +316,7 @@ fn write_image(
     (job, shot): (&RenderJob, &Shot),
     target: &Target,
     rendering: &Rendering,
-    notes: &[Note],
+    notes: &[Attribute],
 ) -> Result<(), Failure> {
     let (image, path) = (&rendering.image, &target.image);
     if target.format == ImageFormat::Png {
@@ -328,9 +328,9 @@ fn write_image(
         return Ok(());
     }
     let channels = channels::channels(job, rendering);
-    let extra: Vec<ExtraChannel> = channels
+    let extra: Vec<ImageChannel> = channels
         .iter()
-        .map(|layer| ExtraChannel {
+        .map(|layer| ImageChannel {
             name: &layer.name,
             values: &layer.values,
             kind: layer.kind,

@@ -6,9 +6,9 @@ use std::path::Path;
 
 use exr::prelude::{self as openexr, ReadChannels, ReadLayers};
 
-use super::atomic::write_error;
-use super::rows::{Compression, ExrChannel, ExrLayout, ExrRowsWriter, SampleType, Samples};
-use super::{ExtraChannel, ExtraKind, ImageError, LinearImage, Note};
+use super::atomic_file::write_error;
+use super::rows::{Compression, ExrChannel, ExrLayout, ExrScanlineWriter, SampleType, Samples};
+use super::{Attribute, ChannelKind, ImageChannel, ImageError, LinearImage};
 
 /// How an EXR file holds what was rendered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -25,9 +25,9 @@ const ROWS: usize = 32;
 /// Writes `image` with further channels, which hold a value a pixel, to `path` as an EXR file.
 pub(super) fn write(
     image: &LinearImage,
-    extra: &[ExtraChannel],
+    extra: &[ImageChannel],
     encoding: ExrEncoding,
-    notes: &[Note],
+    notes: &[Attribute],
     path: &Path,
 ) -> Result<(), ImageError> {
     check_lengths(image, extra).map_err(|error| write_error(path, &error))?;
@@ -36,7 +36,7 @@ pub(super) fn write(
         notes,
         ..ExrLayout::of_size([image.width, image.height], channels(extra, encoding.sample))
     };
-    let mut writer = ExrRowsWriter::create(path, &layout)?;
+    let mut writer = ExrScanlineWriter::create(path, &layout)?;
     let pixels_at_once = ROWS * image.width as usize;
     for (index, pixels) in image.pixels.chunks(pixels_at_once).enumerate() {
         let start = index * pixels_at_once;
@@ -51,7 +51,7 @@ pub(super) fn write(
     writer.finish()
 }
 
-fn check_lengths(image: &LinearImage, extra: &[ExtraChannel]) -> io::Result<()> {
+fn check_lengths(image: &LinearImage, extra: &[ImageChannel]) -> io::Result<()> {
     let pixel_count = image.pixels.len();
     match extra.iter().find(|channel| channel.values.len() != pixel_count) {
         None => Ok(()),
@@ -63,12 +63,12 @@ fn check_lengths(image: &LinearImage, extra: &[ExtraChannel]) -> io::Result<()> 
     }
 }
 
-fn channels(extra: &[ExtraChannel], color: SampleType) -> Vec<ExrChannel> {
+fn channels(extra: &[ImageChannel], color: SampleType) -> Vec<ExrChannel> {
     let colors = ["R", "G", "B"].map(|name| ExrChannel::new(name, color));
     let others = extra.iter().map(|channel| {
         let sample = match channel.kind {
-            ExtraKind::Exact => SampleType::Float,
-            ExtraKind::Color => color,
+            ChannelKind::Exact => SampleType::Float,
+            ChannelKind::Color => color,
         };
         ExrChannel::new(channel.name, sample)
     });
@@ -130,7 +130,7 @@ mod tests {
     fn notes_are_kept_as_ascii() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
-        let note = Note {
+        let note = Attribute {
             name: "whit.plan",
             text: "shadow on: light `Ü`\n",
         };
@@ -149,7 +149,7 @@ mod tests {
             *pixel = [i as f32, 0.5, -1.0];
         }
         let values: Vec<f32> = (0..15).map(|i| 0.25 * i as f32).collect();
-        let channel = |name| ExtraChannel::exact(name, &values);
+        let channel = |name| ImageChannel::exact(name, &values);
         write_exr_with(&image, &[channel("variance"), channel("a.b")], PLAIN, &[], &path).unwrap();
         assert_eq!(super::super::read_exr(&path).unwrap(), image);
         let file = openexr::read_first_flat_layer_from_file(&path).unwrap();
@@ -157,7 +157,7 @@ mod tests {
         let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
         assert_eq!(names, ["B", "G", "R", "a.b", "variance"]);
         assert_eq!(channels[4].sample_data, FlatSamples::F32(values.clone()));
-        let short = ExtraChannel::exact("short", &values[1..]);
+        let short = ImageChannel::exact("short", &values[1..]);
         let message = write_exr_with(&image, &[short], PLAIN, &[], &path)
             .unwrap_err()
             .to_string();
@@ -172,8 +172,8 @@ mod tests {
         // 2049 lies halfway between the halves 2048, which is even, and 2050; beyond 65504 halves are infinite.
         image.pixels[0] = [2049.0, 1e6, -0.125];
         let extra = [
-            ExtraChannel::color("albedo.R", &[2049.0]),
-            ExtraChannel::exact("depth", &[2049.0]),
+            ImageChannel::color("albedo.R", &[2049.0]),
+            ImageChannel::exact("depth", &[2049.0]),
         ];
         let encoding = ExrEncoding {
             sample: SampleType::Half,

@@ -4,15 +4,15 @@
 //! ([`ToneMap`]); [`metrics`] tell how far two pictures lie apart. Files appear whole or not at all: they are written
 //! beside their place, forced to the disk and renamed into it. Pictures larger than memory go row by row ([`rows`]).
 
-mod atomic;
+mod atomic_file;
 pub mod cryptomatte;
+mod decode;
 mod exr;
+mod load;
 pub mod metrics;
-mod picture;
 mod png;
-mod read;
 pub mod rows;
-mod tone;
+mod tonemap;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -21,10 +21,10 @@ use crate::parallel;
 
 pub use self::exr::ExrEncoding;
 pub use self::png::{PngBits, PngEncoding};
-pub use atomic::{check_writable, write_atomically};
-pub use picture::{Picture, read_picture};
-pub use read::{ReadImage, ReadPixels, TransferCurve, read, read_size};
-pub use tone::{ToneMap, linear_from_srgb};
+pub use atomic_file::{check_writable, write_atomically};
+pub use decode::{DecodedImage, DecodedPixels, TransferCurve, read, read_size};
+pub use load::{LoadedImage, read_picture};
+pub use tonemap::{ToneMap, linear_from_srgb};
 
 /// Linear RGB radiance.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -68,7 +68,7 @@ impl LinearImage {
 
 /// A text that a file carries beside its pixels.
 #[derive(Clone, Copy, Debug)]
-pub struct Note<'a> {
+pub struct Attribute<'a> {
     /// Its name: ASCII, at most 79 letters.
     pub name: &'a str,
     /// What it says; in an EXR what is not ASCII becomes a question mark.
@@ -156,7 +156,7 @@ pub enum ImageError {
     },
 }
 
-/// Writes `image` to `path` in `format`; `tone` applies to PNG only, as an EXR keeps what was rendered.
+/// Writes `image` to `path` in `format`; `tonemap` applies to PNG only, as an EXR keeps what was rendered.
 ///
 /// The file appears whole or, on an error, not at all; what stood there before stays until then.
 pub fn write(image: &LinearImage, path: &Path, format: ImageFormat, tone: ToneMap) -> Result<(), ImageError> {
@@ -176,7 +176,7 @@ pub fn write(image: &LinearImage, path: &Path, format: ImageFormat, tone: ToneMa
 pub fn write_png_with(
     image: &LinearImage,
     encoding: PngEncoding,
-    notes: &[Note],
+    notes: &[Attribute],
     path: &Path,
 ) -> Result<(), ImageError> {
     write_atomically(path, |file| png::encode(image, &encoding, notes, file))
@@ -199,18 +199,18 @@ pub fn png_bytes(image: &LinearImage, tone: ToneMap) -> std::io::Result<Vec<u8>>
 
 /// One more value a pixel, for the channels of an EXR file.
 #[derive(Clone, Copy, Debug)]
-pub struct ExtraChannel<'a> {
+pub struct ImageChannel<'a> {
     /// What the file calls it; dots in it group channels.
     pub name: &'a str,
     /// As many as there are pixels, row by row, the top row first.
     pub values: &'a [f32],
     /// Whether a file of halves may round them.
-    pub kind: ExtraKind,
+    pub kind: ChannelKind,
 }
 
 /// What the values of a channel are good for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ExtraKind {
+pub enum ChannelKind {
     /// Counts, distances, ids, hashes: always 32-bit floats.
     #[default]
     Exact,
@@ -218,22 +218,22 @@ pub enum ExtraKind {
     Color,
 }
 
-impl<'a> ExtraChannel<'a> {
+impl<'a> ImageChannel<'a> {
     /// A channel that keeps every bit.
-    pub fn exact(name: &'a str, values: &'a [f32]) -> ExtraChannel<'a> {
-        ExtraChannel {
+    pub fn exact(name: &'a str, values: &'a [f32]) -> ImageChannel<'a> {
+        ImageChannel {
             name,
             values,
-            kind: ExtraKind::Exact,
+            kind: ChannelKind::Exact,
         }
     }
 
     /// A channel that is rounded as colours are.
-    pub fn color(name: &'a str, values: &'a [f32]) -> ExtraChannel<'a> {
-        ExtraChannel {
+    pub fn color(name: &'a str, values: &'a [f32]) -> ImageChannel<'a> {
+        ImageChannel {
             name,
             values,
-            kind: ExtraKind::Color,
+            kind: ChannelKind::Color,
         }
     }
 }
@@ -241,9 +241,9 @@ impl<'a> ExtraChannel<'a> {
 /// Writes `image`, further channels and notes to `path` as an EXR, whole or, on an error, not at all.
 pub fn write_exr_with(
     image: &LinearImage,
-    extra: &[ExtraChannel],
+    extra: &[ImageChannel],
     encoding: ExrEncoding,
-    notes: &[Note],
+    notes: &[Attribute],
     path: &Path,
 ) -> Result<(), ImageError> {
     exr::write(image, extra, encoding, notes, path)

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use ::png::{BitDepth, ColorType, Compression, EncodingError, Filter, SrgbRenderingIntent, Writer};
 
-use super::{LinearImage, Note, SOFTWARE, ToneMap};
+use super::{Attribute, LinearImage, SOFTWARE, ToneMap};
 
 /// What takes the bytes of a PNG; one type for all, as the encoder is compiled anew for each.
 pub(super) type Sink<'w> = Box<dyn Write + Send + 'w>;
@@ -46,7 +46,7 @@ impl PngEncoding {
         &self,
         out: Sink<'w>,
         size: [u32; 2],
-        notes: &[Note],
+        notes: &[Attribute],
     ) -> io::Result<Writer<Sink<'w>>> {
         let [width, height] = size;
         let mut encoder = ::png::Encoder::new(out, width, height);
@@ -58,11 +58,11 @@ impl PngEncoding {
         encoder.set_source_srgb(SrgbRenderingIntent::Perceptual);
         encoder.set_compression(Compression::Fast);
         encoder.set_filter(Filter::Sub);
-        let maker = Note {
+        let maker = Attribute {
             name: "Software",
             text: SOFTWARE,
         };
-        for Note { name, text } in [&maker].into_iter().chain(notes) {
+        for Attribute { name, text } in [&maker].into_iter().chain(notes) {
             let (name, text) = ((*name).to_owned(), (*text).to_owned());
             // The older kind of text has Latin letters only, and every reader knows it.
             let added = match text.is_ascii() {
@@ -79,7 +79,7 @@ impl PngEncoding {
 pub(super) fn encode(
     image: &LinearImage,
     encoding: &PngEncoding,
-    notes: &[Note],
+    notes: &[Attribute],
     out: &mut (dyn Write + Send),
 ) -> io::Result<()> {
     let mut writer = encoding.begin(Box::new(out), [image.width, image.height], notes)?;
@@ -137,11 +137,11 @@ mod tests {
     #[test]
     fn notes_stand_beside_the_pixels_in_any_letters() {
         let notes = [
-            Note {
+            Attribute {
                 name: "whit.plan",
                 text: "shadow on\n",
             },
-            Note {
+            Attribute {
                 name: "whit.scene",
                 text: "Ü",
             },

@@ -7,7 +7,7 @@
 
 use super::mattes::RANKS;
 use super::region::Region;
-use crate::image::ExtraKind;
+use crate::image::ChannelKind;
 
 /// A group of layers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,10 +84,10 @@ impl LayerKind {
     }
 
     /// Whether a file of halves may round them.
-    fn rounding(self) -> ExtraKind {
+    fn rounding(self) -> ChannelKind {
         match self {
-            LayerKind::Albedo => ExtraKind::Color,
-            _ => ExtraKind::Exact,
+            LayerKind::Albedo => ChannelKind::Color,
+            _ => ChannelKind::Exact,
         }
     }
 }
@@ -172,14 +172,14 @@ pub struct Layer {
     /// What a file calls it, as [`LayerKind`] lists.
     pub name: String,
     /// Whether a file of halves may round it.
-    pub kind: ExtraKind,
+    pub kind: ChannelKind,
     /// Row by row, the top row first.
     pub values: Vec<f32>,
 }
 
 impl Layer {
     /// One of all pixels of `region`, to be filled.
-    pub(super) fn blank(name: String, kind: ExtraKind, region: &Region) -> Layer {
+    pub(super) fn blank(name: String, kind: ChannelKind, region: &Region) -> Layer {
         Layer {
             name,
             kind,

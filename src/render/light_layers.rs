@@ -10,7 +10,7 @@ use super::ledger::Account;
 use super::planes::TileLayer;
 use super::region::Region;
 use super::samples::pixel_of;
-use crate::image::ExtraKind;
+use crate::image::ChannelKind;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light};
 
@@ -200,7 +200,7 @@ impl LightSheet {
             .iter()
             .flat_map(|name| ["R", "G", "B"].map(|channel| format!("{name}.{channel}")));
         channels
-            .map(|name| Layer::blank(name, ExtraKind::Color, region))
+            .map(|name| Layer::blank(name, ChannelKind::Color, region))
             .collect()
     }
 }

@@ -168,7 +168,7 @@ fn within(stretch: &Range<u32>, start: u32) -> Range<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::ExtraKind;
+    use crate::image::ChannelKind;
     use crate::render::film::tiles;
 
     #[test]
@@ -189,7 +189,7 @@ mod tests {
             };
             let blank = |number: u32| Layer {
                 name: number.to_string(),
-                kind: ExtraKind::Exact,
+                kind: ChannelKind::Exact,
                 values: vec![f32::NAN; (columns * rows) as usize],
             };
             let mut layers: Vec<Layer> = (0..3).map(blank).collect();
@@ -235,7 +235,7 @@ mod tests {
             width: 2,
             height: 1,
         };
-        let blank = |name: &str| Layer::blank(name.into(), ExtraKind::Exact, &region);
+        let blank = |name: &str| Layer::blank(name.into(), ChannelKind::Exact, &region);
         let mut layers = vec![blank("Z"), blank("id.material")];
         let planes = Planes::over(&mut layers, &region);
         let means = TileLayer::Means {

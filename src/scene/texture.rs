@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::Effect;
-use crate::image::{self, ImageError, ReadPixels, TransferCurve};
+use crate::image::{self, DecodedPixels, ImageError, TransferCurve};
 
 /// A texture on a parameter of a material.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -257,8 +257,8 @@ impl Image {
             width: read.width,
             height: read.height,
             texels: match read.pixels {
-                ReadPixels::Bytes(texels) => Texels::Bytes(texels.into()),
-                ReadPixels::Floats(texels) => Texels::Floats(texels.into()),
+                DecodedPixels::Bytes(texels) => Texels::Bytes(texels.into()),
+                DecodedPixels::Floats(texels) => Texels::Floats(texels.into()),
             },
         })
     }

@@ -5,16 +5,18 @@ use std::path::Path;
 use std::{fs, io};
 
 use crate::batch::{Done, FrameHead, Merge, MergeError, PieceFolder, Plane};
-use crate::image::rows::{ExrChannel, ExrLayout, ExrRowsWriter, PngRowsWriter, SampleType, Samples, Window};
-use crate::image::{ExtraKind, ImageError, ImageFormat, Note};
+use crate::image::rows::{
+    ExrChannel, ExrLayout, ExrScanlineWriter, PngScanlineWriter, SampleType, Samples, Window,
+};
+use crate::image::{Attribute, ChannelKind, ImageError, ImageFormat};
 
 use super::super::failure::Failure;
 use super::super::interrupt;
 
 /// A picture that is being written.
 enum Writer {
-    Exr(Box<ExrRowsWriter>),
-    Png(Box<PngRowsWriter>),
+    Exr(Box<ExrScanlineWriter>),
+    Png(Box<PngScanlineWriter>),
 }
 
 /// Writes a picture whose channels `rows` gives from the top to the bottom, block by block.
@@ -82,19 +84,19 @@ pub(in crate::cli) fn done(
 
 impl Writer {
     fn begin(path: &Path, head: &FrameHead, planes: &[Plane]) -> Result<Writer, ImageError> {
-        let notes: Vec<Note> = head
+        let notes: Vec<Attribute> = head
             .notes
             .iter()
-            .map(|(name, text)| Note { name, text })
+            .map(|(name, text)| Attribute { name, text })
             .collect();
         if ImageFormat::of_path(path) == Some(ImageFormat::Png) {
-            let writer = PngRowsWriter::create(path, head.size, head.png, &notes)?;
+            let writer = PngScanlineWriter::create(path, head.size, head.png, &notes)?;
             return Ok(Writer::Png(Box::new(writer)));
         }
         let channel = |plane: &Plane| {
             let sample = match plane.kind {
-                ExtraKind::Color => head.exr.sample,
-                ExtraKind::Exact => SampleType::Float,
+                ChannelKind::Color => head.exr.sample,
+                ChannelKind::Exact => SampleType::Float,
             };
             ExrChannel::new(&plane.name, sample)
         };
@@ -105,7 +107,7 @@ impl Writer {
             compression: head.exr.compression,
             notes: &notes,
         };
-        Ok(Writer::Exr(Box::new(ExrRowsWriter::create(path, &layout)?)))
+        Ok(Writer::Exr(Box::new(ExrScanlineWriter::create(path, &layout)?)))
     }
 
     fn add(&mut self, planes: &[Plane]) -> Result<(), ImageError> {

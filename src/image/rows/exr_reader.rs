@@ -22,7 +22,7 @@ const MAX_BLOCK_BYTES: u64 = 1 << 30;
 
 /// An EXR file of one part of scan lines, of which rows are read as they are asked for.
 #[derive(Debug)]
-pub struct ExrRowsReader {
+pub struct ExrScanlineReader {
     path: PathBuf,
     file: BufReader<File>,
     meta: MetaData,
@@ -33,13 +33,13 @@ pub struct ExrRowsReader {
     last: Option<UncompressedBlock>,
 }
 
-impl ExrRowsReader {
+impl ExrScanlineReader {
     /// Reads the header of the file at `path`.
     ///
     /// # Errors
     ///
     /// Where it cannot be read, is no EXR file, or one of tiles, of several parts, of deep or of subsampled pixels.
-    pub fn open(path: &Path) -> Result<ExrRowsReader, ImageError> {
+    pub fn open(path: &Path) -> Result<ExrScanlineReader, ImageError> {
         let opened = File::open(path).map_err(Error::from).and_then(|file| {
             let mut file = BufReader::new(file);
             let (meta, blocks_at) = read_head(&mut file)?;
@@ -49,7 +49,7 @@ impl ExrRowsReader {
         let channel = |channel: &exr::prelude::ChannelDescription| {
             ExrChannel::new(channel.name.to_string(), SampleType::of_exr(channel.sample_type))
         };
-        Ok(ExrRowsReader {
+        Ok(ExrScanlineReader {
             path: path.to_owned(),
             file,
             channels: meta.headers[0].channels.list.iter().map(channel).collect(),
@@ -93,7 +93,7 @@ impl ExrRowsReader {
     }
 
     /// The values of `rows`, counted from the top of the data window: channel by channel, in the order of
-    /// [`ExrRowsReader::channels`].
+    /// [`ExrScanlineReader::channels`].
     ///
     /// # Errors
     ///
@@ -252,8 +252,8 @@ fn read_error(path: &Path, error: &dyn std::fmt::Display) -> ImageError {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::Note;
-    use super::super::{Compression, ExrLayout, ExrRowsWriter};
+    use super::super::super::Attribute;
+    use super::super::{Compression, ExrLayout, ExrScanlineWriter};
     use super::*;
 
     const ALL: [Compression; 5] = [
@@ -279,11 +279,11 @@ mod tests {
             ],
             compression,
             notes: &[
-                Note {
+                Attribute {
                     name: "whit.plan",
                     text: "shadow on\n",
                 },
-                Note {
+                Attribute {
                     name: "whit.frame",
                     text: "7",
                 },
@@ -314,7 +314,7 @@ mod tests {
     /// Writes noise in pieces of unequal heights.
     fn write(path: &Path, compression: Compression) -> (Vec<u32>, Vec<f32>, Vec<f32>) {
         let (integers, halves, floats) = noise(13 * 75);
-        let mut writer = ExrRowsWriter::create(path, &layout(compression)).unwrap();
+        let mut writer = ExrScanlineWriter::create(path, &layout(compression)).unwrap();
         let mut start = 0;
         for rows in [1, 30, 0, 33, 11] {
             let range = 13 * start..13 * (start + rows);
@@ -338,7 +338,7 @@ mod tests {
         for compression in ALL {
             let path = folder.path().join(format!("{compression:?}.exr"));
             let (integers, halves, floats) = write(&path, compression);
-            let mut reader = ExrRowsReader::open(&path).unwrap();
+            let mut reader = ExrScanlineReader::open(&path).unwrap();
             let names: Vec<&str> = reader
                 .channels()
                 .iter()
@@ -365,7 +365,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("part.exr");
         write(&path, Compression::Zip);
-        let reader = ExrRowsReader::open(&path).unwrap();
+        let reader = ExrScanlineReader::open(&path).unwrap();
         let expected = layout(Compression::Zip);
         assert_eq!(reader.data_window(), expected.data_window);
         assert_eq!(reader.display_window(), expected.display_window);
@@ -395,7 +395,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("part.exr");
         write(&path, Compression::None);
-        let mut reader = ExrRowsReader::open(&path).unwrap();
+        let mut reader = ExrScanlineReader::open(&path).unwrap();
         let said = reader.read_rows(70..76).unwrap_err().to_string();
         assert!(
             said.starts_with(&format!("could not read {}", path.display())),
@@ -413,7 +413,7 @@ mod tests {
             let channels = SpecificChannels::rgb(|at: Vec2<usize>| (at.x() as f32, at.y() as f32, 0.5f32));
             let layer = Layer::new((4, 3), LayerAttributes::default(), encoding, channels);
             Image::from_layer(layer).write().to_file(&path).unwrap();
-            match (ExrRowsReader::open(&path), encoding.blocks) {
+            match (ExrScanlineReader::open(&path), encoding.blocks) {
                 (Ok(mut reader), exr::prelude::Blocks::ScanLines) => {
                     let rows = reader.read_rows(2..3).unwrap();
                     assert_eq!(rows[1], Samples::from(vec![2.0f32; 4]));
@@ -433,7 +433,7 @@ mod tests {
         let read = |bytes: &[u8]| {
             let damaged = folder.path().join("damaged.exr");
             std::fs::write(&damaged, bytes).unwrap();
-            ExrRowsReader::open(&damaged).and_then(|mut reader| {
+            ExrScanlineReader::open(&damaged).and_then(|mut reader| {
                 let height = reader.data_window().size[1];
                 reader.read_rows(height.saturating_sub(9)..height)
             })

@@ -15,8 +15,8 @@ use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData, magic_number, sequence_end};
 use exr::prelude::{AttributeValue, ChannelDescription, LayerAttributes, LineOrder, Text, Vec2, f16};
 
-use super::super::atomic::{AtomicFile, write_error};
-use super::super::{ImageError, Note, SOFTWARE};
+use super::super::atomic_file::{AtomicFile, write_error};
+use super::super::{Attribute, ImageError, SOFTWARE};
 use super::{ExrLayout, Samples};
 use crate::parallel;
 
@@ -28,24 +28,24 @@ const BLOCK_HEAD_BYTES: u64 = 8;
 
 /// An EXR file that is written row by row, from the top to the bottom.
 ///
-/// It appears when [`ExrRowsWriter::finish`] returns; dropped before that it leaves nothing. Beside the rows at hand it
+/// It appears when [`ExrScanlineWriter::finish`] returns; dropped before that it leaves nothing. Beside the rows at hand it
 /// holds some 16 MiB, or one block where that is larger.
 #[derive(Debug)]
-pub struct ExrRowsWriter {
+pub struct ExrScanlineWriter {
     path: PathBuf,
     encoder: RowEncoder<AtomicFile>,
 }
 
-impl ExrRowsWriter {
+impl ExrScanlineWriter {
     /// Begins the file at `path`, beside its place.
     ///
     /// # Errors
     ///
     /// Where the folder takes no files, or the layout is none: no pixels, no channels or one twice, names that EXR keeps
     /// for itself.
-    pub fn create(path: &Path, layout: &ExrLayout) -> Result<ExrRowsWriter, ImageError> {
+    pub fn create(path: &Path, layout: &ExrLayout) -> Result<ExrScanlineWriter, ImageError> {
         let encoder = AtomicFile::create(path).and_then(|file| RowEncoder::new(file, layout));
-        Ok(ExrRowsWriter {
+        Ok(ExrScanlineWriter {
             path: path.to_owned(),
             encoder: encoder.map_err(|error| write_error(path, &error))?,
         })
@@ -79,7 +79,7 @@ impl ExrRowsWriter {
     }
 }
 
-/// What [`ExrRowsWriter`] does, to whatever takes bytes.
+/// What [`ExrScanlineWriter`] does, to whatever takes bytes.
 #[derive(Debug)]
 struct RowEncoder<W> {
     out: W,
@@ -122,7 +122,7 @@ impl<W: Write + Seek> RowEncoder<W> {
         })
     }
 
-    /// See [`ExrRowsWriter::write_rows`].
+    /// See [`ExrScanlineWriter::write_rows`].
     fn write_rows(&mut self, channels: &[Samples]) -> io::Result<()> {
         let row_count = self.row_count(channels)?;
         for row in 0..row_count {
@@ -266,7 +266,7 @@ fn header(layout: &ExrLayout, sources: &[usize]) -> io::Result<Header> {
 }
 
 /// The notes that a file carries, and its maker.
-fn attributes(notes: &[Note]) -> io::Result<LayerAttributes> {
+fn attributes(notes: &[Attribute]) -> io::Result<LayerAttributes> {
     let mut attributes = LayerAttributes {
         software_name: Some(Text::from(SOFTWARE)),
         ..LayerAttributes::default()
@@ -341,7 +341,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         let begun = || {
-            let mut writer = ExrRowsWriter::create(&path, &layout()).unwrap();
+            let mut writer = ExrScanlineWriter::create(&path, &layout()).unwrap();
             writer.write_rows(&[Samples::from(vec![0.5f32; 8])]).unwrap();
             writer
         };
@@ -355,7 +355,7 @@ mod tests {
     fn rows_that_do_not_fit_are_refused_and_change_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
-        let mut writer = ExrRowsWriter::create(&path, &layout()).unwrap();
+        let mut writer = ExrScanlineWriter::create(&path, &layout()).unwrap();
         let mut said = |channels: &[Samples]| writer.write_rows(channels).unwrap_err().to_string();
         let refused = [
             (said(&[]), "values of 0 channels were given for 1"),
@@ -392,14 +392,14 @@ mod tests {
             ExrLayout::of_size([4, 3], vec![channel("")]),
             ExrLayout::of_size([4, u32::MAX], vec![channel("Y")]),
             ExrLayout {
-                notes: &[Note {
+                notes: &[Attribute {
                     name: "☂",
                     text: "rain",
                 }],
                 ..layout()
             },
             ExrLayout {
-                notes: &[Note {
+                notes: &[Attribute {
                     name: "dataWindow",
                     text: "all of it",
                 }],
@@ -408,7 +408,7 @@ mod tests {
         ];
         for layout in layouts {
             let path = folder.path().join("a.exr");
-            let said = ExrRowsWriter::create(&path, &layout).unwrap_err().to_string();
+            let said = ExrScanlineWriter::create(&path, &layout).unwrap_err().to_string();
             assert!(said.starts_with("could not write"), "{said}");
         }
         assert_eq!(names_in(folder.path()), Vec::<String>::new());

@@ -5,19 +5,19 @@
 
 mod exr_reader;
 mod exr_writer;
-mod planes;
+mod f64_channels;
 mod png_writer;
 
 use std::borrow::Cow;
 
 use exr::prelude::{self as openexr, IntegerBounds, Vec2};
 
-use super::Note;
+use super::Attribute;
 
-pub use exr_reader::ExrRowsReader;
-pub use exr_writer::ExrRowsWriter;
-pub use planes::{join_f64, split_f64};
-pub use png_writer::PngRowsWriter;
+pub use exr_reader::ExrScanlineReader;
+pub use exr_writer::ExrScanlineWriter;
+pub use f64_channels::{join_f64, split_f64};
+pub use png_writer::PngScanlineWriter;
 
 /// What an EXR file holds: one part of scan lines.
 #[derive(Clone, Debug)]
@@ -31,7 +31,7 @@ pub struct ExrLayout<'a> {
     /// How rows are packed.
     pub compression: Compression,
     /// Texts beside the pixels; the last of those with one name counts.
-    pub notes: &'a [Note<'a>],
+    pub notes: &'a [Attribute<'a>],
 }
 
 impl ExrLayout<'_> {

@@ -6,14 +6,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use ::png::StreamWriter;
 
-use super::super::atomic::{AtomicFile, write_error};
+use super::super::atomic_file::{AtomicFile, write_error};
 use super::super::png::{self, PngEncoding, io_error};
-use super::super::{ImageError, Note};
+use super::super::{Attribute, ImageError};
 
 /// A PNG that is written row by row, from the top to the bottom.
 ///
-/// It appears when [`PngRowsWriter::finish`] returns; dropped before that it leaves nothing.
-pub struct PngRowsWriter {
+/// It appears when [`PngScanlineWriter::finish`] returns; dropped before that it leaves nothing.
+pub struct PngScanlineWriter {
     path: PathBuf,
     encoding: PngEncoding,
     row_pixels: usize,
@@ -23,7 +23,7 @@ pub struct PngRowsWriter {
     output: Output,
 }
 
-impl PngRowsWriter {
+impl PngScanlineWriter {
     /// Begins the file at `path`, beside its place, of a picture of `size`, width and height.
     ///
     /// # Errors
@@ -33,15 +33,15 @@ impl PngRowsWriter {
         path: &Path,
         size: [u32; 2],
         encoding: PngEncoding,
-        notes: &[Note],
-    ) -> Result<PngRowsWriter, ImageError> {
+        notes: &[Attribute],
+    ) -> Result<PngScanlineWriter, ImageError> {
         let begin = || {
             let output = Output::new(AtomicFile::create(path)?);
             let header = encoding.begin(Box::new(output.clone()), size, notes)?;
             Ok((header.into_stream_writer().map_err(io_error)?, output))
         };
         let (encoder, output) = begin().map_err(|error: io::Error| write_error(path, &error))?;
-        Ok(PngRowsWriter {
+        Ok(PngScanlineWriter {
             path: path.to_owned(),
             encoding,
             row_pixels: size[0] as usize,
@@ -78,7 +78,7 @@ impl PngRowsWriter {
     ///
     /// Where rows are missing or the disk is full.
     pub fn finish(self) -> Result<(), ImageError> {
-        let PngRowsWriter {
+        let PngScanlineWriter {
             path,
             rows_left,
             encoder,
@@ -149,7 +149,7 @@ mod tests {
         for (i, pixel) in image.pixels.iter_mut().enumerate() {
             *pixel = [i as f32 / 350.0, 0.5, 1.5 - i as f32 / 200.0];
         }
-        let notes = [Note {
+        let notes = [Attribute {
             name: "whit.plan",
             text: "shadow on",
         }];
@@ -158,7 +158,7 @@ mod tests {
             let encoding = PngEncoding { tone, bits };
             let [whole, path] = ["whole.png", "rows.png"].map(|name| folder.path().join(name));
             write_png_with(&image, encoding, &notes, &whole).unwrap();
-            let mut writer = PngRowsWriter::create(&path, [7, 50], encoding, &notes).unwrap();
+            let mut writer = PngScanlineWriter::create(&path, [7, 50], encoding, &notes).unwrap();
             for pixels in [&image.pixels[..7], &image.pixels[7..7], &image.pixels[7..]] {
                 writer.write_rows(pixels).unwrap();
             }
@@ -176,7 +176,7 @@ mod tests {
     fn a_picture_with_missing_or_broken_rows_does_not_appear() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        let begin = || PngRowsWriter::create(&path, [3, 2], PngEncoding::default(), &[]).unwrap();
+        let begin = || PngScanlineWriter::create(&path, [3, 2], PngEncoding::default(), &[]).unwrap();
         let mut writer = begin();
         writer.write_rows(&[[0.5; 3]; 3]).unwrap();
         let said = writer.write_rows(&[[0.5; 3]; 4]).unwrap_err().to_string();
@@ -189,6 +189,6 @@ mod tests {
         assert!(said.ends_with("1 rows are missing"), "{said}");
         drop(begin());
         assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none());
-        assert!(PngRowsWriter::create(&path, [0, 2], PngEncoding::default(), &[]).is_err());
+        assert!(PngScanlineWriter::create(&path, [0, 2], PngEncoding::default(), &[]).is_err());
     }
 }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::support::cli_program::{self, first_light, names_in, whit};
-use whit::image::rows::{ExrRowsReader, SampleType};
+use whit::image::rows::{ExrScanlineReader, SampleType};
 
 /// Renders a small picture to `out` with further `flags`.
 fn render(out: &Path, flags: &[&str]) -> cli_program::Run {
@@ -26,7 +26,7 @@ fn render(out: &Path, flags: &[&str]) -> cli_program::Run {
 }
 
 fn types(path: &Path) -> Vec<(String, SampleType)> {
-    let reader = ExrRowsReader::open(path).unwrap();
+    let reader = ExrScanlineReader::open(path).unwrap();
     let channels = reader.channels().iter();
     channels
         .map(|channel| (channel.name.clone(), channel.sample))
@@ -131,7 +131,7 @@ fn files_say_how_they_were_made_and_the_same_picture_has_the_same_bytes() {
         assert_eq!(run.code, 0, "{}", run.stderr);
     }
     assert_eq!(fs::read(&exr).unwrap(), fs::read(&again).unwrap());
-    let reader = ExrRowsReader::open(&exr).unwrap();
+    let reader = ExrScanlineReader::open(&exr).unwrap();
     let plan = reader.note("whit.plan").unwrap();
     assert!(plan.contains("shadow"), "{plan}");
     let settings = reader.note("whit.settings").unwrap();

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use crate::support::cli_program::{first_light, whit};
 use crate::support::exr_tools::tool;
-use whit::image::Note;
-use whit::image::rows::{Compression, ExrChannel, ExrLayout, ExrRowsWriter, SampleType, Samples, Window};
+use whit::image::Attribute;
+use whit::image::rows::{Compression, ExrChannel, ExrLayout, ExrScanlineWriter, SampleType, Samples, Window};
 
 /// Every way to pack rows: what it is here, to OpenEXR's `exrinfo` and to OpenImageIO.
 const PACKED: [(Compression, &str, &str); 5] = [
@@ -49,12 +49,12 @@ fn write_part(path: &Path, compression: Compression) {
             ExrChannel::new("sum.upper", SampleType::Uint),
         ],
         compression,
-        notes: &[Note {
+        notes: &[Attribute {
             name: "whit.plan",
             text: "shadow on",
         }],
     };
-    let mut writer = ExrRowsWriter::create(path, &layout).unwrap();
+    let mut writer = ExrScanlineWriter::create(path, &layout).unwrap();
     for row in 0..HEIGHT {
         let plane = |name: &str| {
             (0..WIDTH)

@@ -11,8 +11,8 @@ use crate::support::pictures::{add, rendered, settings};
 use crate::support::scene_folder;
 use glam::{DAffine3, DVec2, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
-use whit::image::ExtraKind;
-use whit::image::rows::ExrRowsReader;
+use whit::image::ChannelKind;
+use whit::image::rows::ExrScanlineReader;
 use whit::mesh::Mesh;
 use whit::render::{
     FilterKind, LayerKind, LayerSet, Monitor, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering,
@@ -191,7 +191,10 @@ fn albedo_is_what_both_models_are_lit_by() {
         assert_eq!(vector(&seen, ALBEDO, 4 * row), DVec3::new(0.25, 0.5, 0.75));
         assert_eq!(vector(&seen, ALBEDO, 4 * row + 3), DVec3::new(0.125, 0.25, 0.75));
     }
-    let albedo = seen.layers.iter().filter(|layer| layer.kind == ExtraKind::Color);
+    let albedo = seen
+        .layers
+        .iter()
+        .filter(|layer| layer.kind == ChannelKind::Color);
     assert_eq!(albedo.map(|layer| &layer.name[..]).collect::<Vec<_>>(), ALBEDO);
 }
 
@@ -438,7 +441,7 @@ fn a_file_of_halves_has_colours_as_halves_and_all_else_as_floats() {
         aovs,
     ]);
     assert_eq!(run.code, 0, "{}", run.stderr);
-    let mut reader = ExrRowsReader::open(Path::new(&image)).unwrap();
+    let mut reader = ExrScanlineReader::open(Path::new(&image)).unwrap();
     let mut kinds: Vec<String> = Vec::new();
     for channel in reader.channels() {
         kinds.push(format!("{} {:?}", channel.name, channel.sample));

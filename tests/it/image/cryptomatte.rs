@@ -8,7 +8,7 @@ use crate::support::cli_program::whit;
 use crate::support::exr_tools::tool;
 use crate::support::pictures::{add, rendered, settings};
 use glam::{DAffine3, DVec3};
-use whit::image::rows::{ExrRowsReader, SampleType, Samples};
+use whit::image::rows::{ExrScanlineReader, SampleType, Samples};
 use whit::render::{LayerKind, Pattern, RenderSettings, Rendering};
 use whit::scene::{Camera, Geometry, Material, Projection, Scene};
 use whit::shape::{Shape, Sphere};
@@ -74,14 +74,14 @@ fn the_second_way_hashes_as_is_published() {
 
 /// What a file holds.
 struct File {
-    reader: ExrRowsReader,
+    reader: ExrScanlineReader,
     width: usize,
     channels: BTreeMap<String, Vec<f32>>,
 }
 
 impl File {
     fn open(path: &Path) -> File {
-        let mut reader = ExrRowsReader::open(path).unwrap();
+        let mut reader = ExrScanlineReader::open(path).unwrap();
         let [width, height] = reader.data_window().size;
         let names: Vec<String> = reader
             .channels()

@@ -7,7 +7,7 @@ use crate::support::cli_program::{fails_with, whit};
 use crate::support::pictures::{rendered, settings};
 use crate::support::scene_folder;
 use whit::accel::{self, AccelOptions, Backend};
-use whit::image::rows::{ExrRowsReader, Samples};
+use whit::image::rows::{ExrScanlineReader, Samples};
 use whit::render::{LayerKind, LayerSet, LightLayers, Monitor, Parts, Region, RenderSettings, Rendering};
 use whit::scene::Scene;
 
@@ -198,7 +198,7 @@ fn layers_of_a_region_are_those_of_the_whole() {
 
 /// The channels of a file, by name.
 fn channels(path: &Path, height: u32) -> Vec<(String, Vec<f32>)> {
-    let mut reader = ExrRowsReader::open(path).unwrap();
+    let mut reader = ExrScanlineReader::open(path).unwrap();
     let names: Vec<String> = reader
         .channels()
         .iter()

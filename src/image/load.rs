@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::read::{self, ReadPixels, TransferCurve, read_size};
+use super::decode::{self, DecodedPixels, TransferCurve, read_size};
 use super::{ImageError, LinearImage, linear_from_srgb};
 
 /// Most pixels of a picture: 3 GiB of them.
@@ -10,7 +10,7 @@ const MAX_PIXELS: u64 = 1 << 28;
 
 /// A picture of a file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
+pub struct LoadedImage {
     /// Linear RGB; of a PNG or JPEG what is displayed, 0 to 1, and alpha is not looked at.
     pub image: LinearImage,
     /// Whether the file holds radiance, which may be anything, and not codes for a screen.
@@ -22,7 +22,7 @@ pub struct Picture {
 /// # Errors
 ///
 /// Where the file cannot be read, is no picture or one of more than 2^28 pixels.
-pub fn read_picture(path: &Path) -> Result<Picture, ImageError> {
+pub fn read_picture(path: &Path) -> Result<LoadedImage, ImageError> {
     let [width, height] = read_size(path)?;
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(ImageError::Unusable {
@@ -31,29 +31,29 @@ pub fn read_picture(path: &Path) -> Result<Picture, ImageError> {
             remedy: "compare parts of it",
         });
     }
-    let (is_radiance, is_exr) = read::holds_radiance(path)?;
+    let (is_radiance, is_exr) = decode::holds_radiance(path)?;
     if is_exr {
         let image = super::read_exr(path)?;
-        return Ok(Picture { image, is_radiance });
+        return Ok(LoadedImage { image, is_radiance });
     }
     // Floats count four times.
-    let read = read::read(path, TransferCurve::Srgb, 4 * MAX_PIXELS)?;
+    let read = decode::read(path, TransferCurve::Srgb, 4 * MAX_PIXELS)?;
     let pixels = match read.pixels {
-        ReadPixels::Bytes(codes) => {
+        DecodedPixels::Bytes(codes) => {
             let linear: Vec<f32> = (0..=255)
                 .map(|code| linear_from_srgb(f64::from(code) / 255.0) as f32)
                 .collect();
             let pixel = |[r, g, b, _]: [u8; 4]| [r, g, b].map(|code| linear[usize::from(code)]);
             codes.into_iter().map(pixel).collect()
         }
-        ReadPixels::Floats(floats) => floats.into_iter().map(|[r, g, b, _]| [r, g, b]).collect(),
+        DecodedPixels::Floats(floats) => floats.into_iter().map(|[r, g, b, _]| [r, g, b]).collect(),
     };
     let image = LinearImage {
         width: read.width,
         height: read.height,
         pixels,
     };
-    Ok(Picture { image, is_radiance })
+    Ok(LoadedImage { image, is_radiance })
 }
 
 #[cfg(test)]

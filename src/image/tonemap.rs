@@ -89,13 +89,13 @@ const FIRST_BITS: u32 = (127 - 13) << (f32::MANTISSA_DIGITS - 1);
 const LAST_BITS: u32 = 1f32.to_bits();
 
 /// The stepping radiances and where to begin counting them.
-struct Curve {
+struct ToneCurve {
     /// `steps[c]`: the least f32 whose code is more than `c`.
     steps: [f32; 255],
     start: Vec<u8>,
 }
 
-static CURVE: LazyLock<Curve> = LazyLock::new(|| {
+static CURVE: LazyLock<ToneCurve> = LazyLock::new(|| {
     let steps = std::array::from_fn(|code| {
         let step = linear_from_srgb((code as f64 + 0.5) / 255.0);
         let rounded = step as f32;
@@ -111,10 +111,10 @@ static CURVE: LazyLock<Curve> = LazyLock::new(|| {
             steps.partition_point(|&step| step <= low) as u8
         })
         .collect();
-    Curve { steps, start }
+    ToneCurve { steps, start }
 });
 
-impl Curve {
+impl ToneCurve {
     /// The code of a radiance: how many steps are at or below it.
     #[inline(always)]
     fn code(&self, radiance: f32) -> u8 {

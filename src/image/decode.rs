@@ -16,22 +16,22 @@ use image::codecs::hdr::HdrDecoder;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use super::ImageError;
-use super::tone::linear_from_srgb;
+use super::tonemap::linear_from_srgb;
 
 /// An image of a file, top row first.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ReadImage {
+pub struct DecodedImage {
     /// Pixels a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
     /// `width * height` pixels, row by row.
-    pub pixels: ReadPixels,
+    pub pixels: DecodedPixels,
 }
 
 /// Pixels as a file holds them; colours are not multiplied by alpha.
 #[derive(Clone, Debug, PartialEq)]
-pub enum ReadPixels {
+pub enum DecodedPixels {
     /// RGBA codes.
     Bytes(Vec<[u8; 4]>),
     /// Linear RGBA, all finite. Colours may be above 1, and in EXR below 0.
@@ -103,7 +103,7 @@ fn unreadable(path: &Path, error: &std::io::Error) -> ImageError {
 
 /// Reads the image at `path`, of at most `max_pixels` pixels of 8 bits a channel; those that become floats count four
 /// times.
-pub fn read(path: &Path, curve: TransferCurve, max_pixels: u64) -> Result<ReadImage, ImageError> {
+pub fn read(path: &Path, curve: TransferCurve, max_pixels: u64) -> Result<DecodedImage, ImageError> {
     let mut file = open(path)?;
     let start = file.fill_buf().map_err(|error| unreadable(path, &error))?;
     let image = if start.starts_with(&EXR_MAGIC) {
@@ -121,7 +121,7 @@ pub fn read(path: &Path, curve: TransferCurve, max_pixels: u64) -> Result<ReadIm
         let decoder = reader.into_decoder().map_err(|e| undecodable(path, &e))?;
         decode(path, decoder, curve, max_pixels)?
     };
-    if let ReadPixels::Floats(pixels) = &image.pixels
+    if let DecodedPixels::Floats(pixels) = &image.pixels
         && !pixels.as_flattened().iter().all(|x| x.is_finite())
     {
         let fault = "holds values that are not finite".to_owned();
@@ -135,7 +135,7 @@ fn decode(
     decoder: impl ImageDecoder,
     curve: TransferCurve,
     max_pixels: u64,
-) -> Result<ReadImage, ImageError> {
+) -> Result<DecodedImage, ImageError> {
     let (width, height) = decoder.dimensions();
     let color = decoder.color_type();
     let is_wide = color.bytes_per_pixel() > color.channel_count();
@@ -144,14 +144,14 @@ fn decode(
     let decoded = DynamicImage::from_decoder(decoder).map_err(|e| undecodable(path, &e))?;
     let pixels = match color {
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
-            ReadPixels::Floats(linear_pixels(&decoded.into_rgba16().into_raw(), curve))
+            DecodedPixels::Floats(linear_pixels(&decoded.into_rgba16().into_raw(), curve))
         }
         ColorType::Rgb32F | ColorType::Rgba32F => {
-            ReadPixels::Floats(quads(decoded.into_rgba32f().into_raw()))
+            DecodedPixels::Floats(quads(decoded.into_rgba32f().into_raw()))
         }
-        _ => ReadPixels::Bytes(quads(decoded.into_rgba8().into_raw())),
+        _ => DecodedPixels::Bytes(quads(decoded.into_rgba8().into_raw())),
     };
-    Ok(ReadImage {
+    Ok(DecodedImage {
         width,
         height,
         pixels,
@@ -185,7 +185,7 @@ fn quads<T: bytemuck::Pod>(values: Vec<T>) -> Vec<[T; 4]> {
 }
 
 /// The first layer with R, G and B, or else with Y alone, and A where there is one.
-fn read_exr(path: &Path, file: &mut BufReader<File>, max_pixels: u64) -> Result<ReadImage, ImageError> {
+fn read_exr(path: &Path, file: &mut BufReader<File>, max_pixels: u64) -> Result<DecodedImage, ImageError> {
     let faulty = |error: exr::error::Error| undecodable(path, &error);
     let meta = read_exr_meta(file).map_err(faulty)?;
     for header in &meta.headers {
@@ -245,11 +245,11 @@ impl ReadFloats {
         self.pixels[at.y() * self.size.x() + at.x()] = [r, g, b, alpha];
     }
 
-    fn finish(self) -> ReadImage {
-        ReadImage {
+    fn finish(self) -> DecodedImage {
+        DecodedImage {
             width: self.size.x() as u32,
             height: self.size.y() as u32,
-            pixels: ReadPixels::Floats(self.pixels),
+            pixels: DecodedPixels::Floats(self.pixels),
         }
     }
 }
@@ -348,9 +348,9 @@ mod tests {
         let image = read(&path, TransferCurve::Srgb, BUDGET).unwrap();
         assert_eq!((image.width, image.height), (2, 2));
         let expected = codes.chunks(3).map(|c| [c[0], c[1], c[2], 255]).collect();
-        assert_eq!(image.pixels, ReadPixels::Bytes(expected));
+        assert_eq!(image.pixels, DecodedPixels::Bytes(expected));
         let path = folder.image("b", &[200; 12], ExtendedColorType::Rgb8, ImageFormat::Jpeg);
-        let ReadPixels::Bytes(pixels) = read(&path, TransferCurve::Srgb, BUDGET).unwrap().pixels else {
+        let DecodedPixels::Bytes(pixels) = read(&path, TransferCurve::Srgb, BUDGET).unwrap().pixels else {
             panic!("a JPEG has eight bits");
         };
         assert!(pixels.iter().all(|p| p[0].abs_diff(200) <= 2 && p[3] == 255));
@@ -367,8 +367,8 @@ mod tests {
             ImageFormat::Png,
         );
         let red = |curve| match read(&path, curve, BUDGET).unwrap().pixels {
-            ReadPixels::Floats(pixels) => pixels.iter().map(|p| p[0]).collect::<Vec<_>>(),
-            ReadPixels::Bytes(_) => panic!("sixteen bits do not fit in eight"),
+            DecodedPixels::Floats(pixels) => pixels.iter().map(|p| p[0]).collect::<Vec<_>>(),
+            DecodedPixels::Bytes(_) => panic!("sixteen bits do not fit in eight"),
         };
         assert_eq!(
             red(TransferCurve::Linear),
@@ -391,7 +391,7 @@ mod tests {
             .unwrap()
             .pixels;
         let expected = vec![[512.0, 256.0, 0.0, 1.0], [1.0, 1.0, 1.0, 1.0]];
-        assert_eq!(pixels, ReadPixels::Floats(expected));
+        assert_eq!(pixels, DecodedPixels::Floats(expected));
     }
 
     #[test]
@@ -401,7 +401,7 @@ mod tests {
         let path = folder.exr([[1000.0, -0.5, 0.25, 0.5], [3.0, 0.0, 0.0, 0.0]]);
         let image = read(&path, TransferCurve::Srgb, BUDGET).unwrap();
         let expected = vec![[2000.0, -1.0, 0.5, 0.5], [3.0, 0.0, 0.0, 0.0]];
-        assert_eq!(image.pixels, ReadPixels::Floats(expected));
+        assert_eq!(image.pixels, DecodedPixels::Floats(expected));
         let path = folder.0.path().join("y.exr");
         let channels = openexr::SpecificChannels::build()
             .with_channel("Y")
@@ -410,7 +410,7 @@ mod tests {
         image.write().to_file(&path).unwrap();
         let image = read(&path, TransferCurve::Srgb, BUDGET).unwrap();
         let expected = vec![[0.5, 0.5, 0.5, 1.0], [1.5, 1.5, 1.5, 1.0]];
-        assert_eq!(image.pixels, ReadPixels::Floats(expected));
+        assert_eq!(image.pixels, DecodedPixels::Floats(expected));
     }
 
     #[test]

@@ -296,7 +296,7 @@ pub fn lanes(mask: u32) -> Lanes {
     Lanes(mask)
 }
 
-/// Iterator of [`simd`].
+/// Iterator that [`lanes`] returns.
 #[derive(Clone, Copy, Debug)]
 pub struct Lanes(u32);
 

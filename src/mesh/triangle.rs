@@ -13,7 +13,7 @@
 //! A hit that is as near the start of its ray as its own error is asked about again in f64, see [`near_origin`].
 //!
 //! [`Shear::intersect`] is the reference; the forms for eight triangles and for sixteen rays give the same bits. On a
-//! [`F32Only`](super::lanes::Rounded) instruction set they ask no f64: what that costs in errors is measured elsewhere.
+//! [`F32Only`](super::simd::F32Only) instruction set they ask no f64: what that costs in errors is measured elsewhere.
 
 #[cfg(feature = "embree")]
 mod indexed;

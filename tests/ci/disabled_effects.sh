@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
-# Tells whether effects which a scene does not call for cost anything by being there: builds whit whole, without the code of
-# all effects but shadows and mirrors, and without that of all effects, and has tests/it/cli/disabled_effect_cost.rs count
-# their instructions. Needs valgrind.
+# Tells whether effects which a scene does not call for cost anything by being there: builds whit whole and without the code
+# of all effects but shadows and mirrors, and has tests/it/cli/disabled_effect_cost.rs count their instructions. With
+# `--bare` it also builds whit without the code of any effect, as the slow tier does. Needs valgrind.
 #
-# The three are built in one codegen unit. Release builds have four, and which function lies in which of them, and so what
+#     tests/ci/disabled_effects.sh [--bare]
+#
+# Each is built in one codegen unit. Release builds have four, and which function lies in which of them, and so what
 # is inlined where, changes with the code that is left out: by up to 0.4 % of the instructions, which is more than what is
 # looked for here.
 set -euo pipefail
@@ -29,10 +31,11 @@ all=$("$built/whit" info scenes/first_light.gltf | sed -n 's/^effect *\([a-z-]*\
 # Side by side: each keeps one core busy.
 build whole "" &
 whole=$!
-build bare "$(paste -sd, <<<"$all")" &
-bare=$!
 build mirrors "$(grep -vx -e shadow -e reflection <<<"$all" | paste -sd,)"
 wait "$whole"
-wait "$bare"
-WHIT_WHOLE=$builds/whole WHIT_MIRRORS=$builds/mirrors WHIT_BARE=$builds/bare \
-    cargo test --test it disabled_effect_cost -- --nocapture
+export WHIT_WHOLE=$builds/whole WHIT_MIRRORS=$builds/mirrors
+if [ "${1:-}" = --bare ]; then
+    build bare "$(paste -sd, <<<"$all")"
+    export WHIT_BARE=$builds/bare
+fi
+cargo test --test it disabled_effect_cost -- --nocapture

@@ -25,9 +25,9 @@ pub struct MeshCounts {
 
 impl MeshLarder {
     /// Forgets the meshes that the scenes built last did not have.
-    pub fn clear_out(&self) {
+    pub fn evict_unused(&self) {
         #[cfg(feature = "embree")]
-        self.patches.clear_out();
+        self.patches.evict_unused();
     }
 
     /// Of how many meshes anything was asked for, and there.

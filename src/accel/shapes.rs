@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::Hit;
 use crate::numeric::Ray;
-use crate::scene::{Instance, Pose};
+use crate::scene::{Instance, InstanceTransform};
 use crate::shape::{Implicit, Shape, ShapeHit, ShapeRay, Sphere};
 
 /// Where a ray meets a placed shape first within its interval: `primitive` is the part of the shape.
@@ -57,7 +57,7 @@ pub(super) fn sphere_at(instance: u32, t: f32) -> Hit {
 /// The sphere in world space that an instance is, if it is one and stands still: rays need not be carried anywhere to
 /// meet it.
 #[inline(always)]
-pub(super) fn world_sphere(pose: &Pose, shape: &Shape) -> Option<Sphere> {
+pub(super) fn world_sphere(pose: &InstanceTransform, shape: &Shape) -> Option<Sphere> {
     match shape {
         Shape::Sphere(sphere) => pose.world_sphere(sphere),
         _ => None,
@@ -66,7 +66,7 @@ pub(super) fn world_sphere(pose: &Pose, shape: &Shape) -> Option<Sphere> {
 
 /// The ray in object space, from its nearest parameter on.
 #[inline(always)]
-fn shape_ray(pose: &Pose, ray: &Ray) -> ShapeRay {
+fn shape_ray(pose: &InstanceTransform, ray: &Ray) -> ShapeRay {
     let (origin, direction) = object_line(pose, ray);
     ShapeRay {
         t_near: ray.t_near.into(),
@@ -76,7 +76,7 @@ fn shape_ray(pose: &Pose, ray: &Ray) -> ShapeRay {
 
 /// Origin and direction in object space; the parameter keeps its meaning.
 #[inline(always)]
-fn object_line(pose: &Pose, ray: &Ray) -> (DVec3, DVec3) {
+fn object_line(pose: &InstanceTransform, ray: &Ray) -> (DVec3, DVec3) {
     let map = pose.object_from_world();
     (
         map.transform_point3(ray.origin.as_dvec3()),

@@ -32,19 +32,19 @@ pub(super) use watching::WatchingArgs;
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::image::ImageFormat;
 use crate::render::{FilterKind, MIN_ADAPTIVE_ERROR, Pattern, PixelFilter};
-use crate::scene::picture::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
+use crate::scene::image_settings::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
 use crate::scene::{EffectOverrides, MAX_ROUGH_RAYS};
 /// Image size where neither the command line nor the scene says it.
 const DEFAULT_SIZE: ImageSize = ImageSize {
-    width: picture::DEFAULT_SIZE[0],
-    height: picture::DEFAULT_SIZE[1],
+    width: image_settings::DEFAULT_SIZE[0],
+    height: image_settings::DEFAULT_SIZE[1],
 };
 /// Most samples a pixel.
-const MAX_SPP: i64 = picture::MAX_SPP as i64;
+const MAX_SPP: i64 = image_settings::MAX_SPP as i64;
 /// Most generations of reflection.
-const MAX_DEPTH: i64 = picture::MAX_DEPTH as i64;
+const MAX_DEPTH: i64 = image_settings::MAX_DEPTH as i64;
 /// Most wavelengths.
-const MAX_WAVELENGTHS: i64 = picture::MAX_WAVELENGTHS as i64;
+const MAX_WAVELENGTHS: i64 = image_settings::MAX_WAVELENGTHS as i64;
 
 /// More threads than any machine that this is likely to meet.
 const MAX_THREADS: i64 = 1024;
@@ -406,7 +406,7 @@ pub(super) struct ImageSize {
 
 impl ImageSize {
     /// Most pixels of an image; the machine's memory usually sets a lower limit.
-    pub(super) const MAX_PIXELS: u64 = picture::MAX_PIXELS;
+    pub(super) const MAX_PIXELS: u64 = image_settings::MAX_PIXELS;
 }
 
 impl fmt::Display for ImageSize {

@@ -12,7 +12,7 @@ use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::numeric::SpawnPolicy;
 use crate::render::{Adaptive, FilterKind, HitPoint, LightLayers, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
-use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
+use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
 use crate::scene::{Camera, Effect, EffectOverrides, Scene};
 use crate::scene_file::Output;
 

@@ -11,7 +11,7 @@ use crate::accel::EmbreeIdentity;
 use crate::cost::{Configuration, Settings};
 use crate::image::{Attribute, cryptomatte};
 use crate::render::{LayerKind, Plan};
-use crate::scene::picture::FilterKind;
+use crate::scene::image_settings::FilterKind;
 use crate::scene::{Camera, Effect, EffectSet, Scene};
 
 use super::job::{RenderJob, Shot};

@@ -17,7 +17,7 @@ use crate::report::stats::{
     effect_stats,
 };
 use crate::report::{heat, memory, table};
-use crate::scene::{Background, Camera, Larder, Scene};
+use crate::scene::{Background, Camera, ImageCache, Scene};
 use crate::scene_file::{Edit, Output, SceneFile};
 use crate::watch::TevViewer;
 
@@ -109,7 +109,13 @@ fn render_one(
             mut scene, output, ..
         },
         load_seconds,
-    ) = timed(|| load(job, (&target.scene, &[], job.pose.as_ref()), &Larder::default()))?;
+    ) = timed(|| {
+        load(
+            job,
+            (&target.scene, &[], job.pose.as_ref()),
+            &ImageCache::default(),
+        )
+    })?;
     seconds.load = load_seconds;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
@@ -230,7 +236,7 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
 pub(super) fn load(
     job: &RenderJob,
     (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
-    larder: &Larder,
+    larder: &ImageCache,
 ) -> Result<SceneFile, Failure> {
     let mut loaded = scene::load_from((path, edits, pose), job.effects.removed, larder)?;
     let scene = &mut loaded.scene;

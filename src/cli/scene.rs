@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::gltf::{self, LoadOptions, Pose};
-use crate::scene::{EffectSet, Larder};
+use crate::scene::{EffectSet, ImageCache};
 use crate::scene_file::{self, Edit, Output, SceneFile};
 
 use super::failure::Failure;
@@ -19,14 +19,14 @@ pub(super) fn load(
     (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
     without: EffectSet,
 ) -> Result<SceneFile, Failure> {
-    load_from((path, edits, pose), without, &Larder::default())
+    load_from((path, edits, pose), without, &ImageCache::default())
 }
 
 /// The same with images that need not be decoded again.
 pub(super) fn load_from(
     (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
     without: EffectSet,
-    larder: &Larder,
+    larder: &ImageCache,
 ) -> Result<SceneFile, Failure> {
     let options = LoadOptions {
         without,

@@ -11,7 +11,7 @@ use crate::image::LinearImage;
 use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, Pattern, Plan, RenderSettings};
 use crate::scene::Effect;
-use crate::scene::picture::{MAX_DEPTH, MAX_WAVELENGTHS};
+use crate::scene::image_settings::{MAX_DEPTH, MAX_WAVELENGTHS};
 
 /// What the reference may err by, as a part of the smallest squared error that is reported.
 const REFERENCE_PART: f64 = 0.01;

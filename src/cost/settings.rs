@@ -6,7 +6,7 @@ use super::{Configuration, Interval, SceneChange};
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, MIN_ADAPTIVE_ERROR, Pattern};
-use crate::scene::picture::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
+use crate::scene::image_settings::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
 use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MAX_ROUGH_RAYS};
 use crate::scene_file::node::from_text;
 

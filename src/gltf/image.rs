@@ -9,7 +9,7 @@ use super::buffer::Bytes;
 use super::document::Document;
 use super::{GltfError, LoadOptions};
 use crate::parallel;
-use crate::scene::{Image, KeptImage, Larder, Texels};
+use crate::scene::{CachedImage, Image, ImageCache, Texels};
 
 impl Document {
     /// Reads the images with these numbers, decoding those that are `wanted`.
@@ -56,7 +56,12 @@ impl Document {
         parallel::try_map(numbers.len(), &read)
     }
 
-    fn decode_image(&self, number: usize, source: &ImageBytes, larder: &Larder) -> Result<Image, GltfError> {
+    fn decode_image(
+        &self,
+        number: usize,
+        source: &ImageBytes,
+        larder: &ImageCache,
+    ) -> Result<Image, GltfError> {
         let decoded = larder.image(source.as_slice(), || self.decode_texels(number, source))?;
         let [width, height] = decoded.size;
         Ok(Image {
@@ -67,7 +72,7 @@ impl Document {
         })
     }
 
-    fn decode_texels(&self, number: usize, source: &ImageBytes) -> Result<KeptImage, GltfError> {
+    fn decode_texels(&self, number: usize, source: &ImageBytes) -> Result<CachedImage, GltfError> {
         let decoded = self.image_decoder(number, source).and_then(|decoder| {
             DynamicImage::from_decoder(decoder).map_err(|e| self.bad_image(number, &e))
         })?;
@@ -75,7 +80,7 @@ impl Document {
         let (width, height) = texels.dimensions();
         let texels = bytemuck::allocation::try_cast_vec(texels.into_raw())
             .unwrap_or_else(|(_, bytes)| bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect());
-        Ok(KeptImage {
+        Ok(CachedImage {
             size: [width, height],
             texels: Texels::Bytes(texels.into()),
         })

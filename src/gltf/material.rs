@@ -14,8 +14,8 @@ use super::extension::{Corrections, Extension};
 use super::interior::interior;
 use super::slot::{Slot, slots};
 use crate::scene::{
-    AlphaMode, Filter, Layer, Material, MetallicRoughness, Model, Parameter, Sampler, Texture, TextureUse,
-    Translucency, Wrap,
+    AlphaMode, Filter, Material, MaterialInput, MetallicRoughness, Model, Sampler, Texture, TextureBinding,
+    TextureUse, Translucency, Wrap,
 };
 
 /// Collects the materials, textures and images that the scene's meshes use, in the order of their first use.
@@ -100,7 +100,7 @@ impl<'a> Materials<'a> {
                 continue;
             }
             if let Some(texture) = self.texture_use(&slot)? {
-                material.layers.push(Layer {
+                material.layers.push(TextureBinding {
                     parameter: slot.parameter,
                     texture,
                     strength: slot.strength,
@@ -179,7 +179,7 @@ impl Document {
             return Ok(None);
         };
         let slots = slots(self.material(number)?, &mut Corrections::default());
-        let normal = slots.iter().find(|slot| slot.parameter == Parameter::Normal);
+        let normal = slots.iter().find(|slot| slot.parameter == MaterialInput::Normal);
         Ok(normal.map(|slot| slot.tex_coord))
     }
 
@@ -375,25 +375,25 @@ mod tests {
         assert!(found.warnings.is_empty(), "{:?}", found.warnings);
         let layer = |parameter| *found.material.layer(parameter).unwrap();
         let identity = TextureUse::new(0);
-        assert_eq!(layer(Parameter::BaseColor).texture, identity);
+        assert_eq!(layer(MaterialInput::BaseColor).texture, identity);
         let metallic = TextureUse {
             texture: 1,
             tex_coord: 1,
             ..identity
         };
-        assert_eq!(layer(Parameter::MetallicRoughness).texture, metallic);
-        let normal = layer(Parameter::Normal);
+        assert_eq!(layer(MaterialInput::MetallicRoughness).texture, metallic);
+        let normal = layer(MaterialInput::Normal);
         assert_eq!((normal.strength, normal.texture.tex_coord), (-0.5, 4));
         assert_eq!(normal.texture.transform.offset, [1.0, 2.0]);
-        let occlusion = layer(Parameter::Occlusion);
+        let occlusion = layer(MaterialInput::Occlusion);
         assert_eq!((occlusion.strength, occlusion.texture.tex_coord), (0.25, 3));
         assert_eq!(occlusion.texture.transform.matrix, [[2.0, 0.0], [0.0, 2.0]]);
         assert_eq!(
-            layer(Parameter::Emission).texture.transform,
+            layer(MaterialInput::Emission).texture.transform,
             UvTransform::IDENTITY
         );
         assert_eq!(
-            layer(Parameter::Emission).texture.texture,
+            layer(MaterialInput::Emission).texture.texture,
             occlusion.texture.texture
         );
         assert_eq!(found.images, [0, 1, 3, 2]);
@@ -446,13 +446,22 @@ mod tests {
             (model(&found).specular, model(&found).specular_color),
             (0.5, [0.1, 2.0, 1.0])
         );
-        let color = found.material.layer(Parameter::SpecularColor).unwrap().texture;
+        let color = found
+            .material
+            .layer(MaterialInput::SpecularColor)
+            .unwrap()
+            .texture;
         assert_eq!(
             (color.texture, color.tex_coord, color.transform.offset),
             (1, 1, [0.0, 1.0])
         );
         assert_eq!(
-            found.material.layer(Parameter::Specular).unwrap().texture.texture,
+            found
+                .material
+                .layer(MaterialInput::Specular)
+                .unwrap()
+                .texture
+                .texture,
             0
         );
         assert_eq!(found.images, [6, 7]);
@@ -544,7 +553,7 @@ mod tests {
         ] {
             assert!(warning.contains(name), "{name}: {warning}");
         }
-        assert_eq!(found.material.layer(Parameter::Normal).unwrap().strength, 1.0);
+        assert_eq!(found.material.layer(MaterialInput::Normal).unwrap().strength, 1.0);
         assert_eq!((model(&found).roughness, model(&found).transmission), (1.0, 1.0));
         assert_eq!(found.material.emission, [0.0; 3]);
     }

@@ -45,7 +45,7 @@ pub(crate) use view::framing_camera;
 
 use crate::numeric::Bounds;
 use crate::parallel;
-use crate::scene::{Background, EffectSet, Geometry, Instance, Larder, Normalisation, Scene};
+use crate::scene::{Background, EffectSet, Geometry, ImageCache, Instance, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
 use deformation::Deformation;
 use document::Document;
@@ -65,7 +65,7 @@ pub struct LoadOptions {
     /// At which moment of which animation; `None` as the file places things without any.
     pub pose: Option<Pose>,
     /// Images that need not be decoded again.
-    pub larder: Larder,
+    pub larder: ImageCache,
 }
 
 impl LoadOptions {
@@ -79,7 +79,7 @@ impl Default for LoadOptions {
             max_texels: LoadOptions::DEFAULT_MAX_TEXELS,
             without: EffectSet::NONE,
             pose: None,
-            larder: Larder::default(),
+            larder: ImageCache::default(),
         }
     }
 }

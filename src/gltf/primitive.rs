@@ -11,7 +11,7 @@ use super::error::EXPORT_AGAIN;
 use crate::mesh::{Buffer, Mesh};
 use crate::numeric::Bounds;
 use crate::parallel;
-use crate::scene::survey::{self, Dropped};
+use crate::scene::mesh_cleanup::{self, Removed};
 
 /// A primitive made ready: a mesh without bad indices or unusable triangles, perhaps an empty one.
 pub(super) struct ReadPrimitive {
@@ -141,7 +141,7 @@ impl Reader<'_> {
 
     /// Checks the indices and drops what cannot be hit. A mesh that is in order stays mapped.
     fn sift(&mut self, mesh: &mut Mesh) -> Result<Bounds, GltfError> {
-        let found = survey::survey(mesh).map_err(|bad| {
+        let found = mesh_cleanup::survey(mesh).map_err(|bad| {
             let count = mesh.positions.len();
             self.fault(format!(
                 "has in triangle {} the index {}, but {count} vertices",
@@ -149,10 +149,10 @@ impl Reader<'_> {
             ))
         })?;
         if found.unusable > 0 {
-            let dropped = survey::drop_unusable(mesh);
+            let dropped = mesh_cleanup::drop_unusable(mesh);
             self.warn(&dropped_sentence(dropped));
         }
-        survey::clear_non_finite_positions(mesh);
+        mesh_cleanup::clear_non_finite_positions(mesh);
         Ok(found.bounds)
     }
 
@@ -255,7 +255,7 @@ impl Reader<'_> {
     where
         [f32; N]: bytemuck::Pod,
     {
-        if survey::all_finite(bytemuck::cast_slice(&values)) {
+        if mesh_cleanup::all_finite(bytemuck::cast_slice(&values)) {
             return values;
         }
         self.warn(&format!("has {what} that are not finite: taken as zero"));
@@ -344,7 +344,7 @@ fn unit_or_zero(n: [f32; 3]) -> [f32; 3] {
 }
 
 /// What was dropped, as the end of a sentence.
-pub(crate) fn dropped_sentence(dropped: Dropped) -> String {
+pub(crate) fn dropped_sentence(dropped: Removed) -> String {
     let count = |n: usize, of: &str| {
         let s = if n == 1 { "" } else { "s" };
         (n > 0).then(|| format!("{n} triangle{s} {of}"))
@@ -388,7 +388,7 @@ mod tests {
 
     #[test]
     fn what_was_dropped_is_said_in_words() {
-        let dropped = Dropped {
+        let dropped = Removed {
             no_area: 1,
             not_finite: 2,
         };

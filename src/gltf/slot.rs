@@ -7,12 +7,12 @@ use gltf::json;
 use serde_json::{Map, Value};
 
 use super::extension::{Corrections, Extension};
-use crate::scene::{Parameter, UvTransform};
+use crate::scene::{MaterialInput, UvTransform};
 
 /// A texture of a material, by the file's numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Slot {
-    pub(super) parameter: Parameter,
+    pub(super) parameter: MaterialInput,
     pub(super) texture: usize,
     pub(super) tex_coord: u32,
     pub(super) transform: UvTransform,
@@ -23,17 +23,25 @@ pub(super) struct Slot {
 pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<Slot> {
     let pbr = &material.pbr_metallic_roughness;
     let mut slots = Vec::new();
-    slots.extend(slot(Parameter::BaseColor, &pbr.base_color_texture, corrections));
+    slots.extend(slot(
+        MaterialInput::BaseColor,
+        &pbr.base_color_texture,
+        corrections,
+    ));
     let extensions = material.extensions.as_ref().map(|e| &e.others);
     if Extension::of(extensions, "KHR_materials_unlit", corrections).is_present() {
         return slots;
     }
     slots.extend(slot(
-        Parameter::MetallicRoughness,
+        MaterialInput::MetallicRoughness,
         &pbr.metallic_roughness_texture,
         corrections,
     ));
-    slots.extend(slot(Parameter::Emission, &material.emissive_texture, corrections));
+    slots.extend(slot(
+        MaterialInput::Emission,
+        &material.emissive_texture,
+        corrections,
+    ));
     slots.extend(normal_slot(material, corrections));
     slots.extend(occlusion_slot(material, corrections));
     slots.extend(extension_slots(extensions, corrections));
@@ -41,7 +49,7 @@ pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) ->
 }
 
 fn slot(
-    parameter: Parameter,
+    parameter: MaterialInput,
     info: &Option<json::texture::Info>,
     corrections: &mut Corrections,
 ) -> Option<Slot> {
@@ -65,7 +73,7 @@ fn normal_slot(material: &json::Material, corrections: &mut Corrections) -> Opti
         corrections.note("scale");
     }
     Some(Slot {
-        parameter: Parameter::Normal,
+        parameter: MaterialInput::Normal,
         texture: info.index.value(),
         tex_coord,
         transform,
@@ -79,7 +87,7 @@ fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> O
     let (transform, tex_coord) = transform(extensions, info.tex_coord, corrections);
     let strength = corrections.within("strength", f64::from(info.strength.0), 0.0..=1.0, 1.0);
     Some(Slot {
-        parameter: Parameter::Occlusion,
+        parameter: MaterialInput::Occlusion,
         texture: info.index.value(),
         tex_coord,
         transform,
@@ -91,11 +99,15 @@ fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> O
 /// through a body where that cannot be traced; here it can.
 fn extension_slots(extensions: Option<&Map<String, Value>>, corrections: &mut Corrections) -> Vec<Slot> {
     let textures = [
-        ("KHR_materials_specular", "specularTexture", Parameter::Specular),
+        (
+            "KHR_materials_specular",
+            "specularTexture",
+            MaterialInput::Specular,
+        ),
         (
             "KHR_materials_transmission",
             "transmissionTexture",
-            Parameter::Transmission,
+            MaterialInput::Transmission,
         ),
     ];
     let mut slots = Vec::new();
@@ -106,7 +118,7 @@ fn extension_slots(extensions: Option<&Map<String, Value>>, corrections: &mut Co
     }
     let specular = Extension::of(extensions, "KHR_materials_specular", corrections);
     let info = specular.texture("specularColorTexture", corrections);
-    slots.extend(slot(Parameter::SpecularColor, &info, corrections));
+    slots.extend(slot(MaterialInput::SpecularColor, &info, corrections));
     slots
 }
 

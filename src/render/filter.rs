@@ -11,7 +11,7 @@
 use super::film::{TILE, Tile};
 use super::wave::TilePicture;
 use crate::parallel;
-use crate::scene::picture::{FilterKind, MAX_FILTER_RADIUS, MIN_FILTER_RADIUS};
+use crate::scene::image_settings::{FilterKind, MAX_FILTER_RADIUS, MIN_FILTER_RADIUS};
 
 /// How samples become pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,7 +10,9 @@ use glam::{DMat3, DVec3};
 
 use crate::mesh::Mesh;
 use crate::numeric::{HitErrorBound, triangle_spawn_error};
-use crate::scene::{AreaShape, Effect, EffectSet, Geometry, Instance, Layer, LightKind, Parameter, Scene};
+use crate::scene::{
+    AreaShape, Effect, EffectSet, Geometry, Instance, LightKind, MaterialInput, Scene, TextureBinding,
+};
 use crate::shading::{AreaLight, DiskLight, LightSample, QuadLight, SphereLight, TexturePoint, TextureSet};
 use crate::shape::Implicit;
 
@@ -31,7 +33,7 @@ struct Lamp<'s> {
     geometry: &'s Geometry,
     instance: &'s Instance,
     /// The texture on its emission, if there is one and it counts.
-    texture: Option<&'s Layer>,
+    texture: Option<&'s TextureBinding>,
 }
 
 /// A point of a light, for a point that asks.
@@ -123,7 +125,7 @@ impl<'s> Lamp<'s> {
             geometry: &scene.geometries[instance.geometry as usize],
             instance,
             texture: material
-                .layer(Parameter::Emission)
+                .layer(MaterialInput::Emission)
                 .filter(|_| effects.has(Effect::Texture)),
         }
     }

@@ -76,14 +76,14 @@ pub use samples::{SampleAovs, SampleCounts};
 pub use subsurface::{SubsurfaceStats, subsurface_bytes};
 pub use surface::HitPoint;
 
-pub use crate::scene::picture::{FilterKind, Pattern};
+pub use crate::scene::image_settings::{FilterKind, Pattern};
 
 use crate::accel::{Accel, RayOrder, RayPacket};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes, Ray, SpawnPolicy};
 use crate::optics::{Body, InteriorStack, SpectralSampler};
 use crate::parallel;
-use crate::scene::picture::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
+use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
 use crate::scene::{
     Background, Camera, CameraView, Effect, EffectOverrides, EffectSet, LensView, Scene, Shutter,
 };

@@ -4,13 +4,13 @@
 //! more in f64, and the point is then projected onto the surface, which takes its own rounding away.
 
 use crate::numeric::{Ray, transform_normal};
-use crate::scene::Pose;
+use crate::scene::InstanceTransform;
 use crate::shape::{Implicit, Shape, ShapePoint, ShapeRay};
 
 /// The point of `part` at the end of `ray`, whose `t_far` is the hit's parameter.
 ///
 /// The normal is the outward one. Where the placement mirrors, `dpdu x dpdv` points against it.
-pub(super) fn world_point(pose: &Pose, shape: &Shape, ray: &Ray, part: u32) -> ShapePoint {
+pub(super) fn world_point(pose: &InstanceTransform, shape: &Shape, ray: &Ray, part: u32) -> ShapePoint {
     let (map, inverse) = (pose.world_from_object(), pose.object_from_world());
     let line = ShapeRay::new(
         inverse.transform_point3(ray.origin.as_dvec3()),

@@ -23,7 +23,7 @@ use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{
     HitErrorBound, LANES, Lanes3, SpawnPolicy, transform_normal, triangle_spawn_bound, triangle_spawn_error,
 };
-use crate::scene::{Effect, EffectSet, Geometry, Material, Pose, Scene};
+use crate::scene::{Effect, EffectSet, Geometry, InstanceTransform, Material, Scene};
 use crate::shading::ray_cone::triangle_curvature;
 use crate::shading::{MaterialPacket, TextureSet};
 use crate::shape::Shape;
@@ -315,7 +315,7 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// Where the instance stands that lane `l` has hit, at the time of the ray.
-    pub(super) fn pose(&self, packet: &RayPacket, l: usize) -> Pose<'_> {
+    pub(super) fn pose(&self, packet: &RayPacket, l: usize) -> InstanceTransform<'_> {
         self.scene.instances[packet.instance[l] as usize].pose(packet.time[l])
     }
 
@@ -337,7 +337,7 @@ impl InstanceView<'_> {
     }
 
     /// Texture coordinates of a hit and the point's derivatives by them, in world space; zero where there are none.
-    pub(super) fn chart(&self, pose: &Pose, set: u32, packet: &RayPacket, l: usize) -> Chart {
+    pub(super) fn chart(&self, pose: &InstanceTransform, set: u32, packet: &RayPacket, l: usize) -> Chart {
         match &self.kind {
             Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
                 Some(set) => {
@@ -530,7 +530,7 @@ struct Placed {
     error: HitErrorBound,
 }
 
-fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, pose: &Pose) -> Placed {
+fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, pose: &InstanceTransform) -> Placed {
     let [a, b, c] = std::array::from_fn(|corner| lane(&gathered.corners[corner], l).as_dvec3());
     let (e1, e2) = (b - a, c - a);
     let (u, v) = (f64::from(packet.u[l]), f64::from(packet.v[l]));
@@ -552,7 +552,7 @@ fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, pose: &Pos
     }
 }
 
-fn placed_shape(packet: &RayPacket, l: usize, shape: &Shape, pose: &Pose) -> Placed {
+fn placed_shape(packet: &RayPacket, l: usize, shape: &Shape, pose: &InstanceTransform) -> Placed {
     let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
     Placed {
         p: point.p,

@@ -9,7 +9,7 @@ use super::surface::{InstanceView, SurfacePacket, SurfaceScene};
 use super::travel::TravelPacket;
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes3};
-use crate::scene::{Effect, Layer, Model, Parameter, Pose};
+use crate::scene::{Effect, InstanceTransform, MaterialInput, Model, TextureBinding};
 use crate::shading::normal_map::{TangentFrame, bumped, kept_visible, transformed_derivatives};
 use crate::shading::ray_cone::{Cone, axes_on_surface, uv_of};
 use crate::shading::{Footprint, MaterialPacket, RichLanes, TexturePoint};
@@ -39,7 +39,7 @@ impl Widths<'_> {
 /// A hit as textures see it, in world space unless said otherwise.
 struct Textured<'a> {
     view: &'a InstanceView<'a>,
-    pose: &'a Pose<'a>,
+    pose: &'a InstanceTransform<'a>,
     packet: &'a RayPacket,
     l: usize,
     p_object: DVec3,
@@ -92,7 +92,7 @@ impl SurfaceScene<'_> {
                 continue;
             }
             let (chart, at, footprint) = hit.look_up(layer);
-            if layer.parameter == Parameter::Bump {
+            if layer.parameter == MaterialInput::Bump {
                 let object_from_world = pose.object_from_world().matrix3;
                 let by_object = chart.derivatives.map(|derivative| object_from_world * derivative);
                 let gradient = self.textures().height_gradient(&layer.texture, &at, by_object);
@@ -106,18 +106,18 @@ impl SurfaceScene<'_> {
                 .textures()
                 .sample_footprint(layer.texture.texture, encoding, &at, &footprint);
             match layer.parameter {
-                Parameter::BaseColor => {
+                MaterialInput::BaseColor => {
                     (0..3).for_each(|c| materials.base_color[c][l] *= texel[c]);
                     alpha *= texel[3];
                 }
-                Parameter::Emission => (0..3).for_each(|c| materials.emission[c][l] *= texel[c]),
-                Parameter::Roughness => materials.roughness[l] *= texel[0],
-                Parameter::Metallic => materials.metallic[l] *= texel[0],
-                Parameter::MetallicRoughness => {
+                MaterialInput::Emission => (0..3).for_each(|c| materials.emission[c][l] *= texel[c]),
+                MaterialInput::Roughness => materials.roughness[l] *= texel[0],
+                MaterialInput::Metallic => materials.metallic[l] *= texel[0],
+                MaterialInput::MetallicRoughness => {
                     materials.roughness[l] *= texel[1];
                     materials.metallic[l] *= texel[2];
                 }
-                Parameter::Normal => {
+                MaterialInput::Normal => {
                     let n = points.outward_normal(l);
                     let frame = hit.tangent_frame(layer, &chart, n);
                     let texel = [texel[0], texel[1], texel[2]];
@@ -161,7 +161,7 @@ impl SurfacePacket {
 
 impl<'a> Textured<'a> {
     fn new(
-        (view, pose): (&'a InstanceView<'a>, &'a Pose<'a>),
+        (view, pose): (&'a InstanceView<'a>, &'a InstanceTransform<'a>),
         (packet, widths, l): (&'a RayPacket, Widths, usize),
         points: &SurfacePacket,
     ) -> Textured<'a> {
@@ -183,7 +183,7 @@ impl<'a> Textured<'a> {
     }
 
     /// Where a layer's texture is looked up.
-    fn look_up(&self, layer: &Layer) -> (Chart, TexturePoint, Footprint) {
+    fn look_up(&self, layer: &TextureBinding) -> (Chart, TexturePoint, Footprint) {
         let chart = self
             .view
             .chart(self.pose, layer.texture.tex_coord, self.packet, self.l);
@@ -202,7 +202,7 @@ impl<'a> Textured<'a> {
     }
 
     /// The frame that a normal map on the surface with the outward unit normal `n` is meant in.
-    fn tangent_frame(&self, layer: &Layer, chart: &Chart, n: DVec3) -> Option<TangentFrame> {
+    fn tangent_frame(&self, layer: &TextureBinding, chart: &Chart, n: DVec3) -> Option<TangentFrame> {
         if let Some([x, y, z, w]) = self.view.tangent(self.packet, self.l) {
             let pose = self.pose;
             let tangent = DVec3::new(x.into(), y.into(), z.into());
@@ -216,15 +216,15 @@ impl<'a> Textured<'a> {
 }
 
 /// What a texture does to a parameter that few materials have.
-fn rich_layer(layer: &Layer, texel: &[f32; 4], l: usize, rich: &mut RichLanes) {
+fn rich_layer(layer: &TextureBinding, texel: &[f32; 4], l: usize, rich: &mut RichLanes) {
     let tint = |lanes: &mut Lanes3<f32>| (0..3).for_each(|c| lanes[c][l] *= texel[c]);
     match layer.parameter {
-        Parameter::Specular => rich.specular[l] *= texel[3],
-        Parameter::SpecularColor => tint(&mut rich.specular_color),
-        Parameter::Reflection => tint(&mut rich.reflection),
-        Parameter::Transmission if rich.is_lecture[l] => tint(&mut rich.transmission),
-        Parameter::Transmission => (0..3).for_each(|c| rich.transmission[c][l] *= texel[0]),
-        Parameter::Occlusion => rich.occlusion[l] = 1.0 + layer.strength * (texel[0] - 1.0),
+        MaterialInput::Specular => rich.specular[l] *= texel[3],
+        MaterialInput::SpecularColor => tint(&mut rich.specular_color),
+        MaterialInput::Reflection => tint(&mut rich.reflection),
+        MaterialInput::Transmission if rich.is_lecture[l] => tint(&mut rich.transmission),
+        MaterialInput::Transmission => (0..3).for_each(|c| rich.transmission[c][l] *= texel[0]),
+        MaterialInput::Occlusion => rich.occlusion[l] = 1.0 + layer.strength * (texel[0] - 1.0),
         _ => {}
     }
 }

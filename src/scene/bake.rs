@@ -4,7 +4,7 @@
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-use super::survey::{self, Dropped};
+use super::mesh_cleanup::{self, Removed};
 use super::{Geometry, Material, Scene, Space, Texture};
 use crate::mesh::{Buffer, Mesh};
 use crate::numeric;
@@ -77,7 +77,7 @@ impl Scene {
     ///
     /// Rounding to f32 may leave triangles without an area; they are dropped, and their number is returned with the
     /// name of the instance they belonged to.
-    pub(crate) fn bake_single_uses(&mut self) -> Vec<(String, Dropped)> {
+    pub(crate) fn bake_single_uses(&mut self) -> Vec<(String, Removed)> {
         let use_counts = self.use_counts();
         let mut dropped = Vec::new();
         for instance in &mut self.instances {
@@ -94,10 +94,10 @@ impl Scene {
             }
             *mesh = bake_mesh(mesh, &instance.world_from_object());
             instance.unplace();
-            let is_whole = survey::survey(mesh).is_ok_and(|survey| survey.unusable == 0);
+            let is_whole = mesh_cleanup::survey(mesh).is_ok_and(|survey| survey.unusable == 0);
             if !is_whole {
-                dropped.push((instance.name.to_string(), survey::drop_unusable(mesh)));
-                survey::clear_non_finite_positions(mesh);
+                dropped.push((instance.name.to_string(), mesh_cleanup::drop_unusable(mesh)));
+                mesh_cleanup::clear_non_finite_positions(mesh);
             }
         }
         dropped

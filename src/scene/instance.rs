@@ -31,7 +31,7 @@ enum Placement {
     /// It is the world.
     Unmoved,
     /// Scaled by a positive number whose reciprocal is finite, then moved.
-    Similar(Similarity),
+    Similar(UniformScale),
     /// Anything else that can be inverted.
     Affine(Box<Affine>),
     /// It changes with time.
@@ -40,7 +40,7 @@ enum Placement {
 
 /// A uniform scale and a translation: `p * scale + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Similarity {
+pub(crate) struct UniformScale {
     /// Positive and finite, as is its reciprocal.
     pub(crate) scale: f64,
     /// Where the origin goes.
@@ -134,7 +134,7 @@ impl Instance {
     pub fn world_from_object(&self) -> DAffine3 {
         match &self.placement {
             Placement::Unmoved => DAffine3::IDENTITY,
-            Placement::Similar(Similarity { scale, translation }) => DAffine3 {
+            Placement::Similar(UniformScale { scale, translation }) => DAffine3 {
                 matrix3: DMat3::from_diagonal(DVec3::splat(*scale)),
                 translation: *translation,
             },
@@ -148,7 +148,7 @@ impl Instance {
     pub fn object_from_world(&self) -> DAffine3 {
         match &self.placement {
             Placement::Unmoved => DAffine3::IDENTITY,
-            Placement::Similar(Similarity { scale, translation }) => {
+            Placement::Similar(UniformScale { scale, translation }) => {
                 let scale = scale.recip();
                 DAffine3 {
                     matrix3: DMat3::from_diagonal(DVec3::splat(scale)),
@@ -180,7 +180,7 @@ impl Instance {
     pub(crate) fn world_sphere(&self, sphere: &Sphere) -> Option<Sphere> {
         match &self.placement {
             Placement::Unmoved => Some(*sphere),
-            Placement::Similar(Similarity { scale, translation }) => Some(Sphere {
+            Placement::Similar(UniformScale { scale, translation }) => Some(Sphere {
                 center: *scale * sphere.center + *translation,
                 radius: *scale * sphere.radius,
             }),
@@ -265,7 +265,7 @@ impl Placement {
             && scale.recip().is_finite()
             && map.matrix3 == DMat3::from_diagonal(DVec3::splat(scale));
         Ok(if is_similar {
-            Placement::Similar(Similarity {
+            Placement::Similar(UniformScale {
                 scale,
                 translation: map.translation,
             })

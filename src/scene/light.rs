@@ -96,7 +96,7 @@ pub enum AreaShape {
         /// In metres.
         radius: f64,
     },
-    /// What shines of an instance, on both sides as it is seen to: see [`Scene::add_lamp`](super::Scene::add_lamp).
+    /// What shines of an instance, on both sides as it is seen to: see [`Scene::add_emissive_light`](super::Scene::add_lamp).
     Object {
         /// Which; an index into [`Scene::instances`](super::Scene::instances).
         instance: u32,

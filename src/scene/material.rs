@@ -2,8 +2,8 @@
 //!
 //! A parameter is a factor times whatever textures are layered on it.
 
-use super::texture::Parameter;
-use super::{Layer, Scene};
+use super::texture::MaterialInput;
+use super::{Scene, TextureBinding};
 use crate::optics::subsurface::Scattering;
 use crate::optics::{Absorption, DiffuseTransmission, Dispersion};
 
@@ -22,7 +22,7 @@ pub struct Material {
     /// What the coverage means.
     pub alpha: AlphaMode,
     /// What textures do to the parameters; each parameter at most once.
-    pub layers: Vec<Layer>,
+    pub layers: Vec<TextureBinding>,
     /// What light meets that enters, where any enters.
     pub interior: Option<Interior>,
     /// What scatters beneath the surface, where the diffuse light comes from there: per unit of length of the scene. Of
@@ -204,26 +204,26 @@ impl Scene {
 
 impl Material {
     /// Whether a texture on `parameter` that is taken by `strength` can change anything: nothing times zero stays zero.
-    pub fn heeds(&self, parameter: Parameter, strength: f32) -> bool {
+    pub fn heeds(&self, parameter: MaterialInput, strength: f32) -> bool {
         let [r, g, b, a] = self.base_color;
         match (parameter, &self.model) {
-            (Parameter::BaseColor, _) => {
+            (MaterialInput::BaseColor, _) => {
                 [r, g, b] != [0.0; 3] || (a != 0.0 && self.alpha != AlphaMode::Opaque)
             }
-            (Parameter::Emission, _) => self.emission != [0.0; 3],
-            (Parameter::Normal | Parameter::Bump | Parameter::Occlusion, _) => strength != 0.0,
+            (MaterialInput::Emission, _) => self.emission != [0.0; 3],
+            (MaterialInput::Normal | MaterialInput::Bump | MaterialInput::Occlusion, _) => strength != 0.0,
             (parameter, Model::MetallicRoughness(model)) => match parameter {
-                Parameter::Roughness => model.roughness != 0.0,
-                Parameter::Metallic => model.metallic != 0.0,
-                Parameter::MetallicRoughness => model.roughness != 0.0 || model.metallic != 0.0,
-                Parameter::Specular => model.specular != 0.0,
-                Parameter::SpecularColor => model.specular_color != [0.0; 3],
-                Parameter::Transmission => model.transmission != 0.0,
+                MaterialInput::Roughness => model.roughness != 0.0,
+                MaterialInput::Metallic => model.metallic != 0.0,
+                MaterialInput::MetallicRoughness => model.roughness != 0.0 || model.metallic != 0.0,
+                MaterialInput::Specular => model.specular != 0.0,
+                MaterialInput::SpecularColor => model.specular_color != [0.0; 3],
+                MaterialInput::Transmission => model.transmission != 0.0,
                 _ => true,
             },
-            (Parameter::SpecularColor, Model::Lecture(lecture)) => lecture.specular != [0.0; 3],
-            (Parameter::Reflection, Model::Lecture(lecture)) => lecture.reflection != [0.0; 3],
-            (Parameter::Transmission, Model::Lecture(lecture)) => lecture.transmission != [0.0; 3],
+            (MaterialInput::SpecularColor, Model::Lecture(lecture)) => lecture.specular != [0.0; 3],
+            (MaterialInput::Reflection, Model::Lecture(lecture)) => lecture.reflection != [0.0; 3],
+            (MaterialInput::Transmission, Model::Lecture(lecture)) => lecture.transmission != [0.0; 3],
             _ => true,
         }
     }
@@ -247,7 +247,7 @@ impl Material {
     }
 
     /// The texture on a parameter, if there is one.
-    pub fn layer(&self, parameter: Parameter) -> Option<&Layer> {
+    pub fn layer(&self, parameter: MaterialInput) -> Option<&TextureBinding> {
         self.layers.iter().find(|layer| layer.parameter == parameter)
     }
 
@@ -287,7 +287,7 @@ impl Material {
     pub fn may_mirror(&self) -> bool {
         match &self.model {
             Model::MetallicRoughness(model) => {
-                let smoother = [Parameter::MetallicRoughness, Parameter::Roughness];
+                let smoother = [MaterialInput::MetallicRoughness, MaterialInput::Roughness];
                 model.roughness <= MIRROR_ROUGHNESS || smoother.into_iter().any(|p| self.layer(p).is_some())
             }
             Model::Lecture(lecture) => lecture.reflection != [0.0; 3],

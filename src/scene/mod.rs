@@ -3,16 +3,16 @@
 mod bake;
 mod camera;
 mod effect;
+mod emissive;
+mod image_cache;
+pub mod image_settings;
 mod instance;
-mod lamp;
-mod larder;
+mod instance_transform;
 mod lens;
 mod light;
 mod material;
+pub(crate) mod mesh_cleanup;
 mod normalise;
-pub mod picture;
-mod pose;
-pub(crate) mod survey;
 mod texture;
 mod validate;
 mod validate_geometry;
@@ -24,9 +24,10 @@ use std::collections::HashSet;
 
 pub use camera::{Camera, CameraRay, CameraView, Projection, Shutter};
 pub use effect::{Effect, EffectOverrides, EffectSet};
+pub(crate) use image_cache::CachedImage;
+pub use image_cache::{CacheStats, ImageCache};
 pub use instance::Instance;
-pub(crate) use larder::KeptImage;
-pub use larder::{Larder, LarderCounts};
+pub use instance_transform::InstanceTransform;
 pub use lens::{Aperture, Lens, LensError, LensView};
 pub use light::{AreaShape, Falloff, Light, LightKind};
 pub use material::{
@@ -34,10 +35,9 @@ pub use material::{
     Model, Translucency,
 };
 pub use normalise::Normalisation;
-pub use pose::Pose;
 pub use texture::{
-    Encoding, Filter, Image, Layer, Parameter, Pattern, Procedural, Sampler, Space, Texels, Texture,
-    TextureUse, UvTransform, Wrap,
+    Encoding, Filter, Image, MaterialInput, Pattern, Procedural, Sampler, Space, Texels, Texture,
+    TextureBinding, TextureUse, UvTransform, Wrap,
 };
 pub use validate::SceneError;
 pub(crate) use validate::check_camera;

@@ -8,9 +8,9 @@ use crate::image::{self, DecodedPixels, ImageError, TransferCurve};
 
 /// A texture on a parameter of a material.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Layer {
+pub struct TextureBinding {
     /// What is changed.
-    pub parameter: Parameter,
+    pub parameter: MaterialInput,
     /// By which texture.
     pub texture: TextureUse,
     /// glTF's scale of a normal map, strength of an occlusion map; height in metres of white in a bump map; 1
@@ -18,7 +18,7 @@ pub struct Layer {
     pub strength: f32,
 }
 
-impl Layer {
+impl TextureBinding {
     /// The effect that it is a part of.
     pub fn effect(&self) -> Effect {
         self.parameter.effect()
@@ -28,7 +28,7 @@ impl Layer {
 /// What a texture may change. Colours are sRGB-encoded in 8-bit images, everything else is linear. Values multiply the
 /// material's own, unless said otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Parameter {
+pub enum MaterialInput {
     /// Base colour and coverage.
     BaseColor,
     /// Emission.
@@ -55,12 +55,12 @@ pub enum Parameter {
     Bump,
 }
 
-impl Parameter {
+impl MaterialInput {
     /// The effect that a texture on it belongs to.
     pub fn effect(self) -> Effect {
         match self {
-            Parameter::Normal | Parameter::Bump => Effect::NormalMap,
-            Parameter::Occlusion => Effect::Occlusion,
+            MaterialInput::Normal | MaterialInput::Bump => Effect::NormalMap,
+            MaterialInput::Occlusion => Effect::Occlusion,
             _ => Effect::Texture,
         }
     }
@@ -68,11 +68,15 @@ impl Parameter {
     /// How 8-bit images of it are meant.
     pub fn encoding(self) -> Encoding {
         match self {
-            Parameter::BaseColor | Parameter::Emission | Parameter::SpecularColor => Encoding::Srgb,
-            Parameter::Reflection | Parameter::Transmission => Encoding::Linear,
-            Parameter::MetallicRoughness | Parameter::Roughness | Parameter::Metallic => Encoding::Linear,
-            Parameter::Specular | Parameter::Occlusion => Encoding::Linear,
-            Parameter::Normal | Parameter::Bump => Encoding::Linear,
+            MaterialInput::BaseColor | MaterialInput::Emission | MaterialInput::SpecularColor => {
+                Encoding::Srgb
+            }
+            MaterialInput::Reflection | MaterialInput::Transmission => Encoding::Linear,
+            MaterialInput::MetallicRoughness | MaterialInput::Roughness | MaterialInput::Metallic => {
+                Encoding::Linear
+            }
+            MaterialInput::Specular | MaterialInput::Occlusion => Encoding::Linear,
+            MaterialInput::Normal | MaterialInput::Bump => Encoding::Linear,
         }
     }
 }

@@ -334,8 +334,8 @@ mod tests {
     use crate::optics::subsurface::SubsurfacePreset;
     use crate::optics::{Absorption, Dispersion};
     use crate::scene::{
-        Filter, Image, Interior, Layer, Lecture, MetallicRoughness, Model, Parameter, Pattern, Procedural,
-        Sampler, Texels, TextureUse, Translucency, Wrap,
+        Filter, Image, Interior, Lecture, MaterialInput, MetallicRoughness, Model, Pattern, Procedural,
+        Sampler, Texels, TextureBinding, TextureUse, Translucency, Wrap,
     };
     use crate::scene::{Light, LightKind};
     use crate::shape::{Shape, Sphere, Torus};
@@ -393,9 +393,9 @@ mod tests {
         }
     }
 
-    fn base_color_layer(texture: u32) -> Layer {
-        Layer {
-            parameter: Parameter::BaseColor,
+    fn base_color_layer(texture: u32) -> TextureBinding {
+        TextureBinding {
+            parameter: MaterialInput::BaseColor,
             texture: TextureUse::new(texture),
             strength: 1.0,
         }

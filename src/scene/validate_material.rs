@@ -3,7 +3,10 @@
 use std::ops::{Range, RangeInclusive};
 
 use super::validate::is_radiance;
-use super::{Layer, MAX_ROUGH_RAYS, Material, Model, Parameter, Pattern, Procedural, Scene, Texels, Texture};
+use super::{
+    MAX_ROUGH_RAYS, Material, MaterialInput, Model, Pattern, Procedural, Scene, Texels, Texture,
+    TextureBinding,
+};
 use crate::optics::subsurface::Dipole;
 use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
 
@@ -68,7 +71,7 @@ pub(super) fn check_model(model: &Model) -> Result<(), String> {
 }
 
 /// Refuses an image of floats whose values a parameter cannot have; codes are always in [0, 1].
-pub(super) fn check_texels(scene: &Scene, material: &Material, layer: &Layer) -> Result<(), String> {
+pub(super) fn check_texels(scene: &Scene, material: &Material, layer: &TextureBinding) -> Result<(), String> {
     let Some(Texture::Image { image, .. }) = scene.textures.get(layer.texture.texture as usize) else {
         return Ok(());
     };
@@ -94,21 +97,21 @@ pub(super) fn check_texels(scene: &Scene, material: &Material, layer: &Layer) ->
 type TexelRange = (Range<usize>, RangeInclusive<f32>, &'static str);
 
 /// What the texels of an image of floats on a parameter may hold.
-fn texel_ranges(material: &Material, parameter: Parameter) -> Vec<TexelRange> {
+fn texel_ranges(material: &Material, parameter: MaterialInput) -> Vec<TexelRange> {
     let share = |channels| (channels, 0.0..=1.0, "outside [0, 1]");
     let light = (0..3, 0.0..=f32::MAX, "below 0");
     let finite = |channels| (channels, f32::MIN..=f32::MAX, "not finite");
     match parameter {
-        Parameter::Normal => vec![finite(0..3)],
-        Parameter::Bump => vec![finite(0..1)],
-        Parameter::Roughness | Parameter::Metallic | Parameter::Occlusion => vec![share(0..1)],
-        Parameter::MetallicRoughness => vec![share(1..3)],
-        Parameter::Specular => vec![share(3..4)],
-        Parameter::Emission | Parameter::SpecularColor => vec![light],
+        MaterialInput::Normal => vec![finite(0..3)],
+        MaterialInput::Bump => vec![finite(0..1)],
+        MaterialInput::Roughness | MaterialInput::Metallic | MaterialInput::Occlusion => vec![share(0..1)],
+        MaterialInput::MetallicRoughness => vec![share(1..3)],
+        MaterialInput::Specular => vec![share(3..4)],
+        MaterialInput::Emission | MaterialInput::SpecularColor => vec![light],
         // Opaque surfaces have no use for their coverage, whatever it is.
-        Parameter::BaseColor if material.model == Model::Unlit => vec![light, finite(3..4)],
-        Parameter::BaseColor => vec![share(0..3), finite(3..4)],
-        Parameter::Reflection | Parameter::Transmission => vec![share(0..3)],
+        MaterialInput::BaseColor if material.model == Model::Unlit => vec![light, finite(3..4)],
+        MaterialInput::BaseColor => vec![share(0..3), finite(3..4)],
+        MaterialInput::Reflection | MaterialInput::Transmission => vec![share(0..3)],
     }
 }
 

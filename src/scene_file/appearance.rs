@@ -13,7 +13,7 @@ use super::fault::{Fault, Source};
 use super::texture::{TextureForm, TextureKind};
 use super::value::At;
 use crate::image::ImageError;
-use crate::scene::{Effect, Encoding, Image, Larder, Layer, Texels, Texture, TextureUse};
+use crate::scene::{Effect, Encoding, Image, ImageCache, Texels, Texture, TextureBinding, TextureUse};
 
 impl Assembler {
     /// Reads textures and materials; returns the indices of the materials.
@@ -41,7 +41,7 @@ impl Assembler {
                 }
                 let made = find("texture", layer.texture, &textures).map_err(|f| source.error(f))?;
                 let texture = made.of(layer.parameter.encoding());
-                material.layers.push(Layer {
+                material.layers.push(TextureBinding {
                     parameter: layer.parameter,
                     texture: TextureUse {
                         texture,
@@ -191,7 +191,7 @@ impl Uses {
 fn read_images(
     path: &Path,
     uses: Uses,
-    (larder, max_texels): (&Larder, u64),
+    (larder, max_texels): (&ImageCache, u64),
 ) -> Result<(Image, Option<Image>), ImageError> {
     if !(uses.data || uses.color) {
         return Ok((Image::unread(path)?, None));

@@ -21,7 +21,7 @@ use super::value::At;
 use super::volume::{MadeVolume, VolumeForm};
 use crate::gltf::{self, LoadOptions, Pose};
 use crate::numeric::AnimatedTransform;
-use crate::scene::{Camera, EffectSet, Geometry, Larder, Layer, Light, Scene, Texture};
+use crate::scene::{Camera, EffectSet, Geometry, ImageCache, Light, Scene, Texture, TextureBinding};
 
 /// Objects that are placed together: a group's, a file's.
 #[derive(Debug, Default)]
@@ -112,7 +112,7 @@ pub(super) struct Assembler {
     /// At which moment glTF files are shown.
     pose: Option<Pose>,
     /// Images that need not be decoded again.
-    pub(super) larder: Larder,
+    pub(super) larder: ImageCache,
     /// Changes of the first file.
     edits: Vec<Edit>,
     pub(super) group_count: usize,
@@ -523,7 +523,7 @@ impl Assembler {
             return Ok(());
         };
         let material = &self.scene.materials[material as usize];
-        let lacks = |layer: &&Layer| {
+        let lacks = |layer: &&TextureBinding| {
             self.scene.looks_up_coordinates(layer.texture.texture)
                 && layer.texture.tex_coord as usize >= mesh.tex_coords.len()
         };

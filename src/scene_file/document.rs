@@ -13,7 +13,7 @@ use super::shape::{ShapeForm, ShapeRef};
 use super::texture::TextureForm;
 use super::value::{At, Color, OneOrMany};
 use super::volume::{FogForm, VolumeForm};
-use crate::scene::picture::{
+use crate::scene::image_settings::{
     DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS, FilterKind, Pattern,
 };
 

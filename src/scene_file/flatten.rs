@@ -150,7 +150,7 @@ fn light_lamps(
         }
         let name = placed.name.clone();
         shines = true;
-        let Err(fault) = scene.add_lamp(instance, lamp.samples) else {
+        let Err(fault) = scene.add_emissive_light(instance, lamp.samples) else {
             continue;
         };
         if matches!(node.what, What::Geometry(_)) {
@@ -345,7 +345,7 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
     match scene.validate() {
         Ok(()) => {
             fold_constant_textures(&mut scene);
-            scene.settle_lamps();
+            scene.resolve_emissive_lights();
             Ok(scene)
         }
         Err(error) => Err(file_error(path, error.to_string())),

@@ -8,7 +8,7 @@ use super::scattering::SubsurfaceForm;
 use super::value::{At, Color, NoValue, Param, Rgba, Textured};
 use crate::optics::Conductor;
 use crate::scene::{
-    AlphaMode, Lecture, MAX_ROUGH_RAYS, Material, MetallicRoughness, Model, Parameter, UvTransform,
+    AlphaMode, Lecture, MAX_ROUGH_RAYS, Material, MaterialInput, MetallicRoughness, Model, UvTransform,
 };
 
 /// What surfaces are made of. Every parameter that may have a texture is a value, or
@@ -147,7 +147,7 @@ impl Metal {
 
 /// A texture that a material puts on a parameter, by the texture's name.
 pub(super) struct LayerForm<'f> {
-    pub(super) parameter: Parameter,
+    pub(super) parameter: MaterialInput,
     pub(super) texture: &'f super::value::At<String>,
     pub(super) tex_coord: u32,
     pub(super) transform: UvTransform,
@@ -322,22 +322,22 @@ impl MaterialForm {
     /// Its textures.
     pub(super) fn layers(&self) -> Vec<LayerForm<'_>> {
         let specular = match self.model {
-            ModelName::Lecture => Parameter::SpecularColor,
-            _ => Parameter::Specular,
+            ModelName::Lecture => MaterialInput::SpecularColor,
+            _ => MaterialInput::Specular,
         };
         [
-            of_param(&self.base_color, Parameter::BaseColor),
-            of_param(&self.emission, Parameter::Emission),
-            of_param(&self.metallic, Parameter::Metallic),
-            of_param(&self.roughness, Parameter::Roughness),
+            of_param(&self.base_color, MaterialInput::BaseColor),
+            of_param(&self.emission, MaterialInput::Emission),
+            of_param(&self.metallic, MaterialInput::Metallic),
+            of_param(&self.roughness, MaterialInput::Roughness),
             of_param(&self.specular, specular),
-            of_param(&self.specular_color, Parameter::SpecularColor),
-            of_param(&self.reflection, Parameter::Reflection),
-            of_param(&self.transmission, Parameter::Transmission),
-            of_map(&self.metallic_roughness, Parameter::MetallicRoughness),
-            of_map(&self.occlusion, Parameter::Occlusion),
-            of_map(&self.normal, Parameter::Normal),
-            of_map(&self.bump, Parameter::Bump),
+            of_param(&self.specular_color, MaterialInput::SpecularColor),
+            of_param(&self.reflection, MaterialInput::Reflection),
+            of_param(&self.transmission, MaterialInput::Transmission),
+            of_map(&self.metallic_roughness, MaterialInput::MetallicRoughness),
+            of_map(&self.occlusion, MaterialInput::Occlusion),
+            of_map(&self.normal, MaterialInput::Normal),
+            of_map(&self.bump, MaterialInput::Bump),
         ]
         .into_iter()
         .flatten()
@@ -345,18 +345,18 @@ impl MaterialForm {
     }
 }
 
-fn of_param<T>(param: &Option<Param<T>>, parameter: Parameter) -> Option<LayerForm<'_>> {
+fn of_param<T>(param: &Option<Param<T>>, parameter: MaterialInput) -> Option<LayerForm<'_>> {
     match param {
         Some(Param::Textured(textured)) => Some(layer(textured, parameter)),
         _ => None,
     }
 }
 
-fn of_map(map: &Option<Textured<NoValue>>, parameter: Parameter) -> Option<LayerForm<'_>> {
+fn of_map(map: &Option<Textured<NoValue>>, parameter: MaterialInput) -> Option<LayerForm<'_>> {
     map.as_ref().map(|textured| layer(textured, parameter))
 }
 
-fn layer<T>(textured: &Textured<T>, parameter: Parameter) -> LayerForm<'_> {
+fn layer<T>(textured: &Textured<T>, parameter: MaterialInput) -> LayerForm<'_> {
     let [scale_u, scale_v] = textured.scale.map_or([1.0; 2], |scale| scale.0.map(|s| s as f32));
     let (sin, cos) = textured.rotate.to_radians().sin_cos();
     LayerForm {

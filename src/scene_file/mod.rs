@@ -88,7 +88,7 @@ mod volume;
 use std::path::Path;
 
 use crate::gltf::LoadOptions;
-use crate::scene::picture::{
+use crate::scene::image_settings::{
     FilterKind, MAX_DEPTH, MAX_EXPOSURE, MAX_FILTER_RADIUS, MAX_PIXELS, MAX_SPP, MAX_WAVELENGTHS,
     MIN_FILTER_RADIUS, Pattern,
 };

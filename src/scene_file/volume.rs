@@ -112,7 +112,7 @@ struct CloudForm {
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 enum CloudShapeForm {
-    Layer,
+    TextureBinding,
     Puff,
     Plume,
 }
@@ -329,7 +329,7 @@ impl CloudForm {
 
     fn cloud(&self) -> Cloud {
         let shape = match self.shape {
-            CloudShapeForm::Layer => CloudShape::Layer,
+            CloudShapeForm::TextureBinding => CloudShape::TextureBinding,
             CloudShapeForm::Puff => CloudShape::Puff,
             CloudShapeForm::Plume => CloudShape::Plume,
         };

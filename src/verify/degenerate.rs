@@ -10,7 +10,7 @@ use crate::accel::AccelError;
 use crate::accel::brute::BruteAccel;
 use crate::mesh::Mesh;
 use crate::numeric::{Ray, SplitMix64};
-use crate::scene::survey::{clear_non_finite_positions, drop_unusable};
+use crate::scene::mesh_cleanup::{clear_non_finite_positions, drop_unusable};
 use crate::scene::{Geometry, Instance, Material, Scene};
 
 pub(super) const CASES: &[Case] = &[Case {

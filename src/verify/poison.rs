@@ -15,8 +15,9 @@ use crate::optics::subsurface::Scattering;
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{
     AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Interior,
-    Layer, Lecture, Lens, Light, LightKind, Material, MetallicRoughness, Model, Parameter, Pattern,
-    Procedural, Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureUse, Translucency, Wrap,
+    Lecture, Lens, Light, LightKind, Material, MaterialInput, MetallicRoughness, Model, Pattern, Procedural,
+    Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureBinding, TextureUse, Translucency,
+    Wrap,
 };
 use crate::shape::{HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
 use crate::volume::{Fog, Grid, Samples};
@@ -165,37 +166,41 @@ static INPUTS: [Input; 67] = [
         sheet(s, |t| t.color[r.below(3)] += x as f32)
     }),
     ("material 0", |s, _, x| {
-        layer(s, Parameter::Normal, |l| l.strength += x as f32)
+        layer(s, MaterialInput::Normal, |l| l.strength += x as f32)
     }),
     ("material 0", |s, r, x| {
         let (row, column) = (r.below(2), r.below(2));
-        layer(s, Parameter::BaseColor, |l| {
+        layer(s, MaterialInput::BaseColor, |l| {
             l.texture.transform.matrix[row][column] += x as f32
         })
     }),
     ("material 0", |s, r, x| {
-        layer(s, Parameter::BaseColor, |l| {
+        layer(s, MaterialInput::BaseColor, |l| {
             l.texture.transform.offset[r.below(2)] += x as f32
         })
     }),
     ("material 0", |s, r, x| {
-        texel(s, Parameter::BaseColor, r.below(4), (r, x))
+        texel(s, MaterialInput::BaseColor, r.below(4), (r, x))
     }),
     ("material 0", |s, r, x| {
-        texel(s, Parameter::Emission, r.below(3), (r, x))
+        texel(s, MaterialInput::Emission, r.below(3), (r, x))
     }),
     ("material 0", |s, r, x| {
-        texel(s, Parameter::MetallicRoughness, 1 + r.below(2), (r, x))
+        texel(s, MaterialInput::MetallicRoughness, 1 + r.below(2), (r, x))
     }),
-    ("material 0", |s, r, x| texel(s, Parameter::Specular, 3, (r, x))),
     ("material 0", |s, r, x| {
-        texel(s, Parameter::SpecularColor, r.below(3), (r, x))
+        texel(s, MaterialInput::Specular, 3, (r, x))
     }),
-    ("material 0", |s, r, x| texel(s, Parameter::Occlusion, 0, (r, x))),
     ("material 0", |s, r, x| {
-        texel(s, Parameter::Normal, r.below(3), (r, x))
+        texel(s, MaterialInput::SpecularColor, r.below(3), (r, x))
     }),
-    ("material 0", |s, r, x| texel(s, Parameter::Bump, 0, (r, x))),
+    ("material 0", |s, r, x| {
+        texel(s, MaterialInput::Occlusion, 0, (r, x))
+    }),
+    ("material 0", |s, r, x| {
+        texel(s, MaterialInput::Normal, r.below(3), (r, x))
+    }),
+    ("material 0", |s, r, x| texel(s, MaterialInput::Bump, 0, (r, x))),
     ("texture 0", |s, r, x| {
         procedural(s, |p| p.colors[r.below(2)][r.below(4)] += x as f32)
     }),
@@ -386,8 +391,12 @@ fn sheet(scene: &mut Scene, change: impl FnOnce(&mut Translucency)) -> Result<()
 }
 
 /// A texture on a parameter.
-fn layer(scene: &mut Scene, parameter: Parameter, change: impl FnOnce(&mut Layer)) -> Result<(), String> {
-    let mut layer = Layer {
+fn layer(
+    scene: &mut Scene,
+    parameter: MaterialInput,
+    change: impl FnOnce(&mut TextureBinding),
+) -> Result<(), String> {
+    let mut layer = TextureBinding {
         parameter,
         texture: TextureUse::new(0),
         strength: 1.0,
@@ -406,7 +415,7 @@ fn texels(scene: &mut Scene) -> &mut [[f32; 4]] {
 /// A channel of a texel of a texture on a parameter.
 fn texel(
     scene: &mut Scene,
-    parameter: Parameter,
+    parameter: MaterialInput,
     channel: usize,
     (random, x): (&mut SplitMix64, f64),
 ) -> Result<(), String> {

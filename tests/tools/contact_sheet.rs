@@ -14,7 +14,7 @@ use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::{self, LoadOptions};
 use whit::image::ToneMap;
 use whit::render::{self, Monitor, RenderSettings};
-use whit::scene::picture::{DEFAULT_DEPTH, DEFAULT_WAVELENGTHS};
+use whit::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_WAVELENGTHS};
 use whit::scene::{EffectOverrides, Scene};
 use whit::scene_file::{self, Output};
 

@@ -81,7 +81,7 @@ impl<T> MeshShelf<T> {
     }
 
     /// Forgets what nobody has asked for of late.
-    pub(in crate::accel) fn clear_out(&self) {
+    pub(in crate::accel) fn evict_unused(&self) {
         let meshes = &mut self.all().by_label;
         for kept in meshes.values_mut() {
             kept.retain_mut(|kept| {
@@ -198,7 +198,7 @@ mod tests {
         make(0.0, 1);
         make(5.0, 2);
         for _ in 0..=MAX_AGE {
-            shelf.clear_out();
+            shelf.evict_unused();
             assert_eq!(make(0.0, 3), 1);
         }
         assert_eq!(make(5.0, 4), 4);

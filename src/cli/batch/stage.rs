@@ -9,7 +9,7 @@ use crate::accel::{Accel, AccelOptions, Backend, MeshCounts, MeshLarder};
 use crate::gltf::Pose;
 use crate::render::RenderSettings;
 use crate::report::memory::{MemoryForecast, available_bytes};
-use crate::scene::{Camera, Larder, Scene};
+use crate::scene::{Camera, ImageCache, Scene};
 use crate::scene_file::SceneFile;
 
 use super::super::failure::Failure;
@@ -24,7 +24,7 @@ const LARGE_PART: u64 = 8;
 
 /// What scenes leave for those that come next: of the last one only what was in it.
 pub(super) struct Kept {
-    images: Larder,
+    images: ImageCache,
     /// Where there is more than one scene.
     meshes: Option<MeshLarder>,
 }
@@ -34,7 +34,7 @@ impl Kept {
     pub(super) fn for_frames(plans: &[Plan]) -> Kept {
         let differ = plans.windows(2).any(|pair| !pair[0].shares_scene_with(&pair[1]));
         Kept {
-            images: Larder::new(),
+            images: ImageCache::new(),
             meshes: differ.then(MeshLarder::default),
         }
     }
@@ -86,7 +86,7 @@ impl Loaded {
             (&frame.scene, &frame.edits, pose.as_ref()),
             &kept.images,
         )?;
-        kept.images.clear_out();
+        kept.images.evict_unused();
         for warning in &file.scene.warnings {
             progress.warn(&format!("{}: {warning}", frame.scene.display()));
         }
@@ -167,7 +167,7 @@ impl<'s> Stage<'s> {
         };
         let accel = render::build_with(&plan.job, &loaded.file.scene, &options)?;
         if let Some(meshes) = &kept.meshes {
-            meshes.clear_out();
+            meshes.evict_unused();
         }
         Ok(Stage {
             loaded,

@@ -116,7 +116,7 @@ mod tests {
     use super::super::super::estimate::estimate;
     use super::super::super::sampler::{Purpose, sample_2d};
     use super::*;
-    use crate::scene::picture::Pattern;
+    use crate::scene::image_settings::Pattern;
 
     #[test]
     fn the_display_value_keeps_close_to_srgb_and_ends_where_it_ends() {

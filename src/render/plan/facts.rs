@@ -2,7 +2,7 @@
 
 use super::reach::{self, LightReach};
 use crate::mesh::Mesh;
-use crate::scene::{Camera, Geometry, Layer, Material, Scene};
+use crate::scene::{Camera, Geometry, Material, Scene, TextureBinding};
 
 /// What is in use of a scene.
 pub struct Facts<'s> {
@@ -70,8 +70,8 @@ impl<'s> Facts<'s> {
     /// `reason` for the first layer that `calls`, and how many more materials have one.
     pub(super) fn layer(
         &self,
-        calls: impl Fn(&Layer) -> bool,
-        reason: impl Fn(&Layer) -> String,
+        calls: impl Fn(&TextureBinding) -> bool,
+        reason: impl Fn(&TextureBinding) -> String,
     ) -> Option<String> {
         let find = |material: &Material| material.layers.iter().copied().find(|layer| calls(layer));
         self.material(

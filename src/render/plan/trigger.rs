@@ -7,7 +7,7 @@ use super::Facts;
 use crate::optics::{Absorption, LINE_D};
 use crate::scene::{
     AlphaMode, AreaShape, Background, Effect, Filter, Lecture, Light, LightKind, MIRROR_ROUGHNESS, Material,
-    MetallicRoughness, Model, Parameter, Texture,
+    MaterialInput, MetallicRoughness, Model, Texture,
 };
 
 /// One way to call for an effect.
@@ -94,13 +94,13 @@ pub const TRIGGERS: &[Trigger] = &[
     }),
     trigger(Effect::NormalMap, "normal map", |facts| {
         facts.layer(
-            |layer| layer.parameter == Parameter::Normal,
+            |layer| layer.parameter == MaterialInput::Normal,
             |_| "has a normal map".into(),
         )
     }),
     trigger(Effect::NormalMap, "bump map", |facts| {
         facts.layer(
-            |layer| layer.parameter == Parameter::Bump,
+            |layer| layer.parameter == MaterialInput::Bump,
             |_| "has a bump map".into(),
         )
     }),
@@ -138,7 +138,7 @@ pub const TRIGGERS: &[Trigger] = &[
         )
     }),
     trigger(Effect::Specular, "texture", |facts| {
-        let on = [Parameter::Specular, Parameter::SpecularColor];
+        let on = [MaterialInput::Specular, MaterialInput::SpecularColor];
         facts.layer(
             |layer| on.contains(&layer.parameter),
             |_| "has a specular texture".into(),
@@ -146,7 +146,7 @@ pub const TRIGGERS: &[Trigger] = &[
     }),
     trigger(Effect::Occlusion, "occlusion map", |facts| {
         facts.layer(
-            |layer| layer.parameter == Parameter::Occlusion && facts.scene.ambient != [0.0; 3],
+            |layer| layer.parameter == MaterialInput::Occlusion && facts.scene.ambient != [0.0; 3],
             |_| "has an occlusion map".into(),
         )
     }),
@@ -194,7 +194,7 @@ pub const TRIGGERS: &[Trigger] = &[
     trigger(Effect::Environment, "an environment map", environment),
     trigger(Effect::RoughReflection, "rough rays", |facts| {
         // A texture may leave places that nothing goes through.
-        let is_opaque = |m: &Material| !m.transmits() || m.layer(Parameter::Transmission).is_some();
+        let is_opaque = |m: &Material| !m.transmits() || m.layer(MaterialInput::Transmission).is_some();
         facts.material(|m| is_opaque(m) && m.rough_rays() > 0, blurs)
     }),
     trigger(Effect::RoughRefraction, "rough rays", |facts| {

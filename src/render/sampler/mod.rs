@@ -7,7 +7,7 @@ mod packet;
 mod sobol;
 
 use crate::numeric::{LANES, Lanes};
-use crate::scene::picture::Pattern;
+use crate::scene::image_settings::Pattern;
 
 pub(super) use packet::{PacketShape, SampleGroup};
 

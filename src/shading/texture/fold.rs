@@ -4,7 +4,8 @@
 //! and an effect that a texture of zeros stifles is not called for.
 
 use crate::scene::{
-    AlphaMode, Geometry, Image, Layer, Material, MetallicRoughness, Model, Parameter, Scene, Texels, Texture,
+    AlphaMode, Geometry, Image, Material, MaterialInput, MetallicRoughness, Model, Scene, Texels, Texture,
+    TextureBinding,
 };
 
 use super::{constant, slot};
@@ -37,7 +38,7 @@ pub fn fold_constant_textures(scene: &mut Scene) {
                 !color.is_some_and(|color| fold(material, layer, color[slot(layer.parameter.encoding())]))
             })
             .collect();
-        let is_even = material.layer(Parameter::BaseColor).is_none() && !has_vertex_colors;
+        let is_even = material.layer(MaterialInput::BaseColor).is_none() && !has_vertex_colors;
         if is_even && material.alpha.coverage(material.base_color[3]) == 1.0 {
             material.alpha = AlphaMode::Opaque;
         }
@@ -60,36 +61,36 @@ fn shrink(image: &mut Image) {
 }
 
 /// Multiplies `texel` into what the layer changes. Returns whether the layer has nothing left to do.
-fn fold(material: &mut Material, layer: &Layer, texel: [f32; 4]) -> bool {
+fn fold(material: &mut Material, layer: &TextureBinding, texel: [f32; 4]) -> bool {
     let tint = |color: &mut [f32; 3]| (0..3).for_each(|c| color[c] *= texel[c]);
     match (layer.parameter, &mut material.model) {
-        (Parameter::BaseColor, _) => (0..4).for_each(|c| material.base_color[c] *= texel[c]),
-        (Parameter::Emission, _) => tint(&mut material.emission),
+        (MaterialInput::BaseColor, _) => (0..4).for_each(|c| material.base_color[c] *= texel[c]),
+        (MaterialInput::Emission, _) => tint(&mut material.emission),
         // A height that is the same everywhere has no slope.
-        (Parameter::Bump, _) => {}
-        (Parameter::Normal, _) => return [0, 1, 2].map(|c| 2.0 * texel[c] - 1.0) == [0.0, 0.0, 1.0],
-        (Parameter::Occlusion, _) => return layer.strength * (texel[0] - 1.0) == 0.0,
+        (MaterialInput::Bump, _) => {}
+        (MaterialInput::Normal, _) => return [0, 1, 2].map(|c| 2.0 * texel[c] - 1.0) == [0.0, 0.0, 1.0],
+        (MaterialInput::Occlusion, _) => return layer.strength * (texel[0] - 1.0) == 0.0,
         (parameter, Model::MetallicRoughness(model)) => fold_metallic_roughness(model, parameter, texel),
-        (Parameter::SpecularColor, Model::Lecture(lecture)) => tint(&mut lecture.specular),
-        (Parameter::Reflection, Model::Lecture(lecture)) => tint(&mut lecture.reflection),
-        (Parameter::Transmission, Model::Lecture(lecture)) => tint(&mut lecture.transmission),
+        (MaterialInput::SpecularColor, Model::Lecture(lecture)) => tint(&mut lecture.specular),
+        (MaterialInput::Reflection, Model::Lecture(lecture)) => tint(&mut lecture.reflection),
+        (MaterialInput::Transmission, Model::Lecture(lecture)) => tint(&mut lecture.transmission),
         // A parameter that the model does not have.
         _ => {}
     }
     true
 }
 
-fn fold_metallic_roughness(model: &mut MetallicRoughness, parameter: Parameter, texel: [f32; 4]) {
+fn fold_metallic_roughness(model: &mut MetallicRoughness, parameter: MaterialInput, texel: [f32; 4]) {
     match parameter {
-        Parameter::MetallicRoughness => {
+        MaterialInput::MetallicRoughness => {
             model.roughness *= texel[1];
             model.metallic *= texel[2];
         }
-        Parameter::Roughness => model.roughness *= texel[0],
-        Parameter::Metallic => model.metallic *= texel[0],
-        Parameter::Specular => model.specular *= texel[3],
-        Parameter::SpecularColor => (0..3).for_each(|c| model.specular_color[c] *= texel[c]),
-        Parameter::Transmission => model.transmission *= texel[0],
+        MaterialInput::Roughness => model.roughness *= texel[0],
+        MaterialInput::Metallic => model.metallic *= texel[0],
+        MaterialInput::Specular => model.specular *= texel[3],
+        MaterialInput::SpecularColor => (0..3).for_each(|c| model.specular_color[c] *= texel[c]),
+        MaterialInput::Transmission => model.transmission *= texel[0],
         _ => {}
     }
 }
@@ -100,7 +101,7 @@ mod tests {
     use crate::scene::{Filter, Sampler, TextureUse, Wrap};
 
     /// A scene whose one material has a texture of `texel` on `parameter`, and another of two colours on its roughness.
-    fn scene(parameter: Parameter, texel: [u8; 4]) -> Scene {
+    fn scene(parameter: MaterialInput, texel: [u8; 4]) -> Scene {
         let image = |texels: Vec<[u8; 4]>| Image {
             name: "plain".into(),
             width: 2,
@@ -115,7 +116,7 @@ mod tests {
                 filter: Filter::Mipmap,
             },
         };
-        let layer = |parameter, texture| Layer {
+        let layer = |parameter, texture| TextureBinding {
             parameter,
             texture: TextureUse::new(texture),
             strength: 1.0,
@@ -126,7 +127,7 @@ mod tests {
             materials: vec![Material {
                 emission: [2.0; 3],
                 alpha: AlphaMode::Blend,
-                layers: vec![layer(parameter, 0), layer(Parameter::Roughness, 1)],
+                layers: vec![layer(parameter, 0), layer(MaterialInput::Roughness, 1)],
                 ..Material::default()
             }],
             ..Scene::default()
@@ -135,14 +136,14 @@ mod tests {
 
     #[test]
     fn a_texture_of_one_colour_becomes_a_factor_and_one_of_zeros_switches_its_effect_off() {
-        let mut black = scene(Parameter::Emission, [0, 0, 0, 255]);
+        let mut black = scene(MaterialInput::Emission, [0, 0, 0, 255]);
         fold_constant_textures(&mut black);
         assert_eq!(black.materials[0].emission, [0.0; 3]);
-        let left: Vec<Parameter> = black.materials[0].layers.iter().map(|l| l.parameter).collect();
-        assert_eq!(left, [Parameter::Roughness]);
+        let left: Vec<MaterialInput> = black.materials[0].layers.iter().map(|l| l.parameter).collect();
+        assert_eq!(left, [MaterialInput::Roughness]);
         assert_eq!((black.images[0].width, black.images[0].texels.len()), (1, 1));
         assert_eq!((black.images[1].width, black.images[1].texels.len()), (2, 2));
-        let mut white = scene(Parameter::BaseColor, [255; 4]);
+        let mut white = scene(MaterialInput::BaseColor, [255; 4]);
         fold_constant_textures(&mut white);
         assert_eq!(white.materials[0].base_color, [1.0; 4]);
         assert_eq!(white.materials[0].alpha, AlphaMode::Opaque);
@@ -150,10 +151,10 @@ mod tests {
 
     #[test]
     fn what_covers_a_part_everywhere_and_what_bends_normals_stays() {
-        let mut half = scene(Parameter::BaseColor, [255, 255, 255, 128]);
+        let mut half = scene(MaterialInput::BaseColor, [255, 255, 255, 128]);
         fold_constant_textures(&mut half);
         assert_eq!(half.materials[0].alpha, AlphaMode::Blend);
-        let mut tilted = scene(Parameter::Normal, [128, 128, 255, 255]);
+        let mut tilted = scene(MaterialInput::Normal, [128, 128, 255, 255]);
         fold_constant_textures(&mut tilted);
         assert_eq!(tilted.materials[0].layers.len(), 2);
     }

@@ -1,7 +1,7 @@
 //! Look-ups through a prepared scene.
 
 use super::*;
-use crate::scene::{AlphaMode, Layer, Material, Model, Parameter, Pattern, UvTransform, Wrap};
+use crate::scene::{AlphaMode, Material, MaterialInput, Model, Pattern, TextureBinding, UvTransform, Wrap};
 
 const MIPMAPPED: Sampler = Sampler {
     wrap_u: Wrap::Repeat,
@@ -19,7 +19,7 @@ fn image(width: u32, height: u32, texels: Texels) -> Image {
 }
 
 /// A scene with one texture, on `parameter` of its only material.
-fn scene(texture: Texture, images: Vec<Image>, parameter: Parameter) -> Scene {
+fn scene(texture: Texture, images: Vec<Image>, parameter: MaterialInput) -> Scene {
     Scene {
         materials: vec![Material {
             name: String::new(),
@@ -27,7 +27,7 @@ fn scene(texture: Texture, images: Vec<Image>, parameter: Parameter) -> Scene {
             base_color: [1.0; 4],
             emission: [0.0; 3],
             alpha: AlphaMode::Opaque,
-            layers: vec![Layer {
+            layers: vec![TextureBinding {
                 parameter,
                 texture: TextureUse::new(0),
                 strength: 1.0,
@@ -42,7 +42,7 @@ fn scene(texture: Texture, images: Vec<Image>, parameter: Parameter) -> Scene {
     }
 }
 
-fn image_scene(image: Image, sampler: Sampler, parameter: Parameter) -> Scene {
+fn image_scene(image: Image, sampler: Sampler, parameter: MaterialInput) -> Scene {
     scene(Texture::Image { image: 0, sampler }, vec![image], parameter)
 }
 
@@ -74,7 +74,7 @@ fn an_image_of_one_colour_is_that_colour_however_it_is_asked() {
     let scene = image_scene(
         image(3, 2, Texels::Bytes(vec![[188, 0, 255, 51]; 6].into())),
         MIPMAPPED,
-        Parameter::BaseColor,
+        MaterialInput::BaseColor,
     );
     let set = TextureSet::new(&scene);
     let srgb = set.constant(0, Encoding::Srgb).unwrap();
@@ -94,14 +94,14 @@ fn pyramids_are_built_only_for_what_is_looked_up_by_width() {
         let set = TextureSet::new(&scene);
         set.pyramids[0].each_ref().map(Option::is_some)
     };
-    assert_eq!(built(Filter::Mipmap, Parameter::BaseColor), [true, false]);
-    assert_eq!(built(Filter::Mipmap, Parameter::Normal), [false, true]);
-    assert_eq!(built(Filter::Linear, Parameter::BaseColor), [false, false]);
+    assert_eq!(built(Filter::Mipmap, MaterialInput::BaseColor), [true, false]);
+    assert_eq!(built(Filter::Mipmap, MaterialInput::Normal), [false, true]);
+    assert_eq!(built(Filter::Linear, MaterialInput::BaseColor), [false, false]);
 }
 
 #[test]
 fn a_wide_ray_sees_the_mean_in_linear_light_and_a_narrow_one_the_texels() {
-    let scene = image_scene(stripes(), MIPMAPPED, Parameter::BaseColor);
+    let scene = image_scene(stripes(), MIPMAPPED, MaterialInput::BaseColor);
     let set = TextureSet::new(&scene);
     let red = |u: f32, width: f32| set.sample(0, Encoding::Srgb, &at([u, 0.5], width))[0];
     assert_eq!([red(0.5 / 64.0, 0.0), red(1.5 / 64.0, 0.0)], [0.0, 1.0]);
@@ -116,7 +116,7 @@ fn half_floats_of_any_size_pass_through_unclipped() {
     let scene = image_scene(
         image(3, 2, Texels::Floats(texels.into())),
         MIPMAPPED,
-        Parameter::Emission,
+        MaterialInput::Emission,
     );
     let set = TextureSet::new(&scene);
     let narrow = set.sample(0, Encoding::Srgb, &at([0.5, 0.25], 0.0));
@@ -126,7 +126,7 @@ fn half_floats_of_any_size_pass_through_unclipped() {
 
 #[test]
 fn a_long_footprint_across_the_stripes_blurs_them_and_one_along_them_does_not() {
-    let scene = image_scene(stripes(), MIPMAPPED, Parameter::BaseColor);
+    let scene = image_scene(stripes(), MIPMAPPED, MaterialInput::BaseColor);
     let set = TextureSet::new(&scene);
     let red = |longer: [f32; 2], shorter: [f32; 2]| {
         let footprint = Footprint {
@@ -147,7 +147,11 @@ fn checker(space: Space) -> Scene {
         space,
         scale: [1.0; 3],
     };
-    scene(Texture::Procedural(procedural), Vec::new(), Parameter::BaseColor)
+    scene(
+        Texture::Procedural(procedural),
+        Vec::new(),
+        MaterialInput::BaseColor,
+    )
 }
 
 #[test]
@@ -219,7 +223,7 @@ fn the_slope_of_a_ramp_is_its_rise_and_follows_the_layers_transform() {
     let scene = image_scene(
         image(32, 32, Texels::Floats(texels.into())),
         MIPMAPPED,
-        Parameter::Bump,
+        MaterialInput::Bump,
     );
     let set = TextureSet::new(&scene);
     let slope = |transform| {
@@ -247,7 +251,7 @@ fn the_slope_of_a_solid_procedure_is_taken_along_the_surface() {
         space: Space::Object,
         scale: [0.5, 1.0, 1.0],
     };
-    let scene = scene(Texture::Procedural(procedural), Vec::new(), Parameter::Bump);
+    let scene = scene(Texture::Procedural(procedural), Vec::new(), MaterialInput::Bump);
     let point = TexturePoint::sharp([0.0; 2], DVec3::new(0.5, 9.0, 9.0));
     let derivatives = [DVec3::new(3.0, 1.0, 0.0), DVec3::Z];
     let slope = TextureSet::new(&scene).height_gradient(&TextureUse::new(0), &point, derivatives);
@@ -265,7 +269,7 @@ fn absurd_points_find_some_texel() {
                 wrap_v: wrap,
                 filter,
             };
-            let scene = image_scene(stripes(), sampler, Parameter::Bump);
+            let scene = image_scene(stripes(), sampler, MaterialInput::Bump);
             let set = TextureSet::new(&scene);
             for u in absurd {
                 for width in absurd {

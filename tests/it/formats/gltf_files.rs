@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use whit::gltf::{self, GltfError, LoadOptions};
 use whit::mesh::Mesh;
-use whit::scene::{Geometry, LightKind, Parameter, Scene};
+use whit::scene::{Geometry, LightKind, MaterialInput, Scene};
 
 fn assets() -> PathBuf {
     std::env::var_os("WHIT_TEST_ASSETS").map_or_else(
@@ -218,11 +218,11 @@ fn the_helmet_has_all_its_maps_and_tangents_for_the_normal_map() {
     };
     let scene = loaded.unwrap();
     let parameters = [
-        Parameter::BaseColor,
-        Parameter::MetallicRoughness,
-        Parameter::Emission,
-        Parameter::Normal,
-        Parameter::Occlusion,
+        MaterialInput::BaseColor,
+        MaterialInput::MetallicRoughness,
+        MaterialInput::Emission,
+        MaterialInput::Normal,
+        MaterialInput::Occlusion,
     ];
     let material = &scene.materials[0];
     assert_eq!(
@@ -277,7 +277,11 @@ fn the_texture_transform_test_turns_its_arrow_to_the_green_markers() {
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     let transform = |name: &str| {
         let material = scene.materials.iter().find(|m| m.name == name).unwrap();
-        material.layer(Parameter::BaseColor).unwrap().texture.transform
+        material
+            .layer(MaterialInput::BaseColor)
+            .unwrap()
+            .texture
+            .transform
     };
     assert_eq!(transform("Offset U").apply([0.25, 0.25]), [0.75, 0.25]);
     assert_eq!(transform("Offset V").apply([0.25, 0.25]), [0.25, 0.75]);

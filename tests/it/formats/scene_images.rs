@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::LoadOptions;
 use whit::render::{Monitor, RenderSettings, render};
-use whit::scene::{Parameter, Scene, Texels, Texture};
+use whit::scene::{MaterialInput, Scene, Texels, Texture};
 use whit::scene_file;
 
 /// A folder with images of one colour, 2 x 2.
@@ -81,7 +81,7 @@ impl Folder {
 }
 
 /// The red of the first texel that a parameter sees.
-fn red(scene: &Scene, parameter: Parameter) -> f32 {
+fn red(scene: &Scene, parameter: MaterialInput) -> f32 {
     let material = scene.materials.iter().find(|m| m.name == "m").unwrap();
     let layer = material.layers.iter().find(|l| l.parameter == parameter).unwrap();
     let Texture::Image { image, .. } = scene.textures[layer.texture.texture as usize] else {
@@ -118,15 +118,15 @@ fn codes_of_sixteen_bits_are_srgb_on_colours_and_linear_on_all_else() {
     // ((0.500008 + 0.055) / 1.055)^2.4, and the share itself.
     let (color, data) = (0.214_048, 32_768.0 / 65_535.0);
     for (key, parameter, expected) in [
-        ("base_color", Parameter::BaseColor, color),
-        ("emission", Parameter::Emission, color),
-        ("specular_color", Parameter::SpecularColor, color),
-        ("roughness", Parameter::Roughness, data),
-        ("metallic", Parameter::Metallic, data),
-        ("transmission", Parameter::Transmission, data),
-        ("occlusion", Parameter::Occlusion, data),
-        ("normal", Parameter::Normal, data),
-        ("bump", Parameter::Bump, data),
+        ("base_color", MaterialInput::BaseColor, color),
+        ("emission", MaterialInput::Emission, color),
+        ("specular_color", MaterialInput::SpecularColor, color),
+        ("roughness", MaterialInput::Roughness, data),
+        ("metallic", MaterialInput::Metallic, data),
+        ("transmission", MaterialInput::Transmission, data),
+        ("occlusion", MaterialInput::Occlusion, data),
+        ("normal", MaterialInput::Normal, data),
+        ("bump", MaterialInput::Bump, data),
     ] {
         let scene = folder.load("a.png", &format!("{key} = {{ texture = 't' }}"));
         let found = red(&scene, parameter);
@@ -142,8 +142,8 @@ fn one_image_for_colours_and_for_data_is_kept_twice_only_where_its_texels_differ
     folder.wide_png("a.png", 32_768);
     let scene = folder.load("a.png", both);
     assert_eq!((scene.images.len(), scene.textures.len()), (2, 2));
-    assert!((red(&scene, Parameter::BaseColor) - 0.214_048).abs() < 1e-6);
-    assert!((red(&scene, Parameter::Roughness) - 0.500_008).abs() < 1e-6);
+    assert!((red(&scene, MaterialInput::BaseColor) - 0.214_048).abs() < 1e-6);
+    assert!((red(&scene, MaterialInput::Roughness) - 0.500_008).abs() < 1e-6);
     folder.exr("a.exr", [0.25; 3]);
     assert_eq!(folder.load("a.exr", both).images.len(), 1);
     image::save_buffer(folder.path("b.png"), &[9; 12], 2, 2, ExtendedColorType::Rgb8).unwrap();

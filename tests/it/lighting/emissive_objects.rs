@@ -15,7 +15,8 @@ use whit::mesh::Mesh;
 use whit::render::{Plan, RenderSettings};
 use whit::scene::{
     AlphaMode, AreaShape, Camera, Effect, EffectOverrides, Encoding, Filter, Geometry, Image, Instance,
-    Layer, Lecture, Material, Model, Parameter, Sampler, Scene, Texels, Texture, TextureUse, Wrap,
+    Lecture, Material, MaterialInput, Model, Sampler, Scene, Texels, Texture, TextureBinding, TextureUse,
+    Wrap,
 };
 use whit::shape::{Cylinder, Shape, Sphere, Torus};
 use whit::volume::Fog;
@@ -89,7 +90,7 @@ fn a_lamp_shines_on_both_sides_and_what_is_placed_twice_shines_twice() {
     twice
         .instances
         .push(Instance::new("second", 1, 1, beside).unwrap());
-    twice.add_lamp(2, 1).unwrap();
+    twice.add_emissive_light(2, 1).unwrap();
     let both = lambert(
         &[(-1.0, -1.0), (3.0, -1.0), (3.0, 1.0), (-1.0, 1.0)].map(|(x, y)| DVec3::new(x, y, 3.0)),
         f64::from(SHINE),
@@ -332,7 +333,7 @@ fn emission_is_seen_once_by_the_camera_and_in_mirrors() {
         let mut scene = Scene::default();
         let lamp = add(&mut scene, "lamp", geometry, white_lamp.clone(), up(3.0));
         let glow = picture(&scene, &looking_up, Backend::Bsp, &settings(16, 4));
-        scene.add_lamp(lamp, 4).unwrap();
+        scene.add_emissive_light(lamp, 4).unwrap();
         let lit = picture(&scene, &looking_up, Backend::Bsp, &settings(16, 4));
         // A convex lamp does not light itself.
         assert!(glow.pixels == lit.pixels && lit.pixels.iter().all(|p| *p == [SHINE; 3]));
@@ -407,12 +408,12 @@ fn a_picture_on_the_emission_shines_where_it_is_bright() {
             filter: Filter::Nearest,
         },
     });
-    scene.materials[1].layers.push(Layer {
-        parameter: Parameter::Emission,
+    scene.materials[1].layers.push(TextureBinding {
+        parameter: MaterialInput::Emission,
         texture: TextureUse::new(0),
         strength: 1.0,
     });
-    assert_eq!(Parameter::Emission.encoding(), Encoding::Srgb);
+    assert_eq!(MaterialInput::Emission.encoding(), Encoding::Srgb);
     let left = [(-1.0, -1.0), (0.0, -1.0), (0.0, 1.0), (-1.0, 1.0)];
     let image = |place: DVec3| picture(&scene, &look_at(place, 1e-6), Backend::Bsp, &settings(16, 64));
     for place in [DVec3::ZERO, DVec3::X, -2.0 * DVec3::X] {
@@ -480,7 +481,7 @@ fn the_plan_names_the_object_and_what_cannot_be_a_lamp_is_refused() {
         let mut scene = scene.clone();
         scene.lights.clear();
         change(&mut scene);
-        scene.add_lamp(1, 1).unwrap_err()
+        scene.add_emissive_light(1, 1).unwrap_err()
     };
     for (change, words) in [
         (

@@ -23,30 +23,30 @@ const BACKENDS: &[Backend] = if cfg!(feature = "embree") {
 
 /// Points p go to `factor * turn * p + offset`.
 #[derive(Clone, Copy, Debug)]
-struct Similarity {
+struct UniformScale {
     turn: DMat3,
     factor: f64,
     offset: DVec3,
 }
 
-impl Similarity {
-    const NONE: Similarity = Similarity {
+impl UniformScale {
+    const NONE: UniformScale = UniformScale {
         turn: DMat3::IDENTITY,
         factor: 1.0,
         offset: DVec3::ZERO,
     };
 
-    fn scaled(factor: f64) -> Similarity {
-        Similarity {
+    fn scaled(factor: f64) -> UniformScale {
+        UniformScale {
             factor,
-            ..Similarity::NONE
+            ..UniformScale::NONE
         }
     }
 
-    fn moved(offset: DVec3) -> Similarity {
-        Similarity {
+    fn moved(offset: DVec3) -> UniformScale {
+        UniformScale {
             offset,
-            ..Similarity::NONE
+            ..UniformScale::NONE
         }
     }
 
@@ -157,7 +157,7 @@ fn changed_scene_file(name: &str, change: impl Fn(&mut toml::Table)) -> FiledSce
 }
 
 /// The scene of a file, carried by `map`.
-fn carried(name: &str, map: &Similarity) -> FiledScene {
+fn carried(name: &str, map: &UniformScale) -> FiledScene {
     if name.ends_with(".toml") {
         return changed_scene_file(name, |document| map.carry_scene_file(document));
     }
@@ -196,8 +196,8 @@ fn differing_count(a: &LinearImage, b: &LinearImage) -> usize {
 }
 
 /// That the maps do not change what is seen on more than one pixel in ten thousand.
-fn assert_pictures_stay(name: &str, maps: &[Similarity]) {
-    let plain = carried(name, &Similarity::NONE);
+fn assert_pictures_stay(name: &str, maps: &[UniformScale]) {
+    let plain = carried(name, &UniformScale::NONE);
     for &backend in BACKENDS {
         let expected = picture(&plain, backend);
         for map in maps {
@@ -218,24 +218,27 @@ fn assert_pictures_stay(name: &str, maps: &[Similarity]) {
 
 #[test]
 fn scenes_far_away_look_like_those_at_the_origin() {
-    let maps = [1e6, 1e8].map(|far| Similarity::moved(DVec3::new(far, -0.5 * far, 2.0 * far)));
+    let maps = [1e6, 1e8].map(|far| UniformScale::moved(DVec3::new(far, -0.5 * far, 2.0 * far)));
     SCENES.iter().for_each(|name| assert_pictures_stay(name, &maps));
 }
 
 #[test]
 fn tiny_scenes_look_like_those_of_usual_size() {
-    let maps = [1e-6, 1e-9].map(Similarity::scaled);
+    let maps = [1e-6, 1e-9].map(UniformScale::scaled);
     SCENES.iter().for_each(|name| assert_pictures_stay(name, &maps));
 }
 
 #[test]
 fn a_power_of_two_on_all_lengths_changes_no_bit() {
     for name in SCENES {
-        let plain = carried(name, &Similarity::NONE);
+        let plain = carried(name, &UniformScale::NONE);
         for &backend in BACKENDS {
             let expected = picture(&plain, backend);
             for exponent in [-60, -13, 1, 60] {
-                let found = picture(&carried(name, &Similarity::scaled(2f64.powi(exponent))), backend);
+                let found = picture(
+                    &carried(name, &UniformScale::scaled(2f64.powi(exponent))),
+                    backend,
+                );
                 let unlike = |(a, b): (&[f32; 3], &[f32; 3])| a.map(f32::to_bits) != b.map(f32::to_bits);
                 let differing = found
                     .pixels
@@ -275,12 +278,12 @@ fn scenes_look_alike_from_all_sides_of_a_cube_that_they_are_turned_by() {
 fn assert_images_stay_from_sides(step: usize) {
     let rotations = rotations_of_a_cube();
     assert_eq!(rotations.len(), 24);
-    let maps: Vec<Similarity> = rotations
+    let maps: Vec<UniformScale> = rotations
         .into_iter()
         .step_by(step)
-        .map(|turn| Similarity {
+        .map(|turn| UniformScale {
             turn,
-            ..Similarity::NONE
+            ..UniformScale::NONE
         })
         .collect();
     assert_pictures_stay("table_of_shapes.toml", &maps);

@@ -4,8 +4,9 @@
 use glam::{DAffine3, DVec3};
 use whit::optics::{Absorption, Cauchy, Dispersion, Sellmeier};
 use whit::scene::{
-    AlphaMode, Background, Camera, Falloff, Filter, Geometry, Interior, Layer, Lecture, LightKind, Material,
-    MetallicRoughness, Model, Parameter, Projection, Sampler, Scene, Texture, TextureUse, Wrap,
+    AlphaMode, Background, Camera, Falloff, Filter, Geometry, Interior, Lecture, LightKind, Material,
+    MaterialInput, MetallicRoughness, Model, Projection, Sampler, Scene, Texture, TextureBinding, TextureUse,
+    Wrap,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -364,8 +365,8 @@ pub fn veils() -> WaveScene {
                 },
             },
         });
-        let layer = Layer {
-            parameter: Parameter::BaseColor,
+        let layer = TextureBinding {
+            parameter: MaterialInput::BaseColor,
             texture: TextureUse::new(index as u32),
             strength: 1.0,
         };

@@ -53,7 +53,7 @@ pub fn floor() -> Scene {
 pub fn under_lamp(geometry: Geometry, place: DAffine3, samples: u32) -> Scene {
     let mut scene = floor();
     let lamp = add(&mut scene, "lamp", geometry, shining(), place);
-    scene.add_lamp(lamp, samples).unwrap();
+    scene.add_emissive_light(lamp, samples).unwrap();
     scene
 }
 

@@ -1,6 +1,6 @@
 //! Normals bent by textures: glTF's normal maps (glTF 2.0, 3.9.3), Blinn's bump maps (1978), and how far they may bend.
 
-use whit::scene::{Layer, UvTransform};
+use whit::scene::{TextureBinding, UvTransform};
 
 use super::approx::{Approx, Approx3};
 use super::hits::{Decision, Doubt};
@@ -11,7 +11,7 @@ const MIN_ELEVATION: f64 = 0.01;
 
 /// The normal that (2 `texel` - 1) means, X and Y times the layer's strength, in the frame of right and up in the image
 /// around `n`.
-pub fn mapped(n: Approx3, [right, up]: [Approx3; 2], texel: Approx3, layer: &Layer) -> Approx3 {
+pub fn mapped(n: Approx3, [right, up]: [Approx3; 2], texel: Approx3, layer: &TextureBinding) -> Approx3 {
     let strength = Approx::exact(f64::from(layer.strength));
     let [x, y, z] = texel.to_array().map(|c| c + c - Approx::ONE);
     (right * (strength * x) + up * (strength * y) + n * z).normalize()

@@ -9,8 +9,9 @@ use whit::optics::subsurface::SubsurfacePreset;
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::scene::{
     AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Interior,
-    Layer, Lecture, Lens, Light, LightKind, Material, MetallicRoughness, Model, Parameter, Pattern,
-    Procedural, Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureUse, Translucency, Wrap,
+    Lecture, Lens, Light, LightKind, Material, MaterialInput, MetallicRoughness, Model, Pattern, Procedural,
+    Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureBinding, TextureUse, Translucency,
+    Wrap,
 };
 use whit::volume::{Fog, Grid, Samples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
@@ -130,7 +131,7 @@ pub fn scene(seed: u64) -> Scene {
     if r.next() < 0.75 {
         // Some of them cannot be lamps, and most do not shine.
         for instance in 0..scene.instances.len() as u32 {
-            _ = scene.add_lamp(instance, 1 + r.below(2) as u32);
+            _ = scene.add_emissive_light(instance, 1 + r.below(2) as u32);
         }
     }
     scene.validate().unwrap();
@@ -220,8 +221,8 @@ fn pattern(pattern: Pattern, space: Space) -> Texture {
     })
 }
 
-fn layer(parameter: Parameter, texture: u32, strength: f32) -> Layer {
-    Layer {
+fn layer(parameter: MaterialInput, texture: u32, strength: f32) -> TextureBinding {
+    TextureBinding {
         parameter,
         texture: TextureUse::new(texture),
         strength,
@@ -263,7 +264,7 @@ fn material(kind: usize, r: &mut SplitMix64) -> Material {
     let constant = Dispersion::Constant(1.3 + 0.4 * r.next());
     let matte = gltf(color, chalk);
     let texture = r.below(5) as u32;
-    let with = |layer: Layer| Material {
+    let with = |layer: TextureBinding| Material {
         layers: vec![layer],
         ..matte.clone()
     };
@@ -305,15 +306,15 @@ fn material(kind: usize, r: &mut SplitMix64) -> Material {
             }),
             ..gltf(color, glass)
         },
-        6 => with(layer(Parameter::BaseColor, texture, 1.0)),
-        7 => with(layer(Parameter::Roughness, texture, 1.0)),
-        8 => with(layer(Parameter::Normal, 3, 0.7)),
-        9 => with(layer(Parameter::Bump, texture, 0.2)),
-        10 => with(layer(Parameter::Occlusion, texture, 0.8)),
-        11 => with(layer(Parameter::SpecularColor, texture, 1.0)),
+        6 => with(layer(MaterialInput::BaseColor, texture, 1.0)),
+        7 => with(layer(MaterialInput::Roughness, texture, 1.0)),
+        8 => with(layer(MaterialInput::Normal, 3, 0.7)),
+        9 => with(layer(MaterialInput::Bump, texture, 0.2)),
+        10 => with(layer(MaterialInput::Occlusion, texture, 0.8)),
+        11 => with(layer(MaterialInput::SpecularColor, texture, 1.0)),
         12 => Material {
             alpha: AlphaMode::Mask(0.5),
-            ..with(layer(Parameter::BaseColor, texture, 1.0))
+            ..with(layer(MaterialInput::BaseColor, texture, 1.0))
         },
         13 => Material {
             alpha: AlphaMode::Blend,
@@ -356,7 +357,7 @@ fn material(kind: usize, r: &mut SplitMix64) -> Material {
             interior: body(Dispersion::Constant(1.8), Absorption::NONE, 0),
             ..matte
         },
-        _ => with(layer(Parameter::MetallicRoughness, texture, 1.0)),
+        _ => with(layer(MaterialInput::MetallicRoughness, texture, 1.0)),
     }
 }
 

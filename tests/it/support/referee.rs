@@ -3,8 +3,8 @@
 use glam::{DAffine3, DVec3, Vec3};
 use whit::mesh::Mesh;
 use whit::scene::{
-    Background, Falloff, Filter, Geometry, Image, Layer, LightKind, Material, Parameter, Sampler, Scene,
-    Texels, Texture, TextureUse, Wrap,
+    Background, Falloff, Filter, Geometry, Image, LightKind, Material, MaterialInput, Sampler, Scene, Texels,
+    Texture, TextureBinding, TextureUse, Wrap,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -263,8 +263,8 @@ fn each_wrap_mode_and_filter_reads_the_texel_that_gltf_names() {
     let seen = |wrap: Wrap, filter: Filter| {
         let mut scene = square_seen_from_two_metres(Material {
             emission: [1.0; 3],
-            layers: vec![Layer {
-                parameter: Parameter::Emission,
+            layers: vec![TextureBinding {
+                parameter: MaterialInput::Emission,
                 texture: TextureUse::new(0),
                 strength: 1.0,
             }],

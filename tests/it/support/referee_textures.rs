@@ -1,7 +1,7 @@
 //! The referee's own tests of textures and shapes: numbers that are known, or computed by hand.
 
 use glam::{DAffine3, DVec3};
-use whit::scene::{Layer, Parameter, Pattern, Procedural, Space, TextureUse, UvTransform};
+use whit::scene::{MaterialInput, Pattern, Procedural, Space, TextureBinding, TextureUse, UvTransform};
 use whit::shape::{Cone as ConeShape, Cylinder, Shape, Torus};
 
 use super::approx::{Approx, Approx3, ROUNDING};
@@ -174,8 +174,8 @@ fn the_coordinates_of_a_sphere_and_a_cube_grow_where_their_derivatives_point() {
 fn normals_bend_as_their_images_say() {
     let n = Approx3::exact(DVec3::Z);
     let texel = Approx3::exact([0.8, 0.5, 0.9]);
-    let layer = Layer {
-        parameter: Parameter::Normal,
+    let layer = TextureBinding {
+        parameter: MaterialInput::Normal,
         texture: TextureUse::new(0),
         strength: 2.0,
     };

@@ -4,7 +4,8 @@ use glam::{DAffine3, DVec3, Vec3};
 use whit::mesh::Mesh;
 use whit::optics::LINE_D;
 use whit::scene::{
-    AlphaMode, Geometry, Instance, Lecture, Material, MetallicRoughness, Model, Parameter, Scene, TextureUse,
+    AlphaMode, Geometry, Instance, Lecture, Material, MaterialInput, MetallicRoughness, Model, Scene,
+    TextureUse,
 };
 use whit::shape;
 
@@ -263,7 +264,7 @@ fn facing(n: Approx3, toward: Approx3, doubt: &mut Doubt) -> Approx3 {
     if side.value < 0.0 { -n } else { n }
 }
 
-fn texture_on(material: &Material, parameter: Parameter) -> Option<TextureUse> {
+fn texture_on(material: &Material, parameter: MaterialInput) -> Option<TextureUse> {
     material.layer(parameter).map(|layer| layer.texture)
 }
 
@@ -276,14 +277,16 @@ struct Looks<'a> {
 }
 
 impl Looks<'_> {
-    fn lookup(&mut self, parameter: Parameter, channels: Channels) -> Approx3 {
+    fn lookup(&mut self, parameter: MaterialInput, channels: Channels) -> Approx3 {
         let texture = texture_on(self.material, parameter);
         self.inputs.lookup(self.scene, texture, channels, self.doubt)
     }
 
     fn base(&mut self) -> Approx3 {
         let [r, g, b, _] = self.material.base_color;
-        Approx3::exact_f32([r, g, b]) * self.lookup(Parameter::BaseColor, Channels::Srgb) * self.inputs.color
+        Approx3::exact_f32([r, g, b])
+            * self.lookup(MaterialInput::BaseColor, Channels::Srgb)
+            * self.inputs.color
     }
 
     /// glTF 2.0, 3.9.4.
@@ -292,7 +295,7 @@ impl Looks<'_> {
             return Approx::ONE;
         }
         let factor = Approx::exact(f64::from(self.material.base_color[3]));
-        let alpha = factor * self.lookup(Parameter::BaseColor, Channels::Opacity).x * self.inputs.alpha;
+        let alpha = factor * self.lookup(MaterialInput::BaseColor, Channels::Opacity).x * self.inputs.alpha;
         match self.material.alpha {
             AlphaMode::Mask(cutoff) => {
                 let above = alpha - Approx::exact(f64::from(cutoff));
@@ -309,12 +312,12 @@ impl Looks<'_> {
 
     fn gltf(&mut self, model: &MetallicRoughness) -> Shades {
         let base = self.base();
-        let textured = [Parameter::MetallicRoughness, Parameter::Roughness]
+        let textured = [MaterialInput::MetallicRoughness, MaterialInput::Roughness]
             .into_iter()
             .any(|parameter| texture_on(self.material, parameter).is_some());
-        let grey = self.lookup(Parameter::MetallicRoughness, Channels::Linear);
-        let rough = self.lookup(Parameter::Roughness, Channels::Linear).x * f64::from(model.roughness);
-        let metal = self.lookup(Parameter::Metallic, Channels::Linear).x * f64::from(model.metallic);
+        let grey = self.lookup(MaterialInput::MetallicRoughness, Channels::Linear);
+        let rough = self.lookup(MaterialInput::Roughness, Channels::Linear).x * f64::from(model.roughness);
+        let metal = self.lookup(MaterialInput::Metallic, Channels::Linear).x * f64::from(model.metallic);
         let roughness = (grey.y * rough).clamp(0.0, 1.0);
         let metallic = (grey.z * metal).clamp(0.0, 1.0);
         let above_mirror = roughness.value - f64::from(MIRROR_ROUGHNESS);
@@ -323,12 +326,12 @@ impl Looks<'_> {
         }
         let is_mirror = above_mirror <= 0.0;
         let dielectric = 1.0 - metallic;
-        let specular =
-            Approx::exact(f64::from(model.specular)) * self.lookup(Parameter::Specular, Channels::Opacity).x;
-        let specular_color =
-            Approx3::exact_f32(model.specular_color) * self.lookup(Parameter::SpecularColor, Channels::Srgb);
+        let specular = Approx::exact(f64::from(model.specular))
+            * self.lookup(MaterialInput::Specular, Channels::Opacity).x;
+        let specular_color = Approx3::exact_f32(model.specular_color)
+            * self.lookup(MaterialInput::SpecularColor, Channels::Srgb);
         let through =
-            self.lookup(Parameter::Transmission, Channels::Linear).x * f64::from(model.transmission);
+            self.lookup(MaterialInput::Transmission, Channels::Linear).x * f64::from(model.transmission);
         let normal_incidence = self.material.interior.map_or(0.04, |inside| {
             let n = inside.ior.ior(LINE_D);
             ((n - 1.0) / (n + 1.0)).powi(2)
@@ -370,8 +373,8 @@ impl Looks<'_> {
             let used = layer.texture;
             let chart = self.inputs.chart(used.tex_coord);
             match layer.parameter {
-                Parameter::Normal => {
-                    let texel = self.lookup(Parameter::Normal, Channels::Linear);
+                MaterialInput::Normal => {
+                    let texel = self.lookup(MaterialInput::Normal, Channels::Linear);
                     let n = outward(shape.ns);
                     let map = instance.world_from_object().matrix3;
                     let frame = match self.inputs.tangent {
@@ -385,8 +388,8 @@ impl Looks<'_> {
                     };
                     bent = Some(mapped(n, frame, texel, layer));
                 }
-                Parameter::Bump if chart.is_empty() => bent = Some(n),
-                Parameter::Bump => {
+                MaterialInput::Bump if chart.is_empty() => bent = Some(n),
+                MaterialInput::Bump => {
                     let slope = self.inputs.slope(self.scene, used, self.doubt);
                     let height = Approx::exact(f64::from(layer.strength));
                     bent = Some(bumped(n, &chart, slope.map(|s| s * height)));
@@ -402,15 +405,15 @@ impl Looks<'_> {
     fn lecture(&mut self, model: &Lecture) -> Shades {
         let base = self.base();
         let reflection =
-            Approx3::exact_f32(model.reflection) * self.lookup(Parameter::Reflection, Channels::Linear);
-        let through =
-            Approx3::exact_f32(model.transmission) * self.lookup(Parameter::Transmission, Channels::Linear);
+            Approx3::exact_f32(model.reflection) * self.lookup(MaterialInput::Reflection, Channels::Linear);
+        let through = Approx3::exact_f32(model.transmission)
+            * self.lookup(MaterialInput::Transmission, Channels::Linear);
         Shades {
             ambient: Approx3::exact_f32(model.ambient) * base,
             answer: Answer::Lecture {
                 diffuse: Approx3::exact_f32(model.diffuse) * base,
                 specular: Approx3::exact_f32(model.specular)
-                    * self.lookup(Parameter::SpecularColor, Channels::Srgb),
+                    * self.lookup(MaterialInput::SpecularColor, Channels::Srgb),
                 exponent: f64::from(model.exponent),
             },
             mirror: if model.reflection == [0.0; 3] {
@@ -470,12 +473,16 @@ impl Shape {
         };
         let emission = match &material.model {
             Model::Unlit => looks.base(),
-            _ => Approx3::exact_f32(material.emission) * looks.lookup(Parameter::Emission, Channels::Srgb),
+            _ => {
+                Approx3::exact_f32(material.emission) * looks.lookup(MaterialInput::Emission, Channels::Srgb)
+            }
         };
-        let occlusion = material.layer(Parameter::Occlusion).map_or(Approx::ONE, |layer| {
-            let lit = looks.lookup(Parameter::Occlusion, Channels::Linear).x;
-            1.0 - (1.0 - lit) * f64::from(layer.strength)
-        });
+        let occlusion = material
+            .layer(MaterialInput::Occlusion)
+            .map_or(Approx::ONE, |layer| {
+                let lit = looks.lookup(MaterialInput::Occlusion, Channels::Linear).x;
+                1.0 - (1.0 - lit) * f64::from(layer.strength)
+            });
         Surface {
             p: self.p,
             start: self.start,

@@ -9,8 +9,8 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 use whit::mesh::Mesh;
 use whit::scene::{
-    AlphaMode, Background, Falloff, Filter, Geometry, Layer, LightKind, Material, Model, Parameter, Pattern,
-    Procedural, Sampler, Scene, Space, Texture, TextureUse, UvTransform, Wrap,
+    AlphaMode, Background, Falloff, Filter, Geometry, LightKind, Material, MaterialInput, Model, Pattern,
+    Procedural, Sampler, Scene, Space, Texture, TextureBinding, TextureUse, UvTransform, Wrap,
 };
 use whit::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Sphere};
 
@@ -151,10 +151,10 @@ fn surroundings(scene: &mut Scene) {
 
 /// Texture, layers and material of one kind in one space; returns the material.
 fn add_textured(scene: &mut Scene, role: Role, kind: Kind, index: usize, space: Space) -> u32 {
-    let mut layer = |parameter: Parameter, strength: f32| {
+    let mut layer = |parameter: MaterialInput, strength: f32| {
         let colors = colors(parameter);
         scene.textures.push(texture(kind, index, space, colors));
-        Layer {
+        TextureBinding {
             parameter,
             texture: TextureUse {
                 texture: scene.textures.len() as u32 - 1,
@@ -165,35 +165,41 @@ fn add_textured(scene: &mut Scene, role: Role, kind: Kind, index: usize, space: 
         }
     };
     let plain = matte([0.8, 0.7, 0.9], 0.45);
-    let with = |layers: Vec<Layer>| Material {
+    let with = |layers: Vec<TextureBinding>| Material {
         layers,
         ..plain.clone()
     };
     let material = match role {
-        Role::BaseColor => with(vec![layer(Parameter::BaseColor, 1.0)]),
+        Role::BaseColor => with(vec![layer(MaterialInput::BaseColor, 1.0)]),
         Role::Mask | Role::Blend => Material {
             alpha: if role == Role::Mask {
                 AlphaMode::Mask(0.45)
             } else {
                 AlphaMode::Blend
             },
-            ..with(vec![layer(Parameter::BaseColor, 1.0)])
+            ..with(vec![layer(MaterialInput::BaseColor, 1.0)])
         },
         Role::Roughness => Material {
-            layers: vec![layer(Parameter::Roughness, 1.0), layer(Parameter::Metallic, 1.0)],
+            layers: vec![
+                layer(MaterialInput::Roughness, 1.0),
+                layer(MaterialInput::Metallic, 1.0),
+            ],
             ..metal([0.9, 0.7, 0.5], 0.6)
         },
         Role::Packed => Material {
-            layers: vec![layer(Parameter::MetallicRoughness, 1.0)],
+            layers: vec![layer(MaterialInput::MetallicRoughness, 1.0)],
             ..metal([0.9, 0.7, 0.5], 0.6)
         },
         Role::Emission => Material {
             emission: [0.9, 1.2, 0.7],
-            ..with(vec![layer(Parameter::Emission, 1.0)])
+            ..with(vec![layer(MaterialInput::Emission, 1.0)])
         },
-        Role::Normal => with(vec![layer(Parameter::Normal, 0.8)]),
-        Role::Bump => with(vec![layer(Parameter::Bump, 0.02)]),
-        Role::NormalAndBump => with(vec![layer(Parameter::Normal, 0.8), layer(Parameter::Bump, 0.02)]),
+        Role::Normal => with(vec![layer(MaterialInput::Normal, 0.8)]),
+        Role::Bump => with(vec![layer(MaterialInput::Bump, 0.02)]),
+        Role::NormalAndBump => with(vec![
+            layer(MaterialInput::Normal, 0.8),
+            layer(MaterialInput::Bump, 0.02),
+        ]),
         Role::Lecture => Material {
             model: Model::Lecture(whit::scene::Lecture {
                 specular: [0.7, 0.8, 0.6],
@@ -202,26 +208,26 @@ fn add_textured(scene: &mut Scene, role: Role, kind: Kind, index: usize, space: 
                 ..whit::scene::Lecture::DEFAULT
             }),
             ..with(vec![
-                layer(Parameter::BaseColor, 1.0),
-                layer(Parameter::SpecularColor, 1.0),
-                layer(Parameter::Reflection, 1.0),
+                layer(MaterialInput::BaseColor, 1.0),
+                layer(MaterialInput::SpecularColor, 1.0),
+                layer(MaterialInput::Reflection, 1.0),
             ])
         },
         Role::Specular => with(vec![
-            layer(Parameter::Specular, 1.0),
-            layer(Parameter::SpecularColor, 1.0),
-            layer(Parameter::Occlusion, 0.7),
+            layer(MaterialInput::Specular, 1.0),
+            layer(MaterialInput::SpecularColor, 1.0),
+            layer(MaterialInput::Occlusion, 0.7),
         ]),
     };
     add_material(scene, material)
 }
 
 /// Colours between which patterns choose: of a normal map, two normals.
-fn colors(parameter: Parameter) -> [[f32; 4]; 2] {
+fn colors(parameter: MaterialInput) -> [[f32; 4]; 2] {
     match parameter {
-        Parameter::Normal => [[0.35, 0.6, 0.93, 1.0], [0.66, 0.38, 0.9, 1.0]],
-        Parameter::Roughness => [[0.06, 0.0, 0.0, 1.0], [1.0; 4]],
-        Parameter::MetallicRoughness => [[0.0, 0.06, 1.0, 1.0], [1.0, 1.0, 0.2, 1.0]],
+        MaterialInput::Normal => [[0.35, 0.6, 0.93, 1.0], [0.66, 0.38, 0.9, 1.0]],
+        MaterialInput::Roughness => [[0.06, 0.0, 0.0, 1.0], [1.0; 4]],
+        MaterialInput::MetallicRoughness => [[0.0, 0.06, 1.0, 1.0], [1.0, 1.0, 0.2, 1.0]],
         _ => [[0.9, 0.3, 0.1, 0.15], [0.1, 0.6, 0.95, 0.9]],
     }
 }

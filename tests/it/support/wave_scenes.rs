@@ -7,8 +7,8 @@ use std::f64::consts::PI;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use whit::mesh::Mesh;
 use whit::scene::{
-    Background, Camera, Falloff, Filter, Geometry, Image, Instance, Layer, Light, LightKind, Material,
-    Parameter, Projection, Sampler, Scene, Texels, Texture, TextureUse, Wrap,
+    Background, Camera, Falloff, Filter, Geometry, Image, Instance, Light, LightKind, Material,
+    MaterialInput, Projection, Sampler, Scene, Texels, Texture, TextureBinding, TextureUse, Wrap,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -254,7 +254,7 @@ pub fn textures() -> WaveScene {
                     tex_coord,
                     ..TextureUse::new(scene.textures.len() as u32 - 1)
                 };
-                Layer {
+                TextureBinding {
                     parameter,
                     texture,
                     strength: 1.0,
@@ -264,9 +264,9 @@ pub fn textures() -> WaveScene {
                 name: format!("panel {row} {column}"),
                 emission: [0.2, 0.25, 0.1],
                 layers: vec![
-                    layer(Parameter::BaseColor, 0, 0),
-                    layer(Parameter::MetallicRoughness, 1, 1),
-                    layer(Parameter::Emission, 2, 0),
+                    layer(MaterialInput::BaseColor, 0, 0),
+                    layer(MaterialInput::MetallicRoughness, 1, 1),
+                    layer(MaterialInput::Emission, 2, 0),
                 ],
                 ..Material::metallic_roughness([0.9, 0.8, 1.0], 0.8, 0.9)
             };

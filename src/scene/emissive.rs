@@ -21,7 +21,7 @@ impl Scene {
     /// # Errors
     /// One sentence that says why it cannot be one: there is no such instance, it does not shine, it moves, light goes
     /// through it, or it is a plane, a polyhedron or a quadric.
-    pub fn add_lamp(&mut self, instance: u32, samples: u32) -> Result<(), String> {
+    pub fn add_emissive_light(&mut self, instance: u32, samples: u32) -> Result<(), String> {
         self.lamp_surface(instance)?;
         let placed = &self.instances[instance as usize];
         let material = &self.materials[placed.material as usize];
@@ -83,7 +83,7 @@ impl Scene {
     }
 
     /// Gives lamps the emission of their materials again, after those have changed.
-    pub(crate) fn settle_lamps(&mut self) {
+    pub(crate) fn resolve_emissive_lights(&mut self) {
         for light in &mut self.lights {
             if let Some(instance) = light.lamp() {
                 let material = self.instances[instance as usize].material;

@@ -8,7 +8,7 @@ use crate::shape::Sphere;
 
 /// Where an instance stands at the time of a ray: what stands still is borrowed, what moves is worked out.
 #[derive(Clone, Debug)]
-pub struct Pose<'i>(Standing<'i>);
+pub struct InstanceTransform<'i>(Standing<'i>);
 
 #[derive(Clone, Debug)]
 enum Standing<'i> {
@@ -19,15 +19,15 @@ enum Standing<'i> {
 impl Instance {
     /// Where it stands at `time`, from 0 where motions begin to 1 where they end.
     #[inline(always)]
-    pub fn pose(&self, time: f32) -> Pose<'_> {
-        Pose(match self.moving_at(time) {
+    pub fn pose(&self, time: f32) -> InstanceTransform<'_> {
+        InstanceTransform(match self.moving_at(time) {
             None => Standing::Still(self),
             Some(affine) => Standing::Moving(affine),
         })
     }
 }
 
-impl Pose<'_> {
+impl InstanceTransform<'_> {
     /// Object to world.
     #[inline]
     pub fn world_from_object(&self) -> DAffine3 {

@@ -15,11 +15,11 @@ use crate::image::ImageError;
 ///
 /// The default keeps none.
 #[derive(Clone, Debug, Default)]
-pub struct Larder(Option<Arc<Shelves>>);
+pub struct ImageCache(Option<Arc<CacheEntries>>);
 
 #[derive(Debug, Default)]
-struct Shelves {
-    images: Mutex<HashMap<Label, KeptImage>>,
+struct CacheEntries {
+    images: Mutex<HashMap<Label, CachedImage>>,
     found: AtomicUsize,
     asked: AtomicUsize,
 }
@@ -29,32 +29,32 @@ type Label = (blake3::Hash, Option<Encoding>);
 
 /// The pixels of an image.
 #[derive(Clone, Debug)]
-pub(crate) struct KeptImage {
+pub(crate) struct CachedImage {
     pub(crate) size: [u32; 2],
     pub(crate) texels: Texels,
 }
 
 /// How often images were asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LarderCounts {
+pub struct CacheStats {
     /// In all.
     pub asked: usize,
     /// And were there.
     pub found: usize,
 }
 
-impl Larder {
+impl ImageCache {
     /// One that keeps.
-    pub fn new() -> Larder {
-        Larder(Some(Arc::default()))
+    pub fn new() -> ImageCache {
+        ImageCache(Some(Arc::default()))
     }
 
     /// The pixels of an image of 8 bits a channel that `encoded` holds: kept ones, or what `decode` makes of it.
     pub(crate) fn image<E>(
         &self,
         encoded: &[u8],
-        decode: impl FnOnce() -> Result<KeptImage, E>,
-    ) -> Result<KeptImage, E> {
+        decode: impl FnOnce() -> Result<CachedImage, E>,
+    ) -> Result<CachedImage, E> {
         let Some(shelves) = &self.0 else { return decode() };
         let label = (blake3::hash(encoded), None);
         if let Some(kept) = shelves.find(&label) {
@@ -85,7 +85,7 @@ impl Larder {
             }),
             _ => {
                 let image = read()?;
-                let kept = KeptImage {
+                let kept = CachedImage {
                     size: [image.width, image.height],
                     texels: image.texels.clone(),
                 };
@@ -96,30 +96,30 @@ impl Larder {
     }
 
     /// Forgets what no loaded scene looks at.
-    pub fn clear_out(&self) {
+    pub fn evict_unused(&self) {
         if let Some(shelves) = &self.0 {
             shelves.images().retain(|_, kept| kept.texels.is_shared());
         }
     }
 
     /// How often images were asked for so far.
-    pub fn counts(&self) -> LarderCounts {
+    pub fn counts(&self) -> CacheStats {
         let Some(shelves) = &self.0 else {
-            return LarderCounts::default();
+            return CacheStats::default();
         };
-        LarderCounts {
+        CacheStats {
             asked: shelves.asked.load(Ordering::Relaxed),
             found: shelves.found.load(Ordering::Relaxed),
         }
     }
 }
 
-impl Shelves {
-    fn images(&self) -> MutexGuard<'_, HashMap<Label, KeptImage>> {
+impl CacheEntries {
+    fn images(&self) -> MutexGuard<'_, HashMap<Label, CachedImage>> {
         self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn find(&self, label: &Label) -> Option<KeptImage> {
+    fn find(&self, label: &Label) -> Option<CachedImage> {
         let found = self.images().get(label).cloned();
         self.asked.fetch_add(1, Ordering::Relaxed);
         self.found
@@ -139,23 +139,23 @@ fn hash_of(path: &Path) -> Option<blake3::Hash> {
 mod tests {
     use super::*;
 
-    fn gray(code: u8) -> Result<KeptImage, ()> {
-        Ok(KeptImage {
+    fn gray(code: u8) -> Result<CachedImage, ()> {
+        Ok(CachedImage {
             size: [1, 1],
             texels: Texels::Bytes(vec![[code; 4]].into()),
         })
     }
 
-    fn counts(larder: &Larder) -> [usize; 2] {
+    fn counts(larder: &ImageCache) -> [usize; 2] {
         [larder.counts().asked, larder.counts().found]
     }
 
     #[test]
     fn an_image_that_a_scene_holds_is_found_by_what_it_holds_and_others_are_forgotten() {
-        let larder = Larder::new();
+        let larder = ImageCache::new();
         let held = larder.image(b"a", || gray(1)).unwrap();
         drop(larder.image(b"b", || gray(2)).unwrap());
-        larder.clear_out();
+        larder.evict_unused();
         let again = larder.image(b"a", || gray(9)).unwrap();
         assert_eq!(again.texels, held.texels);
         let anew = larder.image(b"b", || gray(3)).unwrap();
@@ -165,8 +165,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_decoded_is_not_kept() {
-        let larder = Larder::new();
-        assert!(larder.image(b"a", || Err::<KeptImage, ()>(())).is_err());
+        let larder = ImageCache::new();
+        assert!(larder.image(b"a", || Err::<CachedImage, ()>(())).is_err());
         assert!(larder.image(b"a", || gray(1)).is_ok());
         assert_eq!(counts(&larder), [2, 0]);
     }
@@ -181,7 +181,7 @@ mod tests {
                 .unwrap()
         };
         write(7);
-        let larder = Larder::new();
+        let larder = ImageCache::new();
         let read = |encoding| larder.read(&path, encoding, 8).unwrap();
         let first = read(Encoding::Srgb);
         assert_eq!(read(Encoding::Srgb).texels, first.texels);

@@ -16,7 +16,7 @@ const CHUNK: usize = 1 << 14;
 
 /// What one pass over a mesh found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Survey {
+pub(crate) struct MeshScan {
     /// The box around the corners of all usable triangles.
     pub(crate) bounds: Bounds,
     /// Triangles without area or with a corner that is not finite.
@@ -32,25 +32,25 @@ pub(crate) struct BadIndex {
 
 /// How many triangles were dropped, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Dropped {
+pub(crate) struct Removed {
     pub(crate) not_finite: usize,
     pub(crate) no_area: usize,
 }
 
 /// Looks at every triangle once.
-pub(crate) fn survey(mesh: &Mesh) -> Result<Survey, BadIndex> {
+pub(crate) fn survey(mesh: &Mesh) -> Result<MeshScan, BadIndex> {
     let (positions, triangles) = (&mesh.positions[..], &mesh.triangles[..]);
     let chunks = parallel::map_chunks(triangles, CHUNK, &|chunk, triangles| {
         survey_chunk(positions, triangles, chunk * CHUNK)
     });
-    let nothing = Survey {
+    let nothing = MeshScan {
         bounds: Bounds::EMPTY,
         unusable: 0,
     };
     // In the order of the file, so that the first bad index is the one that is named.
     chunks.into_iter().try_fold(nothing, |sum, chunk| {
         let chunk = chunk?;
-        Ok(Survey {
+        Ok(MeshScan {
             bounds: sum.bounds.union(chunk.bounds),
             unusable: sum.unusable + chunk.unusable,
         })
@@ -67,8 +67,8 @@ pub(crate) fn all_finite(values: &[f32]) -> bool {
 }
 
 /// Removes the triangles that a survey found unusable, and makes what was not finite and is now unused zero.
-pub(crate) fn drop_unusable(mesh: &mut Mesh) -> Dropped {
-    let mut dropped = Dropped::default();
+pub(crate) fn drop_unusable(mesh: &mut Mesh) -> Removed {
+    let mut dropped = Removed::default();
     let mut kept = Vec::with_capacity(mesh.triangles.len());
     for &triangle in mesh.triangles.iter() {
         let corners = triangle.map(|v| Vec3::from(mesh.positions[v as usize]));
@@ -93,7 +93,7 @@ pub(crate) fn clear_non_finite_positions(mesh: &mut Mesh) {
     mesh.positions = Buffer::from(mesh.positions.iter().map(clear).collect::<Vec<_>>());
 }
 
-fn survey_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> Result<Survey, BadIndex> {
+fn survey_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> Result<MeshScan, BadIndex> {
     let mut low = Vec3::INFINITY;
     let mut high = Vec3::NEG_INFINITY;
     let mut unusable = 0;
@@ -121,7 +121,7 @@ fn survey_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) ->
         min: low.as_dvec3(),
         max: high.as_dvec3(),
     };
-    Ok(Survey { bounds, unusable })
+    Ok(MeshScan { bounds, unusable })
 }
 
 /// Whether the triangle is finite and has an area.

@@ -103,7 +103,7 @@ impl Lobe {
     fn microfacet(&self, u: [f64; 2]) -> Microfacet<'_> {
         Microfacet {
             lobe: self,
-            m: self.ggx.visible_normal(self.wo, u),
+            m: self.ggx.sample_vndf(self.wo, u),
         }
     }
 
@@ -141,7 +141,7 @@ impl Microfacet<'_> {
         if !(wi.z > 0.0) {
             return None;
         }
-        let weights = [ggx.visible_share(wi), ggx.reflection_pdf(*wo, wi)];
+        let weights = [ggx.g2_over_g1(wi), ggx.reflection_pdf(*wo, wi)];
         self.lobe.way(wi, [self.cos_i(); 2], weights)
     }
 
@@ -156,7 +156,7 @@ impl Microfacet<'_> {
             if !(mirrored.z > 0.0) {
                 return None;
             }
-            let weights = [ggx.visible_share(mirrored), ggx.reflection_pdf(*wo, mirrored)];
+            let weights = [ggx.g2_over_g1(mirrored), ggx.reflection_pdf(*wo, mirrored)];
             let wi = mirrored.with_z(-mirrored.z);
             return self.lobe.way(wi, [self.cos_i(); 2], weights);
         }
@@ -171,7 +171,7 @@ impl Microfacet<'_> {
         }
         let pdf = ggx.transmission_pdf(*wo, wi, eta_t / eta_i);
         let cosines = [self.cos_i(), refraction.cos_t];
-        self.lobe.way(wi, cosines, [ggx.visible_share(wi), pdf])
+        self.lobe.way(wi, cosines, [ggx.g2_over_g1(wi), pdf])
     }
 }
 

@@ -13,7 +13,9 @@ use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light, LightKind};
-use crate::shading::{MaterialPacket, direct_of, entering, illuminate, lecture_direct, mirror, through};
+use crate::shading::{
+    MaterialPacket, direct_of, illuminate, mirror, phong_direct, subsurface_entry, through,
+};
 
 /// Surfaces to light, and the rays that found them.
 #[derive(Clone, Copy)]
@@ -239,7 +241,7 @@ fn answer<const RICH: bool>(
         _ => direct_of::<RICH>(lit.materials, &surfaces.ns, &surfaces.wo, wi),
     };
     if effects.has(Effect::Lecture) {
-        let lecture = lecture_direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
+        let lecture = phong_direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
         for channel in 0..3 {
             for l in 0..LANES {
                 let is_lecture = lit.materials.rich.is_lecture[l];

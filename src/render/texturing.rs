@@ -12,7 +12,7 @@ use crate::numeric::{LANES, Lanes3};
 use crate::scene::{Effect, InstanceTransform, MaterialInput, Model, TextureBinding};
 use crate::shading::normal_map::{TangentFrame, bumped, kept_visible, transformed_derivatives};
 use crate::shading::ray_cone::{Cone, axes_on_surface, uv_of};
-use crate::shading::{Footprint, MaterialPacket, RichLanes, TexturePoint};
+use crate::shading::{ExtendedMaterialLanes, Footprint, MaterialPacket, TexturePoint};
 
 /// How wide rays are where they start, and how fast they widen.
 #[derive(Clone, Copy)]
@@ -216,7 +216,7 @@ impl<'a> Textured<'a> {
 }
 
 /// What a texture does to a parameter that few materials have.
-fn rich_layer(layer: &TextureBinding, texel: &[f32; 4], l: usize, rich: &mut RichLanes) {
+fn rich_layer(layer: &TextureBinding, texel: &[f32; 4], l: usize, rich: &mut ExtendedMaterialLanes) {
     let tint = |lanes: &mut Lanes3<f32>| (0..3).for_each(|c| lanes[c][l] *= texel[c]);
     match layer.parameter {
         MaterialInput::Specular => rich.specular[l] *= texel[3],

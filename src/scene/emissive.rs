@@ -7,7 +7,7 @@
 use glam::DVec3;
 
 use super::{AlphaMode, AreaShape, Geometry, Instance, Light, LightKind, Material, Model, Scene};
-use crate::shading::{AreaLight, BodyLight, DiskLight, MeshLight, QuadLight, SphereLight};
+use crate::shading::{AreaLight, DiskLight, MeshLight, QuadLight, ShapeLight, SphereLight};
 use crate::shape::{Shape, Sphere};
 
 /// How far the squares of a round sphere's axes may be apart, and their products from 0, relative to the squares: what
@@ -118,7 +118,7 @@ fn surface(geometry: &Geometry, instance: &Instance) -> Result<AreaLight, String
             let Sphere { center, radius } = *sphere;
             SphereLight::new(map.transform_point3(center), radius * x.length()).map(AreaLight::Sphere)
         }
-        Geometry::Shape(shape) => match BodyLight::new(shape, map, instance.object_from_world()) {
+        Geometry::Shape(shape) => match ShapeLight::new(shape, map, instance.object_from_world()) {
             Some(made) => made.map(|body| AreaLight::Body(Box::new(body))),
             None => {
                 return Err(

@@ -66,7 +66,7 @@ impl Ggx {
 
     /// G1: the share of the microfacets facing `w` that are visible from there; the same on both sides of the surface.
     #[inline(always)]
-    pub fn visible_share(&self, w: DVec3) -> f64 {
+    pub fn g2_over_g1(&self, w: DVec3) -> f64 {
         let cosine = w.z.abs();
         let root = (self.alpha * self.alpha * (w.x * w.x + w.y * w.y) + w.z * w.z).sqrt();
         // At least the cosine, also where squares vanish.
@@ -78,18 +78,18 @@ impl Ggx {
         }
     }
 
-    /// The density of [`Ggx::visible_normal`] per steradian, for `wo` above the surface.
+    /// The density of [`Ggx::sample_vndf`] per steradian, for `wo` above the surface.
     #[inline(always)]
-    pub fn visible_density(&self, wo: DVec3, m: DVec3) -> f64 {
+    pub fn vndf_pdf(&self, wo: DVec3, m: DVec3) -> f64 {
         if wo.z <= 0.0 {
             return 0.0;
         }
-        self.visible_share(wo) * self.distribution(m) * wo.dot(m).max(0.0) / wo.z
+        self.g2_over_g1(wo) * self.distribution(m) * wo.dot(m).max(0.0) / wo.z
     }
 
     /// A microfacet's normal among those visible from `wo`, which is above the surface, picked by `u` in [0, 1)².
     #[inline(always)]
-    pub fn visible_normal(&self, wo: DVec3, u: [f64; 2]) -> DVec3 {
+    pub fn sample_vndf(&self, wo: DVec3, u: [f64; 2]) -> DVec3 {
         // Stretched so that the microfacets make a hemisphere, what is seen of it is mirrored into a spherical cap.
         // Scaled first, so that the square of neither a narrow lobe nor a grazing view vanishes.
         let scale = self.alpha.max(wo.z);
@@ -107,7 +107,7 @@ impl Ggx {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return 0.0;
         }
-        let masking = self.visible_share(wo) * self.visible_share(wi);
+        let masking = self.g2_over_g1(wo) * self.g2_over_g1(wi);
         self.distribution((wo + wi).normalize()) * masking / (4.0 * wo.z * wi.z)
     }
 
@@ -119,7 +119,7 @@ impl Ggx {
         let m = half.normalize_or_zero();
         let cosine = 0.5 * half.length();
         if cosine > 0.0 && m.z > 0.0 {
-            self.visible_density(wo, m) / (4.0 * cosine)
+            self.vndf_pdf(wo, m) / (4.0 * cosine)
         } else {
             0.0
         }
@@ -129,12 +129,12 @@ impl Ggx {
     /// nothing.
     #[inline(always)]
     pub fn sample_reflection(&self, wo: DVec3, u: [f64; 2]) -> Option<LobeSample> {
-        let m = self.visible_normal(wo, u);
+        let m = self.sample_vndf(wo, u);
         let wi = optics::reflect(-wo, m);
         (wi.z > 0.0).then(|| LobeSample {
             wi,
             m,
-            weight: self.visible_share(wi),
+            weight: self.g2_over_g1(wi),
         })
     }
 
@@ -148,7 +148,7 @@ impl Ggx {
         let Some((m, below)) = self.refracting(wo, wi, eta) else {
             return 0.0;
         };
-        let masking = self.visible_share(wo) * self.visible_share(wi);
+        let masking = self.g2_over_g1(wo) * self.g2_over_g1(wi);
         let cosines = wo.dot(m) * -wi.dot(m) / (wo.z * -wi.z);
         cosines * eta * eta * self.distribution(m) * masking / below
     }
@@ -159,7 +159,7 @@ impl Ggx {
         let Some((m, below)) = self.refracting(wo, wi, eta) else {
             return 0.0;
         };
-        self.visible_density(wo, m) * eta * eta * -wi.dot(m) / below
+        self.vndf_pdf(wo, m) * eta * eta * -wi.dot(m) / below
     }
 
     /// The microfacet that refracts `wi` to `wo`, and |wo + eta wi|²; `None` if none does.
@@ -179,12 +179,12 @@ impl Ggx {
     /// counts as nothing. Equal indices bend no ray, but the lobe still masks: pass such boundaries by.
     #[inline(always)]
     pub fn sample_transmission(&self, wo: DVec3, eta: f64, u: [f64; 2]) -> Option<LobeSample> {
-        let m = self.visible_normal(wo, u);
+        let m = self.sample_vndf(wo, u);
         let wi = optics::refract(-wo, m, 1.0, eta)?.direction;
         (wi.z < 0.0).then(|| LobeSample {
             wi,
             m,
-            weight: self.visible_share(wi),
+            weight: self.g2_over_g1(wi),
         })
     }
 }
@@ -300,7 +300,7 @@ mod tests {
                 let (mut surface, mut seen) = (0.0, 0.0);
                 over_microfacets(&lobe, 512, |m, dm| {
                     surface += lobe.distribution(m) * m.z * dm;
-                    seen += lobe.visible_density(wo, m) * dm;
+                    seen += lobe.vndf_pdf(wo, m) * dm;
                 });
                 assert!((surface - 1.0).abs() < 1e-9, "{roughness}: {surface}");
                 assert!((seen - 1.0).abs() < 2e-5, "{roughness} {degrees}: {seen}");
@@ -333,14 +333,14 @@ mod tests {
             for degrees in [0.0, 50.0, 85.0] {
                 let wo = at(degrees);
                 let mut exact = DVec3::ZERO;
-                over_microfacets(&lobe, 512, |m, dm| exact += lobe.visible_density(wo, m) * dm * m);
+                over_microfacets(&lobe, 512, |m, dm| exact += lobe.vndf_pdf(wo, m) * dm * m);
                 let cells = 512;
                 let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
                 // The far tail is where u[1] nears 1: finer steps there.
                 let drawn: DVec3 = (0..cells * cells)
                     .map(|i| {
                         let rest = 1.0 - middle(i / cells);
-                        2.0 * rest * lobe.visible_normal(wo, [middle(i % cells), 1.0 - rest * rest])
+                        2.0 * rest * lobe.sample_vndf(wo, [middle(i % cells), 1.0 - rest * rest])
                     })
                     .sum();
                 let found = drawn / f64::from(cells * cells);
@@ -406,7 +406,7 @@ mod tests {
                     [last, last],
                     [0.25, 0.5],
                 ] {
-                    let m = lobe.visible_normal(wo, u);
+                    let m = lobe.sample_vndf(wo, u);
                     assert!(
                         (m.length() - 1.0).abs() < 4.0 * f64::EPSILON && m.z > 0.0,
                         "{roughness} {z} {u:?}"

@@ -23,14 +23,14 @@ pub struct MaterialPacket {
     /// Reflectance of the dielectric at normal incidence, before `specular_color` and `specular`.
     pub f0: Lanes<f32>,
     /// What few materials have.
-    pub rich: RichLanes,
+    pub rich: ExtendedMaterialLanes,
     /// The index of refraction of a body, where all that is asked is how much light gets in.
     pub enters: Option<f32>,
 }
 
 /// What few materials have, at sixteen points.
 #[derive(Clone, Debug)]
-pub struct RichLanes {
+pub struct ExtendedMaterialLanes {
     /// Strength of a dielectric's reflection.
     pub specular: Lanes<f32>,
     /// Colour of a dielectric's reflection; the lecture's rsp.
@@ -79,7 +79,7 @@ impl MaterialPacket {
         metallic: [0.0; LANES],
         roughness: [1.0; LANES],
         f0: [DEFAULT_F0; LANES],
-        rich: RichLanes {
+        rich: ExtendedMaterialLanes {
             specular: [1.0; LANES],
             specular_color: [[1.0; LANES]; 3],
             transmission: [[0.0; LANES]; 3],

@@ -5,27 +5,27 @@
 //! a factor of zero.
 
 mod area_light;
-mod entering;
 mod environment;
 mod ggx;
-mod lecture;
-mod light;
 mod material;
 mod metallic_roughness;
 pub mod normal_map;
+mod phong;
+mod punctual_light;
 pub mod ray_cone;
+mod subsurface_entry;
 #[cfg(test)]
 mod tests;
 mod texture;
 
 pub use area_light::{
-    AreaLight, AreaLightError, BodyLight, DiskLight, LightSample, MeshLight, QuadLight, SphereLight,
+    AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,
 };
-pub use entering::entering;
 pub use environment::{EnvironmentError, EnvironmentMap, EnvironmentSample};
 pub use ggx::{Ggx, LobeSample};
-pub use lecture::lecture_direct;
-pub use light::{Illumination, illuminate};
-pub use material::{MaterialPacket, RichLanes};
+pub use material::{ExtendedMaterialLanes, MaterialPacket};
 pub use metallic_roughness::{direct, direct_of, mirror, through};
+pub use phong::phong_direct;
+pub use punctual_light::{PunctualSample, illuminate};
+pub use subsurface_entry::subsurface_entry;
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};

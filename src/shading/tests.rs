@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use crate::numeric::{LANES, Lanes3};
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{EffectSet, Interior, Lecture, Material, MetallicRoughness, Model};
-use crate::shading::{MaterialPacket, direct, lecture_direct};
+use crate::shading::{MaterialPacket, direct, phong_direct};
 use glam::DVec3;
 
 use crate::numeric::SplitMix64;
@@ -280,7 +280,7 @@ fn the_lectures_equation_is_its_formula_with_its_clamps() {
     for _ in 0..PACKETS {
         let materials: Vec<Material> = (0..LANES).map(|_| lecture_material(&mut random)).collect();
         let [m, v, s] = random_directions(&mut random);
-        let found = lecture_direct(&packet_of(&materials), &m.lanes, &v.lanes, &s.lanes);
+        let found = phong_direct(&packet_of(&materials), &m.lanes, &v.lanes, &s.lanes);
         for l in 0..LANES {
             let Model::Lecture(lecture) = materials[l].model else {
                 unreachable!()
@@ -335,7 +335,7 @@ fn a_mirrored_ray_straight_to_the_viewer_shines_no_brighter_than_the_highlights_
             let (m, s) = (m.exact(l), s.exact(l));
             2.0 * s.dot(m) * m - s
         });
-        let found = lecture_direct(&packet, &m.lanes, &v.lanes, &s.lanes);
+        let found = phong_direct(&packet, &m.lanes, &v.lanes, &s.lanes);
         assert!(found[0].iter().all(|value| *value <= 0.5), "{found:?}");
     }
 }

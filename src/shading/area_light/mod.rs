@@ -7,18 +7,18 @@
 //! light, with the density d² / (cos θ' A) of directions (P. Shirley, C. Wang, K. Zimmerman, "Monte Carlo Techniques
 //! for Direct Lighting Calculations", ACM TOG 15(1), 1996). Everything is in world space and f64.
 
-mod body;
 mod disk;
 mod mesh;
 mod quad;
+mod shape_light;
 mod sphere;
 
 use glam::DVec3;
 
-pub use body::BodyLight;
 pub use disk::DiskLight;
 pub use mesh::MeshLight;
 pub use quad::QuadLight;
+pub use shape_light::ShapeLight;
 pub use sphere::SphereLight;
 
 /// A point of a light as it is seen from a point that it lights.
@@ -60,7 +60,7 @@ pub enum AreaLight {
     /// Triangles.
     Mesh(MeshLight),
     /// Another analytic body.
-    Body(Box<BodyLight>),
+    Body(Box<ShapeLight>),
 }
 
 /// Why something is no light, worded as advice.

@@ -9,18 +9,18 @@
 //! surface and follows the longer one with several narrower look-ups (McCormack et al., "Feline", SIGGRAPH 1999), so a
 //! floor stays sharp across the view up to the horizon.
 
-mod fold;
-mod grid;
+mod constant_fold;
+mod mip_level;
+mod mipmap;
 mod procedural;
-mod pyramid;
 
 use std::collections::HashSet;
 
 use glam::DVec3;
 
-pub use self::fold::fold_constant_textures;
-use self::grid::Grid;
-use self::pyramid::Pyramid;
+pub use self::constant_fold::fold_constant_textures;
+use self::mip_level::Grid;
+use self::mipmap::MipMap;
 use crate::parallel;
 use crate::scene::{
     Effect, EffectSet, Encoding, Filter, Image, Procedural, Sampler, Scene, Space, Texels, Texture,
@@ -66,7 +66,7 @@ pub struct Footprint {
 pub struct TextureSet<'s> {
     lookups: Vec<Lookup<'s>>,
     /// Pyramids by image and [`Encoding`]; none where nothing asks for them.
-    pyramids: Vec<[Option<Pyramid>; 2]>,
+    pyramids: Vec<[Option<MipMap>; 2]>,
 }
 
 #[derive(Debug)]
@@ -117,7 +117,7 @@ impl<'s> TextureSet<'s> {
             [Encoding::Srgb, Encoding::Linear].map(|encoding| {
                 wanted
                     .contains(&(index, slot(encoding)))
-                    .then(|| Pyramid::new(Grid::of_image(&scene.images[index], encoding), encoding))
+                    .then(|| MipMap::new(Grid::of_image(&scene.images[index], encoding), encoding))
             })
         });
         TextureSet { pyramids, lookups }
@@ -228,7 +228,7 @@ impl<'s> TextureSet<'s> {
             .iter()
             .flatten()
             .flatten()
-            .map(Pyramid::byte_count)
+            .map(MipMap::byte_count)
             .sum()
     }
 

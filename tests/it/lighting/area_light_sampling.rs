@@ -166,7 +166,7 @@ fn furnace(lobe: &Ggx, alpha: f64, wo: DVec3, value: impl Fn(DVec3) -> f64) -> (
             second += share * value * value;
         }
     }
-    let scale = lobe.visible_share(wo) / wo.z / f64::from(CELLS * CELLS);
+    let scale = lobe.g2_over_g1(wo) / wo.z / f64::from(CELLS * CELLS);
     let mean = scale * first;
     (mean, (scale * second - mean * mean).max(0.0))
 }
@@ -194,7 +194,7 @@ fn a_white_furnace_shows_the_lobes_albedo_within_three_standard_errors() {
             let wo = at(degrees);
             let exact = furnace(&lobe, roughness * roughness, wo, |m| {
                 let wi = optics::reflect(-wo, m);
-                if wi.z > 0.0 { lobe.visible_share(wi) } else { 0.0 }
+                if wi.z > 0.0 { lobe.g2_over_g1(wi) } else { 0.0 }
             });
             let (found, off) = off_by(exact, |u| lobe.sample_reflection(wo, u).map_or(0.0, |s| s.weight));
             println!(
@@ -229,7 +229,7 @@ fn rough_glass_in_a_furnace_refracts_what_it_should_and_gains_nothing() {
             let exact = furnace(&lobe, roughness * roughness, wo, |m| {
                 match optics::refract(-wo, m, 1.0, eta) {
                     Some(through) if through.direction.z < 0.0 => {
-                        shares(m).transmittance.mean() * lobe.visible_share(through.direction)
+                        shares(m).transmittance.mean() * lobe.g2_over_g1(through.direction)
                     }
                     _ => 0.0,
                 }

@@ -7,7 +7,7 @@ use crate::scene::{Falloff, Light, LightKind};
 
 /// What arrives at sixteen points from one light, before any shadow.
 #[derive(Clone, Debug)]
-pub struct Illumination {
+pub struct PunctualSample {
     /// Unit vectors to the light.
     pub wi: Lanes3<f32>,
     /// What the light's intensity is multiplied by to give the irradiance on a surface that faces it.
@@ -17,23 +17,23 @@ pub struct Illumination {
 /// `KHR_lights_punctual`'s lower bound on the cosine difference over which a spot light fades.
 const MIN_CONE_FADE: f64 = 0.001;
 
-/// Directions to `light` and its attenuation at the points `p`.
+/// Directions to `punctual_light` and its attenuation at the points `p`.
 #[inline(always)]
-pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> Illumination {
+pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
     match light.kind {
-        LightKind::Directional { to_light } => Illumination {
+        LightKind::Directional { to_light } => PunctualSample {
             wi: to_light.as_vec3().to_array().map(|axis| [axis; LANES]),
             attenuation: [1.0; LANES],
         },
         LightKind::Point { position, falloff } => {
             let (wi, inverse_distance) = toward(position, p);
-            Illumination {
+            PunctualSample {
                 wi,
                 attenuation: weaken(&inverse_distance, falloff),
             }
         }
         // Points of it are asked one by one, elsewhere.
-        LightKind::Area { .. } => Illumination {
+        LightKind::Area { .. } => PunctualSample {
             wi: [[0.0; LANES]; 3],
             attenuation: [0.0; LANES],
         },
@@ -53,7 +53,7 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> Illumination {
                 let fade = ((cosine - cos_outer as f32) * scale).clamp(0.0, 1.0);
                 attenuation[l] *= fade * fade;
             }
-            Illumination { wi, attenuation }
+            PunctualSample { wi, attenuation }
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::numeric::{LANES, Lanes3};
 
 /// What a unit of a light's intensity that arrives gives the viewer; zero in lanes of other models.
 #[inline(always)]
-pub fn lecture_direct(
+pub fn phong_direct(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
     wo: &Lanes3<f32>,
@@ -68,7 +68,7 @@ mod tests {
     fn diffuse_and_highlight_are_the_lectures_products() {
         let up = lanes3([0.0, 0.0, 1.0]);
         // Light and viewer on opposite sides at cosine 0.8: r = v, so r.v = 1.
-        let out = lecture_direct(
+        let out = phong_direct(
             &shiny(10.0),
             &up,
             &lanes3([0.6, 0.0, 0.8]),
@@ -79,7 +79,7 @@ mod tests {
             assert!((out[channel][3] - expected).abs() < 1e-6);
         }
         // Viewer along the normal: r.v = 0.8, squared 0.64.
-        let out = lecture_direct(&shiny(2.0), &up, &up, &lanes3([-0.6, 0.0, 0.8]));
+        let out = phong_direct(&shiny(2.0), &up, &up, &lanes3([-0.6, 0.0, 0.8]));
         assert!((out[2][0] - (0.1 + 0.64)).abs() < 1e-6);
     }
 
@@ -87,6 +87,6 @@ mod tests {
     fn a_light_behind_the_surface_gives_neither() {
         let up = lanes3([0.0, 0.0, 1.0]);
         let behind = lanes3([0.0, 0.0, -1.0]);
-        assert_eq!(lecture_direct(&shiny(1.0), &up, &up, &behind), [[0.0; LANES]; 3]);
+        assert_eq!(phong_direct(&shiny(1.0), &up, &up, &behind), [[0.0; LANES]; 3]);
     }
 }

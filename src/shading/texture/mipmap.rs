@@ -10,13 +10,13 @@
 //! Colours (sRGB) are averaged by their alpha, so that what cannot be seen does not bleed into what can; where all of
 //! it is invisible, they count alike. In other images the channels have nothing to do with each other.
 
-use super::grid::{Grid, mix};
+use super::mip_level::{Grid, mix};
 use crate::parallel;
 use crate::scene::{Encoding, Sampler};
 
 /// The levels of an image above its finest one.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Pyramid {
+pub(super) struct MipMap {
     levels: Vec<Level>,
 }
 
@@ -33,7 +33,7 @@ impl Level {
     }
 }
 
-impl Pyramid {
+impl MipMap {
     /// Bytes of all levels but the finest, which is the image.
     pub(super) fn byte_count(&self) -> usize {
         self.levels
@@ -43,12 +43,12 @@ impl Pyramid {
     }
 
     /// Halves `finest` until one texel is left.
-    pub(super) fn new(finest: Grid, encoding: Encoding) -> Pyramid {
+    pub(super) fn new(finest: Grid, encoding: Encoding) -> MipMap {
         let mut levels: Vec<Level> = Vec::new();
         loop {
             let source = levels.last().map_or(finest, Level::grid);
             if source.width == 1 && source.height == 1 {
-                return Pyramid { levels };
+                return MipMap { levels };
             }
             levels.push(halved(source, encoding));
         }
@@ -181,7 +181,7 @@ mod tests {
             let image = image(width, height, |_, _| [200, 100, 3, 77]);
             let finest = Grid::of_image(&image, Encoding::Srgb);
             let expected = finest.texel(0, 0);
-            for level in Pyramid::new(finest, Encoding::Srgb).levels {
+            for level in MipMap::new(finest, Encoding::Srgb).levels {
                 for texel in level.texels {
                     for channel in 0..4 {
                         let ulps = texel[channel].to_bits().abs_diff(expected[channel].to_bits());
@@ -204,7 +204,7 @@ mod tests {
                     (0..4).for_each(|c| mean[c] += f64::from(texel[c]) / f64::from(width * height));
                 }
             }
-            let pyramid = Pyramid::new(finest, Encoding::Srgb);
+            let pyramid = MipMap::new(finest, Encoding::Srgb);
             let coarsest = pyramid.levels.last().unwrap();
             assert_eq!((coarsest.width, coarsest.height), (1, 1));
             for c in 0..4 {
@@ -231,7 +231,7 @@ mod tests {
     fn a_wider_ray_changes_the_colour_without_a_jump() {
         let image = scrambled(61, 35);
         let finest = Grid::of_image(&image, Encoding::Srgb);
-        let pyramid = Pyramid::new(finest, Encoding::Srgb);
+        let pyramid = MipMap::new(finest, Encoding::Srgb);
         let look = |width: f64| pyramid.trilinear(finest, CLAMPED, [0.37, 0.61], width);
         const STEPS: usize = 4000;
         let widths = |i: usize| 0.05 * 4000f64.powf(i as f64 / STEPS as f64);
@@ -253,7 +253,7 @@ mod tests {
     fn a_whole_level_is_taken_where_the_ray_is_a_power_of_two_texels_wide() {
         let image = scrambled(64, 64);
         let finest = Grid::of_image(&image, Encoding::Linear);
-        let pyramid = Pyramid::new(finest, Encoding::Linear);
+        let pyramid = MipMap::new(finest, Encoding::Linear);
         let second = pyramid.levels[1].grid().bilinear(CLAMPED, [0.3, 0.8]);
         assert_eq!(pyramid.trilinear(finest, CLAMPED, [0.3, 0.8], 4.0), second);
     }
@@ -268,7 +268,7 @@ mod tests {
             },
         );
         let coarsest = |encoding| {
-            let pyramid = Pyramid::new(Grid::of_image(&image, encoding), encoding);
+            let pyramid = MipMap::new(Grid::of_image(&image, encoding), encoding);
             pyramid.levels[0].texels[0]
         };
         assert_eq!(coarsest(Encoding::Srgb), [1.0, 0.0, 0.0, 0.5]);

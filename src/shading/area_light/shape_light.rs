@@ -16,7 +16,7 @@ use crate::shape::{Implicit, Shape};
 
 /// A body in the world.
 #[derive(Clone, Debug)]
-pub struct BodyLight {
+pub struct ShapeLight {
     shape: Shape,
     pieces: &'static [Piece],
     world_from_object: DAffine3,
@@ -67,14 +67,14 @@ const CUBE: [Piece; 6] = [
 const CYLINDER: [Piece; 3] = [Piece::Wall, Piece::Cap { z: 1.0 }, Piece::Cap { z: -1.0 }];
 const CONE: [Piece; 2] = [Piece::Slope, Piece::Cap { z: -1.0 }];
 
-impl BodyLight {
+impl ShapeLight {
     /// The light that `shape` is where `world_from_object` puts it; `None` for sheets without an end, and for shapes
     /// whose points cannot be picked.
     pub fn new(
         shape: &Shape,
         world_from_object: DAffine3,
         object_from_world: DAffine3,
-    ) -> Option<Result<BodyLight, AreaLightError>> {
+    ) -> Option<Result<ShapeLight, AreaLightError>> {
         let pieces: &'static [Piece] = match shape {
             Shape::Sphere(_) => &[Piece::Ball],
             Shape::Cube => &CUBE,
@@ -87,7 +87,7 @@ impl BodyLight {
                 return None;
             }
         };
-        let light = BodyLight {
+        let light = ShapeLight {
             shape: shape.clone(),
             pieces,
             world_from_object,
@@ -233,8 +233,8 @@ mod tests {
         ]
     }
 
-    fn light(shape: &Shape, map: DAffine3) -> BodyLight {
-        BodyLight::new(shape, map, map.inverse()).unwrap().unwrap()
+    fn light(shape: &Shape, map: DAffine3) -> ShapeLight {
+        ShapeLight::new(shape, map, map.inverse()).unwrap().unwrap()
     }
 
     fn skew() -> DAffine3 {
@@ -316,7 +316,7 @@ mod tests {
     #[test]
     fn shapes_whose_points_cannot_be_picked_are_none() {
         for shape in [Shape::Plane, Shape::Disk, Shape::Quad] {
-            assert!(BodyLight::new(&shape, DAffine3::IDENTITY, DAffine3::IDENTITY).is_none());
+            assert!(ShapeLight::new(&shape, DAffine3::IDENTITY, DAffine3::IDENTITY).is_none());
         }
     }
 }

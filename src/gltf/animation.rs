@@ -10,7 +10,7 @@ use gltf::json;
 use gltf::json::animation::Property;
 use gltf::json::validation::Checked;
 
-use super::curve::Curve;
+use super::animation_sampler::AnimationSampler;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 use super::{GltfError, node};
@@ -27,7 +27,7 @@ pub struct Pose {
 
 /// What an animation changes of a node.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Moved {
+pub(super) struct NodeOverride {
     translation: Option<DVec3>,
     rotation: Option<DQuat>,
     scale: Option<DVec3>,
@@ -35,7 +35,7 @@ pub(super) struct Moved {
     pub(super) weights: Option<Vec<f64>>,
 }
 
-impl Moved {
+impl NodeOverride {
     /// The place of a node to its parent: its own, but for what is moved.
     pub(super) fn transform(&self, node: &json::Node) -> DAffine3 {
         let own = node::parts(node);
@@ -54,7 +54,7 @@ impl Document {
         &self,
         pose: &Pose,
         warnings: &mut Vec<String>,
-    ) -> Result<HashMap<usize, Moved>, GltfError> {
+    ) -> Result<HashMap<usize, NodeOverride>, GltfError> {
         let mut moved = HashMap::new();
         for number in self.animations_of(pose, warnings)? {
             for channel in 0..self.root.animations[number].channels.len() {
@@ -101,7 +101,7 @@ impl Document {
         &self,
         (animation, channel): (usize, usize),
         seconds: f64,
-        moved: &mut HashMap<usize, Moved>,
+        moved: &mut HashMap<usize, NodeOverride>,
     ) -> Result<(), GltfError> {
         let channel = &self.root.animations[animation].channels[channel];
         let (node, property) = self.target(animation, &channel.target)?;
@@ -159,7 +159,7 @@ impl Document {
         animation: usize,
         sampler: usize,
         (property, width): (Property, usize),
-    ) -> Result<Curve, GltfError> {
+    ) -> Result<AnimationSampler, GltfError> {
         let samplers = &self.root.animations[animation].samplers;
         let name = self.animation_name(animation);
         let fault = |fault: String| {
@@ -190,7 +190,7 @@ impl Document {
                 "has no times, or times that do not grow, or numbers that are not finite".into(),
             ));
         }
-        let values_per_key = Curve::values_per_key(interpolation);
+        let values_per_key = AnimationSampler::values_per_key(interpolation);
         if Some(values.len()) != times.len().checked_mul(values_per_key * width) {
             return Err(fault(format!(
                 "has {} numbers for {} times, where each needs {}",
@@ -199,7 +199,7 @@ impl Document {
                 values_per_key * width
             )));
         }
-        Ok(Curve {
+        Ok(AnimationSampler {
             interpolation,
             width,
             times,

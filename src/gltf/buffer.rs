@@ -13,7 +13,7 @@ use percent_encoding::{percent_decode, percent_decode_str};
 use super::GltfError;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
-use super::map::map_file;
+use super::mmap::map_file;
 
 /// Some bytes, mapped or decoded.
 #[derive(Clone, Debug)]

@@ -11,7 +11,7 @@ use glam::{DAffine3, DVec3};
 use gltf::json;
 
 use super::GltfError;
-use super::animation::Moved;
+use super::animation::NodeOverride;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 use super::node::{Deformed, PlacedNode};
@@ -50,7 +50,7 @@ impl Document {
     pub(super) fn deform(
         &self,
         nodes: &mut [PlacedNode],
-        moved: &HashMap<usize, Moved>,
+        moved: &HashMap<usize, NodeOverride>,
     ) -> Result<Vec<Deformation>, GltfError> {
         let joints = self.joints_of_skins(nodes)?;
         let mut deformations = Vec::new();
@@ -116,7 +116,7 @@ impl Document {
     }
 
     /// The weights of a node's targets: those of the moment, else its own, else its mesh's; none where all are zero.
-    fn weights(&self, node: usize, moved: &HashMap<usize, Moved>) -> Result<Vec<f64>, GltfError> {
+    fn weights(&self, node: usize, moved: &HashMap<usize, NodeOverride>) -> Result<Vec<f64>, GltfError> {
         let target_count = self.target_count(node);
         if target_count == 0 {
             return Ok(Vec::new());

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use super::GltfError;
 use super::buffer::Bytes;
-use super::map::map_file;
+use super::mmap::map_file;
 
 /// Extensions whose meaning is carried out.
 const KNOWN: [&str; 11] = [

@@ -11,8 +11,8 @@ use serde_json::{Map, Value};
 use super::GltfError;
 use super::document::{Document, NO_IMAGE};
 use super::extension::{Corrections, Extension};
-use super::interior::interior;
-use super::slot::{Slot, slots};
+use super::medium::medium;
+use super::texture_slot::{TextureSlot, slots};
 use crate::scene::{
     AlphaMode, Filter, Material, MaterialInput, MetallicRoughness, Model, Sampler, Texture, TextureBinding,
     TextureUse, Translucency, Wrap,
@@ -116,7 +116,7 @@ impl<'a> Materials<'a> {
         Ok(material)
     }
 
-    fn texture_use(&mut self, slot: &Slot) -> Result<Option<TextureUse>, GltfError> {
+    fn texture_use(&mut self, slot: &TextureSlot) -> Result<Option<TextureUse>, GltfError> {
         let number = slot.texture;
         let textures = &self.document.root.textures;
         let Some(source) = textures.get(number) else {

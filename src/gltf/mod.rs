@@ -17,21 +17,21 @@
 
 mod accessor;
 mod animation;
+mod animation_sampler;
 mod buffer;
-mod curve;
+mod camera_light;
 mod deformation;
 mod document;
 mod error;
 mod extension;
 mod image;
-mod interior;
-mod map;
 mod material;
+mod medium;
+mod mmap;
 mod node;
 mod primitive;
 mod skin;
-mod slot;
-mod view;
+mod texture_slot;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -39,9 +39,9 @@ use std::path::Path;
 use glam::DMat3;
 
 pub use animation::Pose;
+pub(crate) use camera_light::framing_camera;
 pub use error::GltfError;
 pub(crate) use primitive::dropped_sentence;
-pub(crate) use view::framing_camera;
 
 use crate::numeric::Bounds;
 use crate::parallel;
@@ -292,13 +292,13 @@ impl Document {
             bounds = scene.geometries.iter().map(Geometry::bounds).collect();
         }
         if scene.cameras.is_empty() {
-            let camera = view::framing_camera(&scene.bounds_from(&bounds));
+            let camera = camera_light::framing_camera(&scene.bounds_from(&bounds));
             scene.cameras.push(camera);
         }
         if scene.lights.is_empty() {
-            scene.lights.push(view::default_light(&scene.cameras[0]));
-            scene.ambient = view::DEFAULT_AMBIENT;
-            scene.background = Background::Uniform(view::DEFAULT_AMBIENT);
+            scene.lights.push(camera_light::default_light(&scene.cameras[0]));
+            scene.ambient = camera_light::DEFAULT_AMBIENT;
+            scene.background = Background::Uniform(camera_light::DEFAULT_AMBIENT);
         }
         shorten(&mut scene.warnings);
         match scene.validate_structure(&bounds) {

@@ -6,7 +6,7 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 use gltf::json;
 
 use super::GltfError;
-use super::animation::Moved;
+use super::animation::NodeOverride;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 
@@ -40,7 +40,10 @@ impl Document {
     /// every node without a parent is a root.
     ///
     /// `moved` are the places that a pose gives, by the numbers of nodes.
-    pub(super) fn placed_nodes(&self, moved: &HashMap<usize, Moved>) -> Result<Vec<PlacedNode>, GltfError> {
+    pub(super) fn placed_nodes(
+        &self,
+        moved: &HashMap<usize, NodeOverride>,
+    ) -> Result<Vec<PlacedNode>, GltfError> {
         let nodes = &self.root.nodes;
         let mut parents: Vec<Option<usize>> = vec![None; nodes.len()];
         let mut is_placed = vec![false; nodes.len()];
@@ -112,7 +115,11 @@ impl Document {
     }
 
     /// Node to parent.
-    fn local_transform(&self, number: usize, moved: &HashMap<usize, Moved>) -> Result<DAffine3, GltfError> {
+    fn local_transform(
+        &self,
+        number: usize,
+        moved: &HashMap<usize, NodeOverride>,
+    ) -> Result<DAffine3, GltfError> {
         let node = &self.root.nodes[number];
         let transform = match (&node.matrix, moved.get(&number)) {
             (Some(matrix), _) => affine(matrix),

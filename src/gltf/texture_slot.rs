@@ -11,7 +11,7 @@ use crate::scene::{MaterialInput, UvTransform};
 
 /// A texture of a material, by the file's numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Slot {
+pub(super) struct TextureSlot {
     pub(super) parameter: MaterialInput,
     pub(super) texture: usize,
     pub(super) tex_coord: u32,
@@ -20,7 +20,7 @@ pub(super) struct Slot {
 }
 
 /// The textures of a material, heeded or not.
-pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<Slot> {
+pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<TextureSlot> {
     let pbr = &material.pbr_metallic_roughness;
     let mut slots = Vec::new();
     slots.extend(slot(
@@ -52,11 +52,11 @@ fn slot(
     parameter: MaterialInput,
     info: &Option<json::texture::Info>,
     corrections: &mut Corrections,
-) -> Option<Slot> {
+) -> Option<TextureSlot> {
     let info = info.as_ref()?;
     let extensions = info.extensions.as_ref().map(|e| &e.others);
     let (transform, tex_coord) = transform(extensions, info.tex_coord, corrections);
-    Some(Slot {
+    Some(TextureSlot {
         parameter,
         texture: info.index.value(),
         tex_coord,
@@ -65,14 +65,14 @@ fn slot(
     })
 }
 
-fn normal_slot(material: &json::Material, corrections: &mut Corrections) -> Option<Slot> {
+fn normal_slot(material: &json::Material, corrections: &mut Corrections) -> Option<TextureSlot> {
     let info = material.normal_texture.as_ref()?;
     let extensions = info.extensions.as_ref().map(|e| &e.others);
     let (transform, tex_coord) = transform(extensions, info.tex_coord, corrections);
     if !info.scale.is_finite() {
         corrections.note("scale");
     }
-    Some(Slot {
+    Some(TextureSlot {
         parameter: MaterialInput::Normal,
         texture: info.index.value(),
         tex_coord,
@@ -81,12 +81,12 @@ fn normal_slot(material: &json::Material, corrections: &mut Corrections) -> Opti
     })
 }
 
-fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> Option<Slot> {
+fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> Option<TextureSlot> {
     let info = material.occlusion_texture.as_ref()?;
     let extensions = info.extensions.as_ref().map(|e| &e.others);
     let (transform, tex_coord) = transform(extensions, info.tex_coord, corrections);
     let strength = corrections.within("strength", f64::from(info.strength.0), 0.0..=1.0, 1.0);
-    Some(Slot {
+    Some(TextureSlot {
         parameter: MaterialInput::Occlusion,
         texture: info.index.value(),
         tex_coord,
@@ -97,7 +97,10 @@ fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> O
 
 /// Of the extensions that are carried out. The thickness texture of `KHR_materials_volume` stands in for the way
 /// through a body where that cannot be traced; here it can.
-fn extension_slots(extensions: Option<&Map<String, Value>>, corrections: &mut Corrections) -> Vec<Slot> {
+fn extension_slots(
+    extensions: Option<&Map<String, Value>>,
+    corrections: &mut Corrections,
+) -> Vec<TextureSlot> {
     let textures = [
         (
             "KHR_materials_specular",

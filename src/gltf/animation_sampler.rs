@@ -10,7 +10,7 @@ use super::node;
 
 /// Keys and the way between them.
 #[derive(Debug)]
-pub(super) struct Curve {
+pub(super) struct AnimationSampler {
     pub(super) interpolation: Interpolation,
     /// Numbers a value.
     pub(super) width: usize,
@@ -28,7 +28,7 @@ enum Place {
     Between(usize, f64),
 }
 
-impl Curve {
+impl AnimationSampler {
     /// Values that a time has: itself and its tangents.
     pub(super) fn values_per_key(interpolation: Interpolation) -> usize {
         if interpolation == Interpolation::CubicSpline {
@@ -110,10 +110,10 @@ fn quaternion(numbers: &[f64]) -> DQuat {
 mod tests {
     use super::*;
 
-    fn curve(interpolation: Interpolation, times: &[f64], values: &[f64]) -> Curve {
-        Curve {
+    fn curve(interpolation: Interpolation, times: &[f64], values: &[f64]) -> AnimationSampler {
+        AnimationSampler {
             interpolation,
-            width: values.len() / times.len() / Curve::values_per_key(interpolation),
+            width: values.len() / times.len() / AnimationSampler::values_per_key(interpolation),
             times: times.to_vec(),
             values: values.to_vec(),
         }

@@ -1,6 +1,6 @@
 //! Brute force: every ray against every primitive. The referee of the other two.
 
-use super::shapes::shape_hit;
+use super::shape_query::shape_hit;
 use super::{Accel, AccelReport, Hit, LANES, RayOrder, RayPacket};
 use crate::mesh::Mesh;
 use crate::mesh::triangle::Shear;

@@ -1,15 +1,15 @@
 //! Primitives that are asked about together: runs of a few whose boxes a ray had better meet as one.
 //!
 //! From the top down: a large set is cut in the middle of its cell of an octree, along Morton's curve, a small one where
-//! the surface area heuristic says (see [`cuts`]). A set that fits into a cluster stays whole where that costs no more.
+//! the surface area heuristic says (see [`sah_split`]). A set that fits into a cluster stays whole where that costs no more.
 //! Asking costs by the cluster and by the member, which alone makes clusters full: a set of seventeen is better cut into
 //! eight and nine than into one and sixteen.
 
-mod cuts;
+mod sah_split;
 
 use glam::{DVec3, Vec3};
 
-use self::cuts::{centers, cut, part};
+use self::sah_split::{centers, cut, part};
 use crate::numeric::morton::{Curve, PLACE_DIGITS};
 use crate::parallel;
 

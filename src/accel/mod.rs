@@ -8,23 +8,23 @@
 //!
 //! Ties go to the smallest `t`, then the lowest instance, then the lowest primitive, also between triangles that
 //! coincide. Only between two different triangles of its own that a ray meets at the same `t`, at a shared edge or
-//! where they overlap in part in one plane, Embree decides, and [`agreement`] counts such answers as ties, not as
+//! where they overlap in part in one plane, Embree decides, and [`hit_compare`] counts such answers as ties, not as
 //! wrong.
 
-pub mod agreement;
 pub mod brute;
 pub mod bsp;
 #[cfg(feature = "embree")]
 mod clusters;
-mod contents;
 #[cfg(feature = "embree")]
 pub mod embree;
 pub mod extents;
-mod larder;
+pub mod hit_compare;
+mod mesh_cache;
 mod packet;
 mod planes;
 mod quality;
-mod shapes;
+mod scene_stats;
+mod shape_query;
 
 use std::fmt;
 
@@ -33,10 +33,10 @@ use serde::{Deserialize, Serialize};
 #[cfg(feature = "embree")]
 #[doc(hidden)]
 pub use clusters::cluster_count;
-pub use contents::Contents;
-pub use larder::{MeshCounts, MeshLarder};
+pub use mesh_cache::{MeshCache, MeshCounts};
 pub use packet::{ACTIVE, Hit, LANES, NO_HIT, RayPacket};
 pub use quality::BuildQuality;
+pub use scene_stats::PrimitiveCounts;
 
 use crate::scene::Scene;
 
@@ -197,7 +197,7 @@ pub struct AccelOptions<'a> {
     /// Instruction set that Embree is held to (`sse2`, `sse4.2`, `avx`, `avx2`, `avx512`); its own choice if absent.
     pub isa: Option<String>,
     /// What need not be built again, where a scene is one of several.
-    pub larder: Option<&'a MeshLarder>,
+    pub larder: Option<&'a MeshCache>,
     /// Told the finished fraction while building, from any thread.
     pub progress: Option<&'a (dyn Fn(f64) + Sync)>,
 }

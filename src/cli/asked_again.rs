@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
-use crate::accel::agreement::Agreement;
+use crate::accel::hit_compare::HitComparison;
 use crate::accel::{self, Accel, AccelOptions, Backend, Instancing};
 use crate::parallel;
 use crate::scene::{EffectSet, Scene};
@@ -53,7 +53,7 @@ fn read(path: &Path) -> Result<RaysFile, Failure> {
 /// A path and what it answered to each ray.
 struct Heard {
     name: &'static str,
-    replies: Vec<(Reply, Agreement)>,
+    replies: Vec<(Reply, HitComparison)>,
 }
 
 /// Asks every path, one structure after the other, so that no two are in memory beside brute force, which needs none.
@@ -108,9 +108,9 @@ fn told(file: &RaysFile, heard: &[Heard]) -> String {
         for Heard { name, replies } in heard {
             let (reply, agreement) = replies[number];
             let judged = match agreement {
-                Agreement::Same => "",
-                Agreement::Tie => "  ties with brute force",
-                Agreement::Wrong => "  differs from brute force by more than rounding",
+                HitComparison::Same => "",
+                HitComparison::Tie => "  ties with brute force",
+                HitComparison::Wrong => "  differs from brute force by more than rounding",
             };
             let _ = writeln!(text, "    {name:17} {reply}{judged}");
         }

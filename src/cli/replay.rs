@@ -6,7 +6,7 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::ThreadPool;
 
-use crate::accel::agreement::{self, Agreement};
+use crate::accel::hit_compare::{self, HitComparison};
 use crate::accel::{Accel, Hit, LANES, RayOrder, RayPacket};
 use crate::numeric::{Bounds, Ray, SplitMix64};
 use crate::parallel;
@@ -156,7 +156,7 @@ impl Engine<'_> {
             #[cfg(feature = "embree")]
             (Engine::RawSingle(embree), RayKind::Shadow) => embree.raw_occluded_one_by_one(packets),
             #[cfg(feature = "embree")]
-            (Engine::RawSingle(embree), _) => embree.raw_intersect_one_by_one(packets),
+            (Engine::RawSingle(embree), _) => embree.baseline_intersect1(packets),
             (Engine::Accel(accel), RayKind::Shadow) => accel.occluded(packets, order),
             (Engine::Accel(accel), _) => accel.intersect(packets, order),
         }
@@ -228,12 +228,12 @@ pub(super) fn differences(scene: &Scene, set: &RaySet, reference: Engine, other:
                     let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
                     shadow_agreement(scene, &asked.ray(lane), [first, second], blocked)
                 }
-                _ => agreement::compare(scene, &asked.ray(lane), a.hit(lane), b.hit(lane)),
+                _ => hit_compare::compare(scene, &asked.ray(lane), a.hit(lane), b.hit(lane)),
             };
             match agreement {
-                Agreement::Same => {}
-                Agreement::Tie => differences.ties += 1,
-                Agreement::Wrong => differences.wrong += 1,
+                HitComparison::Same => {}
+                HitComparison::Tie => differences.ties += 1,
+                HitComparison::Wrong => differences.wrong += 1,
             }
         }
     }
@@ -242,19 +242,19 @@ pub(super) fn differences(scene: &Scene, set: &RaySet, reference: Engine, other:
 
 /// Raw answers are in the library's own numbering: only their distances can be held against others.
 #[cfg(feature = "embree")]
-fn same_distance(a: &RayPacket, b: &RayPacket, lane: usize) -> Agreement {
+fn same_distance(a: &RayPacket, b: &RayPacket, lane: usize) -> HitComparison {
     if a.t_far[lane].to_bits() == b.t_far[lane].to_bits() {
-        Agreement::Same
+        HitComparison::Same
     } else {
-        Agreement::Wrong
+        HitComparison::Wrong
     }
 }
 
 /// Whether two backends may tell a shadow ray blocked or not as they do. Their nearest hits mostly settle it; else the
 /// whole scene is asked, which takes long.
-fn shadow_agreement(scene: &Scene, ray: &Ray, accels: [&dyn Accel; 2], blocked: [bool; 2]) -> Agreement {
+fn shadow_agreement(scene: &Scene, ray: &Ray, accels: [&dyn Accel; 2], blocked: [bool; 2]) -> HitComparison {
     if blocked[0] == blocked[1] {
-        return Agreement::Same;
+        return HitComparison::Same;
     }
     let [first, second] = accels.map(|accel| -> Option<Hit> {
         let mut packet = RayPacket::EMPTY;
@@ -262,10 +262,10 @@ fn shadow_agreement(scene: &Scene, ray: &Ray, accels: [&dyn Accel; 2], blocked: 
         accel.intersect(std::slice::from_mut(&mut packet), RayOrder::Incoherent);
         packet.hit(0)
     });
-    match agreement::compare(scene, ray, first, second) {
-        Agreement::Tie => Agreement::Tie,
-        Agreement::Same | Agreement::Wrong => {
-            agreement::compare_occlusion(scene, ray, blocked[0], blocked[1])
+    match hit_compare::compare(scene, ray, first, second) {
+        HitComparison::Tie => HitComparison::Tie,
+        HitComparison::Same | HitComparison::Wrong => {
+            hit_compare::compare_occlusion(scene, ray, blocked[0], blocked[1])
         }
     }
 }

@@ -7,7 +7,7 @@ use super::spawned::{leave, outward};
 use super::trial::{Answer, Engine, Tally, Trial, describe, embree_identity, order};
 use super::worlds::{self, world};
 use super::{Asks, Case, Closes};
-use crate::accel::agreement::{Agreement, compare_occlusion};
+use crate::accel::hit_compare::{HitComparison, compare_occlusion};
 use crate::accel::{self, AccelError, AccelOptions, Backend};
 use crate::numeric::{Ray, SplitMix64};
 use crate::render::{Departure, Departures};
@@ -106,9 +106,9 @@ fn blocked(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut Spli
     let mut tally = Tally::default();
     for (i, ray) in rays.iter().enumerate() {
         let answer = match compare_occlusion(scene, ray, expected[i], found[i]) {
-            Agreement::Same => Answer::Right,
-            Agreement::Tie => Answer::Tie,
-            Agreement::Wrong => Answer::Wrong,
+            HitComparison::Same => Answer::Right,
+            HitComparison::Tie => Answer::Tie,
+            HitComparison::Wrong => Answer::Wrong,
         };
         tally.count(answer, || format!("shadow {}", describe(ray, None)));
     }

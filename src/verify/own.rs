@@ -1,6 +1,6 @@
 //! A scene's own rays through two ways of finding hits: what differs, and why it may.
 //!
-//! Whether a difference is a tie or wrong says [`agreement`]; what kind of place it is at says the nearer of the two
+//! Whether a difference is a tie or wrong says [`hit_compare`]; what kind of place it is at says the nearer of the two
 //! hits, or the one that only one of them has found. What differs is kept ray by ray, to be drawn, written down and
 //! asked again.
 
@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::place::{Place, place};
 use super::trial::describe_ray;
-use crate::accel::agreement::{self, Agreement};
+use crate::accel::hit_compare::{self, HitComparison};
 use crate::accel::{Accel, Hit, Instancing, LANES, RayOrder, RayPacket};
 use crate::numeric::Ray;
 use crate::parallel;
@@ -226,14 +226,14 @@ fn compare_chunk(scene: &Scene, accels: [&dyn Accel; 2], asked: &[RayPacket], ki
                 shadow(scene, &ray, accels, [a.is_blocked(lane), b.is_blocked(lane)])
             } else {
                 let hits = [a.hit(lane), b.hit(lane)];
-                (agreement::compare(scene, &ray, hits[0], hits[1]), hits)
+                (hit_compare::compare(scene, &ray, hits[0], hits[1]), hits)
             };
-            if agreement != Agreement::Same {
+            if agreement != HitComparison::Same {
                 comparison.count(&Difference {
                     kind,
                     ray,
                     replies: [a, b].map(|packet| kind.reply(packet, lane)),
-                    is_wrong: agreement == Agreement::Wrong,
+                    is_wrong: agreement == HitComparison::Wrong,
                     place: place(scene, &ray, hits),
                 });
             }
@@ -249,7 +249,7 @@ pub fn ask_again(
     [reference, accel]: [&dyn Accel; 2],
     asked: &Difference,
     instancing: Instancing,
-) -> (Reply, Agreement) {
+) -> (Reply, HitComparison) {
     let ray = &asked.ray;
     let packets = [reference, accel].map(|accel| {
         let mut packet = [RayPacket::EMPTY];
@@ -259,10 +259,10 @@ pub fn ask_again(
     });
     let agreement = if asked.kind == RayKind::Shadow {
         let blocked = packets.each_ref().map(|packet| packet.is_blocked(0));
-        agreement::compare_occlusion_carried(scene, ray, blocked, instancing)
+        hit_compare::compare_occlusion_carried(scene, ray, blocked, instancing)
     } else {
         let hits = packets.each_ref().map(|packet| packet.hit(0));
-        agreement::compare_carried(scene, ray, hits, instancing)
+        hit_compare::compare_carried(scene, ray, hits, instancing)
     };
     (asked.kind.reply(&packets[1], 0), agreement)
 }
@@ -274,9 +274,9 @@ fn shadow(
     ray: &Ray,
     accels: [&dyn Accel; 2],
     blocked: [bool; 2],
-) -> (Agreement, [Option<Hit>; 2]) {
+) -> (HitComparison, [Option<Hit>; 2]) {
     if blocked[0] == blocked[1] {
-        return (Agreement::Same, [None; 2]);
+        return (HitComparison::Same, [None; 2]);
     }
     let hits = accels.map(|accel| {
         let mut packet = [RayPacket::EMPTY];
@@ -284,9 +284,9 @@ fn shadow(
         accel.intersect(&mut packet, RayOrder::Incoherent);
         packet[0].hit(0)
     });
-    let agreement = match agreement::compare(scene, ray, hits[0], hits[1]) {
-        Agreement::Tie => Agreement::Tie,
-        _ => agreement::compare_occlusion(scene, ray, blocked[0], blocked[1]),
+    let agreement = match hit_compare::compare(scene, ray, hits[0], hits[1]) {
+        HitComparison::Tie => HitComparison::Tie,
+        _ => hit_compare::compare_occlusion(scene, ray, blocked[0], blocked[1]),
     };
     (agreement, hits)
 }
@@ -351,8 +351,8 @@ mod tests {
         ));
         // Asked again, brute force finds it, and the holed one still does not.
         let again = |accel: &dyn Accel| ask_again(&scene, [&brute, accel], &difference, Instancing::Callback);
-        assert_eq!(again(&brute), (difference.replies[0], Agreement::Same));
-        assert_eq!(again(&holed), (Reply::Nothing, Agreement::Wrong));
+        assert_eq!(again(&brute), (difference.replies[0], HitComparison::Same));
+        assert_eq!(again(&holed), (Reply::Nothing, HitComparison::Wrong));
         // At the edge another triangle may have it: nothing, a tie, or this one's; never wrong elsewhere.
         let edge = at(0.5 * (a + b));
         assert!(!edge.wrong.contains_key(&Place::Other), "{edge:?}");

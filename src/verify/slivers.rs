@@ -9,8 +9,8 @@ use super::exact::{self, Crossing};
 use super::meshes::{mesh, scene};
 use super::trial::{Answer, Tally, Trial};
 use super::{Asks, Case, Closes};
-use crate::accel::agreement::{Agreement, compare};
 use crate::accel::brute::BruteAccel;
+use crate::accel::hit_compare::{HitComparison, compare};
 use crate::accel::{AccelError, Hit};
 use crate::mesh::Mesh;
 use crate::numeric::{Ray, SplitMix64};
@@ -165,9 +165,9 @@ pub(super) fn exact_nearest(
 /// What the comparison of backends says of an answer.
 pub(super) fn compared(scene: &Scene, ray: &Ray, exact: Option<Hit>, hit: Option<Hit>) -> Answer {
     match compare(scene, ray, exact, hit) {
-        Agreement::Same => Answer::Right,
-        Agreement::Tie => Answer::Tie,
-        Agreement::Wrong => Answer::Wrong,
+        HitComparison::Same => Answer::Right,
+        HitComparison::Tie => Answer::Tie,
+        HitComparison::Wrong => Answer::Wrong,
     }
 }
 

@@ -6,21 +6,21 @@
 //! * [`builder`] cuts the cells, [`heuristic`] says where, [`clip`] what lies on which side.
 //! * [`counters`] counts what rays cause, if that is compiled in.
 //! * [`reference`](mod@reference) is the walk of the lecture: plain, slow, and what the others are tested against.
-//! * [`wide`] stores the same cells eight to a node; [`single`] and [`packet`] walk them. They are written as loops
+//! * [`node8`] stores the same cells eight to a node; [`single`] and [`packet`] walk them. They are written as loops
 //!   over arrays and compiled for each instruction set; there is no fused multiply-add in them, so all give the same
 //!   bits.
 
 mod builder;
 mod clip;
 pub mod counters;
+pub(super) mod error_bounds;
 mod heuristic;
-mod levels;
+mod node8;
 mod packet;
 mod primitives;
 mod reference;
 mod single;
-pub(super) mod slack;
-mod wide;
+mod two_level;
 
 use super::extents::{Spheres, spheres_of_shapes};
 use super::planes::Planes;
@@ -30,10 +30,10 @@ use super::{
 use crate::mesh::simd::{F32Only, SimdKernel, SimdLevel, dispatch};
 use crate::parallel;
 use crate::scene::Scene;
-use levels::{Layout, Levels};
+use node8::Tree8;
 use reference::PlaneTree;
-use single::Question;
-use wide::WideTree;
+use single::Query;
+use two_level::{Layout, TwoLevelTree};
 
 /// The BSP trees of a scene.
 pub struct BspAccel<'s> {
@@ -45,9 +45,9 @@ pub struct BspAccel<'s> {
 
 /// The trees in the layout of the kernel that walks them.
 enum Walker<'s> {
-    Reference(Levels<'s, PlaneTree>),
-    Single(Levels<'s, WideTree>),
-    Packet(Levels<'s, WideTree>),
+    Reference(TwoLevelTree<'s, PlaneTree>),
+    Single(TwoLevelTree<'s, Tree8>),
+    Packet(TwoLevelTree<'s, Tree8>),
 }
 
 impl Walker<'_> {
@@ -72,7 +72,7 @@ impl<'s> BspAccel<'s> {
         spheres: Spheres,
     ) -> Result<BspAccel<'s>, AccelError> {
         let levels = in_pool(options.threads, || -> Result<_, AccelError> {
-            let mut levels: Levels<WideTree> = Levels::build(scene, options)?;
+            let mut levels: TwoLevelTree<Tree8> = TwoLevelTree::build(scene, options)?;
             if spheres == Spheres::Always {
                 levels.spheres = spheres_of_shapes(scene);
             }
@@ -110,7 +110,7 @@ impl<'s> BspAccel<'s> {
 
     /// Builds trees that are walked by the reference kernel: plain, slow, and what the fast kernels are tested against.
     pub fn build_reference(scene: &'s Scene, options: &AccelOptions) -> Result<BspAccel<'s>, AccelError> {
-        let levels = in_pool(options.threads, || Levels::build(scene, options))?;
+        let levels = in_pool(options.threads, || TwoLevelTree::build(scene, options))?;
         let report = report(&levels);
         Ok(BspAccel {
             walker: Walker::Reference(levels),
@@ -123,8 +123,8 @@ impl<'s> BspAccel<'s> {
 impl Accel for BspAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
         match &self.walker {
-            Walker::Single(levels) => self.trace(levels, packets, Question::Nearest, None),
-            Walker::Packet(levels) => self.trace(levels, packets, Question::Nearest, Some(order)),
+            Walker::Single(levels) => self.trace(levels, packets, Query::Nearest, None),
+            Walker::Packet(levels) => self.trace(levels, packets, Query::Nearest, Some(order)),
             Walker::Reference(levels) => {
                 for_each_lane(packets, |packet, lane| {
                     if let Some(hit) = levels.nearest(&packet.ray(lane)) {
@@ -141,8 +141,8 @@ impl Accel for BspAccel<'_> {
 
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
         match &self.walker {
-            Walker::Single(levels) => self.trace(levels, packets, Question::Any, None),
-            Walker::Packet(levels) => self.trace(levels, packets, Question::Any, Some(order)),
+            Walker::Single(levels) => self.trace(levels, packets, Query::Any, None),
+            Walker::Packet(levels) => self.trace(levels, packets, Query::Any, Some(order)),
             Walker::Reference(levels) => {
                 for_each_lane(packets, |packet, lane| {
                     if levels.is_blocked(&packet.ray(lane)) {
@@ -164,9 +164,9 @@ impl Accel for BspAccel<'_> {
 
 /// A batch of packets for the fast kernels. One dispatch a batch: all below is compiled for each instruction set.
 struct Batch<'a, 's> {
-    levels: &'a Levels<'s, WideTree>,
+    levels: &'a TwoLevelTree<'s, Tree8>,
     packets: &'a mut [RayPacket],
-    question: Question,
+    question: Query,
     /// Absent for singles.
     order: Option<RayOrder>,
 }
@@ -198,12 +198,12 @@ impl Batch<'_, '_> {
         let Batch { levels, packets, .. } = self;
         // A kernel for each question, so that what only the other one needs is not in it.
         match (self.order, self.question) {
-            (None, Question::Nearest) => single::trace_singles(isa, levels, packets, Question::Nearest),
-            (None, Question::Any) => single::trace_singles(isa, levels, packets, Question::Any),
-            (Some(order), Question::Nearest) => {
-                packet::trace_packets(isa, levels, packets, Question::Nearest, order)
+            (None, Query::Nearest) => single::trace_singles(isa, levels, packets, Query::Nearest),
+            (None, Query::Any) => single::trace_singles(isa, levels, packets, Query::Any),
+            (Some(order), Query::Nearest) => {
+                packet::trace_packets(isa, levels, packets, Query::Nearest, order)
             }
-            (Some(order), Question::Any) => packet::trace_packets(isa, levels, packets, Question::Any, order),
+            (Some(order), Query::Any) => packet::trace_packets(isa, levels, packets, Query::Any, order),
         }
     }
 }
@@ -211,9 +211,9 @@ impl Batch<'_, '_> {
 impl BspAccel<'_> {
     fn trace(
         &self,
-        levels: &Levels<WideTree>,
+        levels: &TwoLevelTree<Tree8>,
         packets: &mut [RayPacket],
-        question: Question,
+        question: Query,
         order: Option<RayOrder>,
     ) {
         let batch = Batch {
@@ -240,7 +240,7 @@ fn for_each_lane(packets: &mut [RayPacket], mut ask: impl FnMut(&mut RayPacket, 
     }
 }
 
-fn report<T: Layout>(levels: &Levels<T>) -> AccelReport {
+fn report<T: Layout>(levels: &TwoLevelTree<T>) -> AccelReport {
     AccelReport {
         bytes: levels.byte_count(),
         peak_bytes: levels.peak_bytes,

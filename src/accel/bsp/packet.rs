@@ -6,10 +6,10 @@
 //! ray, sixteen at once. Small groups go ray by ray.
 
 use super::counters;
-use super::levels::Levels;
-use super::single::{Found, Question, STACK, Stack, ask_whole, hit_of, trace_lane, trace_singles};
-use super::slack::Line;
-use super::wide::{Child, Leaf, LeafPack, NO_NUMBER, Node, WIDTH, WideTree};
+use super::error_bounds::Line;
+use super::node8::{Child, Leaf, LeafPack, NO_NUMBER, Node, Tree8, WIDTH};
+use super::single::{HitRecord, Query, STACK, Stack, ask_whole, hit_of, trace_lane, trace_singles};
+use super::two_level::TwoLevelTree;
 use crate::accel::{LANES, RayOrder, RayPacket};
 use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis};
@@ -28,9 +28,9 @@ const FEW_RAYS: u32 = 8;
 #[inline(always)]
 pub(super) fn trace_packets(
     isa: impl SimdLevel,
-    levels: &Levels<WideTree>,
+    levels: &TwoLevelTree<Tree8>,
     packets: &mut [RayPacket],
-    question: Question,
+    question: Query,
     order: RayOrder,
 ) {
     if order == RayOrder::Incoherent {
@@ -86,7 +86,7 @@ fn kind(packet: &RayPacket, lane: usize) -> u32 {
 }
 
 /// A cell that waits: what is in it, the rays that meet it, and where the first of them enters.
-type Waiting = (Child, u32, f32);
+type StackEntry = (Child, u32, f32);
 
 /// A group of rays as the kernel sees it. Lanes outside the group have an interval that ends before it begins.
 struct Group {
@@ -96,11 +96,11 @@ struct Group {
     leave: [Lanes; 3],
     t_near: Lanes,
     shears: ShearLanes<LANES>,
-    hull: Hull,
+    hull: PacketBounds,
     best: Best,
 }
 
-/// The best hits so far, as [`Found`] is for one ray.
+/// The best hits so far, as [`HitRecord`] is for one ray.
 struct Best {
     t: Lanes,
     u: Lanes,
@@ -109,13 +109,13 @@ struct Best {
     primitive: [u32; LANES],
     /// The largest `t` of all.
     t_last: f32,
-    /// Lanes that are still asked about; with [`Question::Any`] the blocked ones leave.
+    /// Lanes that are still asked about; with [`Query::Any`] the blocked ones leave.
     active: u32,
     hit: u32,
 }
 
 /// Bounds on the lines of a group: least and greatest, by axis.
-struct Hull {
+struct PacketBounds {
     origin: [[f32; 2]; 3],
     enter: [[f32; 2]; 3],
     leave: [[f32; 2]; 3],
@@ -182,7 +182,7 @@ impl Group {
         }
         Group {
             octant: kind as usize & 7,
-            hull: Hull {
+            hull: PacketBounds {
                 origin: ranges(&origin),
                 enter: ranges(&enter),
                 leave: ranges(&leave),
@@ -211,10 +211,10 @@ impl Group {
 #[inline(always)]
 fn trace_group(
     isa: impl SimdLevel,
-    levels: &Levels<WideTree>,
+    levels: &TwoLevelTree<Tree8>,
     (packet, members): (&mut RayPacket, [u32; 2]),
-    question: Question,
-    (cells, object_stack): (&mut [Waiting; STACK], &mut Stack),
+    question: Query,
+    (cells, object_stack): (&mut [StackEntry; STACK], &mut Stack),
 ) {
     let mut group = Group::new(packet, members);
     walk(
@@ -233,8 +233,8 @@ fn trace_group(
     for lane in lanes(group.best.hit) {
         let lane = lane % LANES;
         match question {
-            Question::Any => packet.set_blocked(lane),
-            Question::Nearest => packet.set_hit(lane, &hit_of(levels, &group.best.found(lane))),
+            Query::Any => packet.set_blocked(lane),
+            Query::Nearest => packet.set_hit(lane, &hit_of(levels, &group.best.found(lane))),
         }
     }
 }
@@ -243,9 +243,9 @@ fn trace_group(
 #[inline(always)]
 fn walk(
     isa: impl SimdLevel,
-    tree: &WideTree,
+    tree: &Tree8,
     group: &mut Group,
-    (question, cells): (Question, &mut [Waiting; STACK]),
+    (question, cells): (Query, &mut [StackEntry; STACK]),
     mut ask: impl FnMut(u32, usize, &mut Best),
 ) {
     cells[0] = (tree.root(), group.best.active, group.hull.t_near);
@@ -286,7 +286,7 @@ fn enter(
     isa: impl SimdLevel,
     node: &Node,
     group: &Group,
-    cells: &mut [Waiting; STACK],
+    cells: &mut [StackEntry; STACK],
     waiting: usize,
 ) -> usize {
     counters::node();
@@ -308,7 +308,7 @@ fn enter(
     waiting + count
 }
 
-impl Hull {
+impl PacketBounds {
     /// The children that a line of the group may meet up to `t_last`, and bounds on where the first of them enters.
     #[inline(always)]
     fn children(&self, isa: impl SimdLevel, node: &Node, octant: usize, t_last: f32) -> (u32, [f32; WIDTH]) {
@@ -362,7 +362,7 @@ impl Group {
     }
 
     #[inline(always)]
-    fn ray_by_ray(&mut self, isa: impl SimdLevel, pack: &LeafPack, mask: u32, question: Question) {
+    fn ray_by_ray(&mut self, isa: impl SimdLevel, pack: &LeafPack, mask: u32, question: Query) {
         for lane in lanes(mask & self.best.active) {
             let lane = lane % LANES;
             counters::pack();
@@ -373,7 +373,7 @@ impl Group {
             for slot in lanes(hits.mask) {
                 let slot = slot % PACK;
                 if found.is_beaten_by(hits.t[slot], pack.numbers[slot]) {
-                    found = Found {
+                    found = HitRecord {
                         t: hits.t[slot],
                         u: hits.u[slot],
                         v: hits.v[slot],
@@ -389,7 +389,7 @@ impl Group {
     }
 
     #[inline(always)]
-    fn triangle_by_triangle(&mut self, isa: impl SimdLevel, pack: &LeafPack, question: Question) {
+    fn triangle_by_triangle(&mut self, isa: impl SimdLevel, pack: &LeafPack, question: Query) {
         for slot in 0..PACK {
             let number = pack.numbers[slot];
             if number == NO_NUMBER {
@@ -408,8 +408,8 @@ impl Group {
 
 impl Best {
     #[inline(always)]
-    fn found(&self, lane: usize) -> Found {
-        Found {
+    fn found(&self, lane: usize) -> HitRecord {
+        HitRecord {
             t: self.t[lane],
             u: self.u[lane],
             v: self.v[lane],
@@ -419,7 +419,7 @@ impl Best {
     }
 
     #[inline(always)]
-    fn set(&mut self, lane: usize, found: &Found, question: Question) {
+    fn set(&mut self, lane: usize, found: &HitRecord, question: Query) {
         self.hit |= 1 << lane;
         self.t[lane] = found.t;
         self.u[lane] = found.u;
@@ -431,7 +431,7 @@ impl Best {
 
     /// Takes over the hits on one triangle.
     #[inline(always)]
-    fn merge(&mut self, hits: &LaneHits<LANES>, number: u32, question: Question) {
+    fn merge(&mut self, hits: &LaneHits<LANES>, number: u32, question: Query) {
         self.hit |= hits.mask;
         for lane in lanes(hits.mask) {
             let lane = lane % LANES;
@@ -446,10 +446,10 @@ impl Best {
         self.settle(hits.mask, question);
     }
 
-    /// With [`Question::Any`], lanes that are hit are done with.
+    /// With [`Query::Any`], lanes that are hit are done with.
     #[inline(always)]
-    fn settle(&mut self, hit: u32, question: Question) {
-        if question == Question::Any {
+    fn settle(&mut self, hit: u32, question: Query) {
+        if question == Query::Any {
             self.active &= !hit;
             for lane in lanes(hit) {
                 self.t[lane % LANES] = f32::NEG_INFINITY;

@@ -2,7 +2,7 @@
 //!
 //! "Near side first; the other side if the ray crosses the boundary." What rounding asks for besides:
 //!
-//! * Planes are thick: by [`Slack`], so that a hit which the triangle test sees a little beside the true triangle is
+//! * Planes are thick: by [`SlabError`], so that a hit which the triangle test sees a little beside the true triangle is
 //!   met from both sides of a plane close by.
 //! * A ray that runs within a plane never divides by its zero component; it visits the side or sides it lies on.
 //! * A hit counts wherever it lies, in this cell or not; the walk ends only when everything left lies beyond it.
@@ -12,12 +12,12 @@
 use glam::Vec3;
 
 use super::builder::{Branch, Content};
-use super::levels::{Layout, Levels};
+use super::error_bounds::{Line, SlabError};
 use super::primitives::{Primitives, RunKind};
-use super::slack::{Line, Slack};
+use super::two_level::{Layout, TwoLevelTree};
 use crate::accel::Hit;
 use crate::accel::brute::ray_in;
-use crate::accel::shapes::shape_hit;
+use crate::accel::shape_query::shape_hit;
 use crate::mesh::Mesh;
 use crate::mesh::triangle::Shear;
 use crate::numeric::Ray;
@@ -27,7 +27,7 @@ use crate::scene::Geometry;
 pub(super) struct PlaneTree {
     nodes: Vec<Node>,
     numbers: Vec<u32>,
-    slack: Slack,
+    slack: SlabError,
 }
 
 enum Node {
@@ -58,7 +58,7 @@ impl PlaneTree {
         let mut tree = PlaneTree {
             nodes: Vec::new(),
             numbers: Vec::new(),
-            slack: Slack::of(&root.cell),
+            slack: SlabError::of(&root.cell),
         };
         tree.add(root);
         tree
@@ -149,7 +149,7 @@ impl Layout for PlaneTree {
     }
 }
 
-impl Levels<'_, PlaneTree> {
+impl TwoLevelTree<'_, PlaneTree> {
     /// The nearest hit of one ray.
     pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
         let mut best = Best::new(ray.t_far);

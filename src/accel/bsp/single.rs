@@ -2,11 +2,11 @@
 
 use super::builder::MAX_DEPTH;
 use super::counters;
-use super::levels::Levels;
-use super::slack::Line;
-use super::wide::{Child, Leaf, Node, WIDTH, WideTree};
+use super::error_bounds::Line;
+use super::node8::{Child, Leaf, Node, Tree8, WIDTH};
+use super::two_level::TwoLevelTree;
 use crate::accel::brute::ray_in;
-use crate::accel::shapes::shape_hit;
+use crate::accel::shape_query::shape_hit;
 use crate::accel::{Hit, LANES, RayPacket};
 use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{PACK, Shear};
@@ -28,7 +28,7 @@ impl Stack {
 
 /// What a question wants to know.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Question {
+pub(super) enum Query {
     /// The nearest hit.
     Nearest,
     /// Whether there is one.
@@ -36,7 +36,7 @@ pub(super) enum Question {
 }
 
 /// One ray as the kernel sees it.
-pub(super) struct Beam {
+pub(super) struct RayState {
     pub(super) line: Line,
     pub(super) shear: Shear,
     pub(super) t_near: f32,
@@ -45,13 +45,13 @@ pub(super) struct Beam {
     pub(super) octant: usize,
 }
 
-impl Beam {
+impl RayState {
     #[inline(always)]
-    pub(super) fn new(ray: &Ray) -> Beam {
+    pub(super) fn new(ray: &Ray) -> RayState {
         let line = Line::new(ray.origin.to_array(), ray.direction.to_array());
         let falls = |axis| usize::from(!line.rises(axis));
         let first = [falls(0), falls(1), falls(2)];
-        Beam {
+        RayState {
             line,
             shear: Shear::new(ray),
             t_near: ray.t_near,
@@ -63,7 +63,7 @@ impl Beam {
 
 /// The best hit so far, by the numbers of one tree. It starts as a hit at the ray's end that every other one beats.
 #[derive(Clone, Copy)]
-pub(super) struct Found {
+pub(super) struct HitRecord {
     pub(super) t: f32,
     pub(super) u: f32,
     pub(super) v: f32,
@@ -72,10 +72,10 @@ pub(super) struct Found {
     pub(super) primitive: u32,
 }
 
-impl Found {
+impl HitRecord {
     #[inline(always)]
-    pub(super) fn nothing(t_far: f32) -> Found {
-        Found {
+    pub(super) fn nothing(t_far: f32) -> HitRecord {
+        HitRecord {
             t: t_far.min(f32::MAX),
             u: 0.0,
             v: 0.0,
@@ -87,13 +87,13 @@ impl Found {
     /// The start of a search within the placed mesh that has the number `number` in the world: what is found there at
     /// the same parameter must count exactly if (number, primitive) is smaller than what is known.
     #[inline(always)]
-    pub(super) fn within(&self, number: u32) -> Found {
+    pub(super) fn within(&self, number: u32) -> HitRecord {
         let bar = match number.cmp(&self.number) {
             std::cmp::Ordering::Less => u32::MAX,
             std::cmp::Ordering::Equal => self.primitive,
             std::cmp::Ordering::Greater => 0,
         };
-        Found { number: bar, ..*self }
+        HitRecord { number: bar, ..*self }
     }
 
     #[inline(always)]
@@ -106,9 +106,9 @@ impl Found {
 #[inline(always)]
 pub(super) fn trace_singles(
     isa: impl SimdLevel,
-    levels: &Levels<WideTree>,
+    levels: &TwoLevelTree<Tree8>,
     packets: &mut [RayPacket],
-    question: Question,
+    question: Query,
 ) {
     let mut stacks = Stack::pair(levels.world.tree.root());
     for packet in packets {
@@ -125,15 +125,15 @@ pub(super) fn trace_singles(
 #[inline(always)]
 pub(super) fn trace_lane(
     isa: impl SimdLevel,
-    levels: &Levels<WideTree>,
+    levels: &TwoLevelTree<Tree8>,
     (packet, lane): (&mut RayPacket, usize),
-    question: Question,
+    question: Query,
     stacks: &mut [Stack; 2],
 ) {
     let ray = packet.ray(lane);
     let [world_stack, object_stack] = stacks;
-    let mut found = Found::nothing(ray.t_far);
-    let beam = Beam::new(&ray);
+    let mut found = HitRecord::nothing(ray.t_far);
+    let beam = RayState::new(&ray);
     let is_hit = walk(
         isa,
         &levels.world.tree,
@@ -143,14 +143,14 @@ pub(super) fn trace_lane(
         |number, found| ask_whole(isa, levels, (&ray, number), found, (question, object_stack)),
     );
     match question {
-        Question::Any if is_hit => packet.set_blocked(lane),
-        Question::Nearest if is_hit => packet.set_hit(lane, &hit_of(levels, &found)),
+        Query::Any if is_hit => packet.set_blocked(lane),
+        Query::Nearest if is_hit => packet.set_hit(lane, &hit_of(levels, &found)),
         _ => (),
     }
 }
 
 #[inline(always)]
-pub(super) fn hit_of(levels: &Levels<WideTree>, found: &Found) -> Hit {
+pub(super) fn hit_of(levels: &TwoLevelTree<Tree8>, found: &HitRecord) -> Hit {
     levels.hit(found.number, found.primitive, [found.t, found.u, found.v])
 }
 
@@ -158,10 +158,10 @@ pub(super) fn hit_of(levels: &Levels<WideTree>, found: &Found) -> Hit {
 #[inline(always)]
 pub(super) fn ask_whole(
     isa: impl SimdLevel,
-    levels: &Levels<WideTree>,
+    levels: &TwoLevelTree<Tree8>,
     (ray, number): (&Ray, u32),
-    found: &mut Found,
-    (question, stack): (Question, &mut Stack),
+    found: &mut HitRecord,
+    (question, stack): (Query, &mut Stack),
 ) -> bool {
     let run = levels.world.primitives.run(number);
     if !levels.lets_through(run.instance, ray) {
@@ -171,7 +171,7 @@ pub(super) fn ask_whole(
     match &levels.scene.geometries[instance.geometry as usize] {
         Geometry::Shape(shape) => match shape_hit(run.instance, instance, shape, ray) {
             Some(hit) if found.is_beaten_by(hit.t, number) => {
-                *found = Found {
+                *found = HitRecord {
                     t: hit.t,
                     number,
                     primitive: hit.primitive,
@@ -187,12 +187,12 @@ pub(super) fn ask_whole(
                 return false;
             };
             let mut inner = found.within(number);
-            let beam = Beam::new(&ray_in(instance, ray));
+            let beam = RayState::new(&ray_in(instance, ray));
             let is_hit = walk(isa, &object.tree, &beam, &mut inner, (question, stack), |_, _| {
                 false
             });
             if is_hit {
-                *found = Found {
+                *found = HitRecord {
                     number,
                     primitive: inner.number,
                     ..inner
@@ -207,11 +207,11 @@ pub(super) fn ask_whole(
 #[inline(always)]
 fn walk(
     isa: impl SimdLevel,
-    tree: &WideTree,
-    beam: &Beam,
-    found: &mut Found,
-    (question, stack): (Question, &mut Stack),
-    mut ask: impl FnMut(u32, &mut Found) -> bool,
+    tree: &Tree8,
+    beam: &RayState,
+    found: &mut HitRecord,
+    (question, stack): (Query, &mut Stack),
+    mut ask: impl FnMut(u32, &mut HitRecord) -> bool,
 ) -> bool {
     let mut is_hit = false;
     let mut child = tree.root();
@@ -231,7 +231,7 @@ fn walk(
                 .shear
                 .intersect_pack(isa, &pack.triangles, beam.t_near, found.t);
             for lane in lanes(hits.mask) {
-                if question == Question::Any {
+                if question == Query::Any {
                     return true;
                 }
                 let lane = lane % PACK;
@@ -246,7 +246,7 @@ fn walk(
         }
         for &number in wholes {
             is_hit |= ask(number, found);
-            if is_hit && question == Question::Any {
+            if is_hit && question == Query::Any {
                 return true;
             }
         }
@@ -275,7 +275,7 @@ fn next(stack: &Stack, waiting: &mut usize, t: f32) -> Option<Child> {
 fn enter(
     isa: impl SimdLevel,
     node: &Node,
-    (beam, t_far): (&Beam, f32),
+    (beam, t_far): (&RayState, f32),
     stack: &mut Stack,
     waiting: usize,
 ) -> usize {
@@ -323,11 +323,11 @@ mod tests {
 
     #[test]
     fn a_tie_within_a_placed_mesh_goes_to_the_smaller_instance_then_to_the_smaller_triangle() {
-        let known = Found {
+        let known = HitRecord {
             t: 1.0,
             number: 5,
             primitive: 7,
-            ..Found::nothing(9.0)
+            ..HitRecord::nothing(9.0)
         };
         assert!(known.within(4).is_beaten_by(1.0, 1000));
         assert!(!known.within(6).is_beaten_by(1.0, 0));
@@ -338,7 +338,7 @@ mod tests {
 
     #[test]
     fn a_hit_at_the_very_end_of_the_ray_counts() {
-        assert!(Found::nothing(2.0).is_beaten_by(2.0, 0));
-        assert!(!Found::nothing(2.0).is_beaten_by(2f32.next_up(), 0));
+        assert!(HitRecord::nothing(2.0).is_beaten_by(2.0, 0));
+        assert!(!HitRecord::nothing(2.0).is_beaten_by(2f32.next_up(), 0));
     }
 }

@@ -2,14 +2,14 @@
 //!
 //! One Embree scene holds the world. A mesh whose object space is world space becomes native triangles under the
 //! instance's own number, over the scene's own arrays; where [`Precision::Watertight`](super::Precision::Watertight) is
-//! asked for, up to sixteen of its triangles that lie together are a primitive of the user geometry (see `patch`), and so
+//! asked for, up to sixteen of its triangles that lie together are a primitive of the user geometry (see `triangle_cluster`), and so
 //! are those of placed meshes. Everything else is one user geometry: each shape and each placed
 //! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every
-//! further one; spheres that stand still are one primitive for up to eight that lie together (see `cluster`). A placed
+//! further one; spheres that stand still are one primitive for up to eight that lie together (see `sphere_cluster`). A placed
 //! mesh has an Embree scene of its own, built once for all its instances; the callback carries the rays into it in f64.
 //!
 //! By [`Instancing::Native`](super::Instancing::Native) placed meshes are Embree's own instances instead, which carry
-//! rays in f32 by an inverse in f32 (see `native`). On 3.13.5 a coherent `rtcOccluded16` over them never returns, so
+//! rays in f32 by an inverse in f32 (see `native_instances`). On 3.13.5 a coherent `rtcOccluded16` over them never returns, so
 //! Embree is never told of coherence where it has instances.
 //!
 //! What moves is a second user geometry, whose boxes Embree interpolates between steps of time; the callback works out
@@ -22,35 +22,35 @@
 //! a ray meets at the same `t`, at an edge they share or where they overlap in one plane, Embree decides, by the order
 //! in which it meets them. Watertight triangles are the callbacks' alone, which answer as brute force does.
 
-mod call;
-mod cluster;
-mod coincident;
+mod baseline;
+mod build_plan;
+mod built_meshes;
+mod callbacks;
 mod device;
-mod lanes;
-mod native;
-mod patch;
-mod plan;
+mod direction_scale;
+mod duplicate_triangles;
+mod native_instances;
+mod origin_bound;
 mod progress;
-mod raw;
-mod reach;
+mod query;
+mod ray_packet;
 mod scene;
-mod shelf;
-mod sieve;
 mod sphere;
-mod tame;
-mod trace;
+mod sphere_cluster;
+mod sphere_cull;
 mod triangle;
-mod user;
+mod triangle_cluster;
+mod user_geometry;
 
 use std::sync::Arc;
 
+pub(super) use self::built_meshes::BuiltMeshes;
 use self::device::Device;
-pub(super) use self::patch::Patches;
+use self::direction_scale::RescaledRays;
+use self::query::Width;
 use self::scene::{Built, EmbreeScene};
-pub(super) use self::shelf::MeshShelf;
-use self::tame::Tamed;
-use self::trace::Width;
-use self::user::UserGeometry;
+pub(super) use self::triangle_cluster::TriangleClusters;
+use self::user_geometry::UserGeometry;
 use super::planes::Planes;
 use super::{
     Accel, AccelError, AccelOptions, AccelPart, AccelReport, Precision, RayOrder, RayPacket, holder_of_tree,
@@ -100,7 +100,7 @@ impl<'s> EmbreeAccel<'s> {
             "Embree {}, {}, {width}, {} triangles {}, {} shapes and placed meshes as user geometry",
             device.identity().version,
             options.precision,
-            plan::world_triangle_count(scene),
+            build_plan::world_triangle_count(scene),
             match options.precision {
                 Precision::Watertight => format!("in {} patches", users[0].patch_count()),
                 Precision::Fast | Precision::Robust => "native".to_owned(),
@@ -120,7 +120,7 @@ impl<'s> EmbreeAccel<'s> {
         let object_count = user_count + native_instance_count;
         let asked_count = object_count + users[0].patch_count();
         let widths = [width, width.for_incoherent(asked_count)];
-        let is_placed = |instance: &&Instance| plan::placed_mesh(scene, instance).is_some();
+        let is_placed = |instance: &&Instance| build_plan::placed_mesh(scene, instance).is_some();
         Ok(EmbreeAccel {
             world,
             users,
@@ -129,7 +129,7 @@ impl<'s> EmbreeAccel<'s> {
             planes: Planes::of(scene),
             native_instance_count,
             placed_bytes,
-            world_holder: holder_of_tree(plan::world_triangle_count(scene), object_count),
+            world_holder: holder_of_tree(build_plan::world_triangle_count(scene), object_count),
             placed_mesh_count: scene.instances.iter().filter(is_placed).count(),
             summary,
         })
@@ -157,8 +157,8 @@ impl<'s> EmbreeAccel<'s> {
 
 impl Accel for EmbreeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let tamed = Tamed::of(packets);
-        trace::intersect(&self.world, self.width(order), packets, order);
+        let tamed = RescaledRays::of(packets);
+        query::intersect(&self.world, self.width(order), packets, order);
         tamed.restore(packets);
         if !self.planes.is_empty() {
             self.planes.intersect(packets);
@@ -166,8 +166,8 @@ impl Accel for EmbreeAccel<'_> {
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let tamed = Tamed::of(packets);
-        trace::occluded(&self.world, self.width(order), packets, order);
+        let tamed = RescaledRays::of(packets);
+        query::occluded(&self.world, self.width(order), packets, order);
         tamed.restore(packets);
         if !self.planes.is_empty() {
             self.planes.occluded(packets);
@@ -179,7 +179,7 @@ impl Accel for EmbreeAccel<'_> {
         let [still, moving] = &self.users;
         let untold = still.byte_count()
             + moving.own_byte_count()
-            + native::RECORD_BYTES * self.native_instance_count as u64;
+            + native_instances::RECORD_BYTES * self.native_instance_count as u64;
         let placed = self.placed_bytes.min(memory.bytes());
         let records = match still.object_count() + moving.object_count() {
             0 => "tree",
@@ -221,7 +221,7 @@ mod tests {
     use embree_sys as sys;
 
     use super::*;
-    use crate::accel::{BuildQuality, Contents};
+    use crate::accel::{BuildQuality, PrimitiveCounts};
     use crate::gltf::LoadOptions;
 
     /// Objects that are asked by callbacks, and records and holders of the build.
@@ -246,10 +246,10 @@ mod tests {
             .collect();
         assert!(!meshes.instances.is_empty());
         let (asked, report) = built(&meshes);
-        assert_eq!((asked, Contents::of(&meshes).user_geometry()), (0, 0));
+        assert_eq!((asked, PrimitiveCounts::of(&meshes).user_geometry()), (0, 0));
         assert!(report.parts.iter().all(|part| part.holder != "user-geometry"));
         let (asked, _) = built(&shapes.scene);
-        assert_eq!(asked, Contents::of(&shapes.scene).user_geometry());
+        assert_eq!(asked, PrimitiveCounts::of(&shapes.scene).user_geometry());
         assert!(asked > 0);
     }
 

@@ -8,12 +8,14 @@ use std::sync::Arc;
 use bytemuck::Pod;
 use embree_sys as sys;
 
-use super::call;
+use super::build_plan::{
+    BuildPlan, InstancedMesh, NativeMesh, Triangles, placed_mesh, primitive_count, world_triangle_count,
+};
+use super::callbacks;
 use super::device::Device;
-use super::native;
-use super::plan::{Given, Placed, Plan, Triangles, placed_mesh, primitive_count, world_triangle_count};
+use super::native_instances;
 use super::progress::{Progress, Stage, on_progress};
-use super::user::{self, UserGeometry};
+use super::user_geometry::{self, UserGeometry};
 use crate::accel::bsp::in_pool;
 use crate::accel::{AccelError, AccelOptions, BuildQuality, Instancing, Precision, RayOrder};
 use crate::mesh::{Buffer, Mesh};
@@ -97,7 +99,7 @@ pub(super) fn build<'s>(
 ) -> Result<Built<'s>, AccelError> {
     let instancing = options.instancing.resolved(options.precision);
     let mut progress = Progress::new(options.progress, primitive_count(scene));
-    let plan = in_pool(options.threads, || Plan::new(scene, options.precision));
+    let plan = in_pool(options.threads, || BuildPlan::new(scene, options.precision));
     let held_back_count = plan.held_back_count();
     let before = device.memory().bytes();
     let parts = build_placed(&plan, device, options, &mut progress)?;
@@ -135,12 +137,12 @@ pub(super) fn build<'s>(
 
 /// One Embree scene for each mesh with placed instances, by the number of its geometry.
 fn build_placed<'s>(
-    plan: &Plan<'s>,
+    plan: &BuildPlan<'s>,
     device: &Device,
     options: &AccelOptions,
     progress: &mut Progress,
-) -> Result<Vec<Option<user::Part<'s>>>, AccelError> {
-    let mut build = |placed: Placed<'s>| {
+) -> Result<Vec<Option<user_geometry::InstancedScene<'s>>>, AccelError> {
+    let mut build = |placed: InstancedMesh<'s>| {
         let scene = EmbreeScene::new(device, options)?;
         let (triangles, bounds) = in_pool(options.threads, || placed.triangles(options.larder));
         let stage = progress.stage(placed.triangle_count());
@@ -149,14 +151,14 @@ fn build_placed<'s>(
                 scene.attach_mesh(device, &given, 0)?;
                 None
             }
-            Triangles::Patches(patches) => {
+            Triangles::TriangleClusters(patches) => {
                 let user = Arc::new(UserGeometry::of_patches(plan.scene(), patches));
                 scene.attach_user(device, &user, 0)?;
                 Some(user)
             }
         };
         scene.commit(device, &stage)?;
-        Ok(user::Part {
+        Ok(user_geometry::InstancedScene {
             scene,
             patches,
             bounds,
@@ -178,11 +180,11 @@ fn attach_instances(
     let mut count = 0;
     let mut taken = HashSet::new();
     for (number, instance) in (0u32..).zip(&scene.instances) {
-        if placed_mesh(scene, instance).is_none() || !native::takes(instance, instancing) {
+        if placed_mesh(scene, instance).is_none() || !native_instances::takes(instance, instancing) {
             continue;
         }
         // Of instances of one mesh in one place the lowest is hit; Embree would answer with any.
-        let place = native::columns(&instance.world_from_object()).map(f32::to_bits);
+        let place = native_instances::columns(&instance.world_from_object()).map(f32::to_bits);
         if !taken.insert((instance.geometry, place)) {
             continue;
         }
@@ -244,7 +246,7 @@ impl<'s> EmbreeScene<'s> {
         }
     }
 
-    fn attach_mesh(&self, device: &Device, given: &Given<'s>, id: u32) -> Result<(), AccelError> {
+    fn attach_mesh(&self, device: &Device, given: &NativeMesh<'s>, id: u32) -> Result<(), AccelError> {
         let mesh = given.mesh;
         let geometry = NewGeometry::of_kind(device, sys::RTC_GEOMETRY_TYPE_TRIANGLE)?;
         geometry.set_array(
@@ -274,11 +276,13 @@ impl<'s> EmbreeScene<'s> {
         // SAFETY: `EmbreeAccel` keeps the `Arc` until the scene is released; callbacks only share it.
         unsafe { sys::rtcSetGeometryUserData(geometry.0, data) };
         // SAFETY: the callbacks take the data just set, and run only for this geometry.
-        unsafe { sys::rtcSetGeometryBoundsFunction(geometry.0, Some(call::on_bounds), std::ptr::null_mut()) };
+        unsafe {
+            sys::rtcSetGeometryBoundsFunction(geometry.0, Some(callbacks::on_bounds), std::ptr::null_mut())
+        };
         // SAFETY: as above.
-        unsafe { sys::rtcSetGeometryIntersectFunction(geometry.0, Some(call::on_intersect)) };
+        unsafe { sys::rtcSetGeometryIntersectFunction(geometry.0, Some(callbacks::on_intersect)) };
         // SAFETY: as above.
-        unsafe { sys::rtcSetGeometryOccludedFunction(geometry.0, Some(call::on_occluded)) };
+        unsafe { sys::rtcSetGeometryOccludedFunction(geometry.0, Some(callbacks::on_occluded)) };
         geometry.attach(self, id);
         device.check("take the shapes")
     }
@@ -292,7 +296,7 @@ impl<'s> EmbreeScene<'s> {
         id: u32,
     ) -> Result<(), AccelError> {
         let geometry = NewGeometry::of_kind(device, sys::RTC_GEOMETRY_TYPE_INSTANCE)?;
-        let columns = native::columns(&instance.world_from_object());
+        let columns = native_instances::columns(&instance.world_from_object());
         // SAFETY: both are live; the geometry takes a reference of its own.
         unsafe { sys::rtcSetGeometryInstancedScene(geometry.0, part.handle()) };
         let format = sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR;

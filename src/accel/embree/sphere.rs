@@ -1,15 +1,15 @@
 //! Spheres in callbacks: the lanes of a packet against one sphere of a cluster after the other, or one ray against all of
 //! them at once, for the instruction set at hand.
 //!
-//! In a packet a sphere is asked about in f64 only where not all rays surely miss it (see `sieve`). To the bits of
-//! [`crate::accel::shapes::shape_hit`]; only for spheres that are spheres in the world: ellipsoids carry each ray into
+//! In a packet a sphere is asked about in f64 only where not all rays surely miss it (see `sphere_cull`). To the bits of
+//! [`crate::accel::shape_query::shape_hit`]; only for spheres that are spheres in the world: ellipsoids carry each ray into
 //! object space and go lane by lane, as all other shapes.
 
-use super::call::{Question, answer};
-use super::cluster::{MEMBERS, SphereCluster};
-use super::lanes::{Foreign, asked_lanes, ray_of, row};
-use super::sieve::{Ball, Sieve};
-use crate::accel::shapes::sphere_at;
+use super::callbacks::{Query, answer};
+use super::ray_packet::{CallbackPacket, asked_lanes, ray_of, row};
+use super::sphere_cluster::{MEMBERS, SphereCluster};
+use super::sphere_cull::{PacketCull, Sphere32};
+use crate::accel::shape_query::sphere_at;
 use crate::accel::{ACTIVE, NO_HIT};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
 use crate::numeric::Ray;
@@ -19,9 +19,9 @@ use crate::shape::Sphere;
 #[inline(always)]
 pub(super) fn answer_spheres<const W: usize>(
     (cluster, instances): (&SphereCluster, &[u32; MEMBERS]),
-    packet: Foreign,
+    packet: CallbackPacket,
     asked: &[i32; W],
-    question: Question,
+    question: Query,
 ) -> [i32; W] {
     if W > 1 {
         return dispatch(ClusterLanes {
@@ -56,9 +56,9 @@ pub(super) fn answer_spheres<const W: usize>(
 struct ClusterLanes<'a, const W: usize> {
     cluster: &'a SphereCluster,
     instances: &'a [u32; MEMBERS],
-    packet: Foreign,
+    packet: CallbackPacket,
     asked: &'a [i32; W],
-    question: Question,
+    question: Query,
 }
 
 impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
@@ -68,13 +68,13 @@ impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
     fn run<I: SimdLevel>(self, isa: I) -> [i32; W] {
         let (packet, question) = (self.packet, self.question);
         let (origin, direction) = (packet.vectors(row::ORIGIN), packet.vectors(row::DIRECTION));
-        let mut sieve = Sieve::<W>::of(origin, direction, packet.floats(row::T_FAR));
+        let mut sieve = PacketCull::<W>::of(origin, direction, packet.floats(row::T_FAR));
         let (mut asked, mut hit) = (*self.asked, [0; W]);
         for (member, &instance) in self.instances.iter().enumerate() {
             let Some(sphere) = &self.cluster.sphere(member) else {
                 break;
             };
-            let missed = sieve.misses(isa, &Ball::of(sphere));
+            let missed = sieve.misses(isa, &Sphere32::of(sphere));
             if asked_lanes(isa, &asked) & !missed == 0 {
                 continue;
             }
@@ -90,8 +90,8 @@ impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
                 hit[lane] |= met[lane];
             }
             match question {
-                Question::Nearest => sieve.end_at(packet.floats(row::T_FAR)),
-                Question::Any => {
+                Query::Nearest => sieve.end_at(packet.floats(row::T_FAR)),
+                Query::Any => {
                     for lane in 0..W {
                         asked[lane] &= !met[lane];
                     }
@@ -106,9 +106,9 @@ impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
 pub(super) struct SphereLanes<'a, const W: usize> {
     pub(super) sphere: &'a Sphere,
     pub(super) instance: u32,
-    pub(super) packet: Foreign,
+    pub(super) packet: CallbackPacket,
     pub(super) asked: &'a [i32; W],
-    pub(super) question: Question,
+    pub(super) question: Query,
 }
 
 #[inline(always)]
@@ -121,7 +121,7 @@ fn widened<const W: usize>(v: &[f32; W]) -> [f64; W] {
 }
 
 #[inline(always)]
-fn load<const W: usize>(packet: Foreign, first: usize) -> [[f64; W]; 3] {
+fn load<const W: usize>(packet: CallbackPacket, first: usize) -> [[f64; W]; 3] {
     [
         widened(&packet.floats(first)),
         widened(&packet.floats(first + 1)),
@@ -160,8 +160,8 @@ impl<const W: usize> SphereLanes<'_, W> {
         }
         if any != 0 {
             match self.question {
-                Question::Any => self.block(&t_far, &hit),
-                Question::Nearest => self.take(instance, &t_far, &t, &mut hit),
+                Query::Any => self.block(&t_far, &hit),
+                Query::Nearest => self.take(instance, &t_far, &t, &mut hit),
             }
         }
         hit

@@ -6,9 +6,9 @@
 
 use std::mem::MaybeUninit;
 
-use super::call::{Question, answer, number_of};
-use super::lanes::{Foreign, asked_lanes, row};
-use super::patch::{CORNERS, MEMBERS, Patch};
+use super::callbacks::{Query, answer, number_of};
+use super::ray_packet::{CallbackPacket, asked_lanes, row};
+use super::triangle_cluster::{CORNERS, MEMBERS, TriangleCluster};
 use crate::accel::{ACTIVE, Hit, NO_HIT};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, div, lanes};
 use crate::mesh::triangle::{HitLanes, PACK, ProjectedVertices, Shear, ShearLanes, may_hold_origin};
@@ -21,10 +21,10 @@ const FEW_RAYS: f32 = 3.0 / 8.0;
 /// Tests the triangles of a patch; says which asked lanes were hit.
 #[inline(always)]
 pub(super) fn answer_patch<const W: usize>(
-    patch: Patch,
-    packet: Foreign,
+    patch: TriangleCluster,
+    packet: CallbackPacket,
     asked: &[i32; W],
-    question: Question,
+    question: Query,
 ) -> [i32; W] {
     dispatch(PatchLanes {
         patch,
@@ -36,10 +36,10 @@ pub(super) fn answer_patch<const W: usize>(
 
 /// The triangles of a patch against the asked lanes of a packet; says which were hit.
 struct PatchLanes<'a, const W: usize> {
-    patch: Patch<'a>,
-    packet: Foreign,
+    patch: TriangleCluster<'a>,
+    packet: CallbackPacket,
     asked: &'a [i32; W],
-    question: Question,
+    question: Query,
 }
 
 impl<const W: usize> SimdKernel for PatchLanes<'_, W> {
@@ -146,8 +146,8 @@ impl<const W: usize> PatchLanes<'_, W> {
                 settle(&mut met, on_edge, (shears, patch, member), [&t_near, &found.t]);
             }
             match self.question {
-                Question::Nearest => found.merge(isa, &met, patch, member),
-                Question::Any => {
+                Query::Nearest => found.merge(isa, &met, patch, member),
+                Query::Any => {
                     found.changed |= met.mask;
                     asked &= !met.mask;
                     if asked == 0 {
@@ -169,7 +169,7 @@ impl<const W: usize> PatchLanes<'_, W> {
 fn settle<const W: usize>(
     met: &mut HitLanes<W>,
     on_edge: u32,
-    (shears, patch, member): (&ShearLanes<W>, Patch, usize),
+    (shears, patch, member): (&ShearLanes<W>, TriangleCluster, usize),
     [t_near, t_far]: [&[f32; W]; 2],
 ) {
     let corners = patch.triangle(member).map(|corner| patch.corner(corner));
@@ -183,7 +183,7 @@ fn settle<const W: usize>(
 
 /// The best hits of a packet so far.
 struct Found<const W: usize> {
-    packet: Foreign,
+    packet: CallbackPacket,
     t: [f32; W],
     /// As of [`HitLanes`].
     weights: [[f32; W]; 2],
@@ -195,7 +195,7 @@ struct Found<const W: usize> {
 
 impl<const W: usize> Found<W> {
     #[inline(always)]
-    fn of(packet: Foreign) -> Found<W> {
+    fn of(packet: CallbackPacket) -> Found<W> {
         Found {
             packet,
             t: packet.floats(row::T_FAR),
@@ -208,7 +208,7 @@ impl<const W: usize> Found<W> {
 
     /// Takes over hits within the intervals, but those of lanes whose equally near hit has a lower number.
     #[inline(always)]
-    fn merge<I: SimdLevel>(&mut self, isa: I, met: &HitLanes<W>, patch: Patch, member: usize) {
+    fn merge<I: SimdLevel>(&mut self, isa: I, met: &HitLanes<W>, patch: TriangleCluster, member: usize) {
         let number = [patch.instance(), patch.primitive(member)];
         let mut taken = met.mask;
         for lane in lanes(met.mask & isa.eq(&met.t, &self.t)) {
@@ -240,11 +240,11 @@ impl<const W: usize> Found<W> {
 
     /// Writes what has changed into Embree's packet.
     #[inline(always)]
-    fn write(&self, question: Question) {
+    fn write(&self, question: Query) {
         if self.changed == 0 {
             return;
         }
-        if question == Question::Any {
+        if question == Query::Any {
             return self.write_row(row::T_FAR, [f32::NEG_INFINITY.to_bits(); W]);
         }
         self.write_row(row::T_FAR, bits_of(&self.t));
@@ -277,7 +277,7 @@ fn bits_of<const W: usize>(values: &[f32; W]) -> [u32; W] {
 
 /// What a ray meets of a patch within its interval: the nearest, of equals the one with the lowest number, or anything.
 #[inline(always)]
-fn nearest_of<I: SimdLevel>(isa: I, patch: Patch, ray: &Ray, question: Question) -> Option<Hit> {
+fn nearest_of<I: SimdLevel>(isa: I, patch: TriangleCluster, ray: &Ray, question: Query) -> Option<Hit> {
     let shear = Shear::new(ray);
     let [first, second] = patch.own();
     let first = shear.flatten(first);
@@ -312,7 +312,7 @@ fn nearest_of<I: SimdLevel>(isa: I, patch: Patch, ray: &Ray, question: Question)
             u: met.u,
             v: met.v,
         };
-        if question == Question::Any {
+        if question == Query::Any {
             return Some(found);
         }
         if best.is_none_or(|best| found.t < best.t || found.primitive < best.primitive) {
@@ -336,7 +336,11 @@ fn joined<const M: usize, const N: usize>(blocks: [ProjectedVertices<PACK>; M]) 
 
 /// Bit `i` says whether triangle `i` may be met, of the corners as they are projected.
 #[inline(always)]
-fn may_hold<I: SimdLevel, const N: usize>(isa: I, patch: Patch, [x, y]: &ProjectedVertices<N>) -> u32 {
+fn may_hold<I: SimdLevel, const N: usize>(
+    isa: I,
+    patch: TriangleCluster,
+    [x, y]: &ProjectedVertices<N>,
+) -> u32 {
     if is_aside(isa, x) || is_aside(isa, y) {
         return 0;
     }
@@ -374,7 +378,7 @@ mod tests {
     use glam::{DAffine3, DVec3, Vec3};
 
     use super::super::EmbreeAccel;
-    use super::super::reach::tests::unpadded;
+    use super::super::origin_bound::tests::unpadded;
     use super::*;
     use crate::accel::{Accel, AccelOptions, LANES, Precision, RayOrder, RayPacket};
     use crate::mesh::{Buffer, Mesh};

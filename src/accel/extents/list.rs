@@ -68,7 +68,7 @@ impl Count for Tally {
 
 /// Which question.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Question {
+pub(super) enum Query {
     Nearest,
     Any,
 }
@@ -106,18 +106,18 @@ impl<'s> ListAccel<'s> {
     /// [`Accel::intersect`] with the work counted.
     pub fn count_intersect(&self, packets: &mut [RayPacket]) -> Tally {
         let mut tally = Tally::default();
-        self.trace(packets, Question::Nearest, &mut tally);
+        self.trace(packets, Query::Nearest, &mut tally);
         tally
     }
 
     /// [`Accel::occluded`] with the work counted.
     pub fn count_occluded(&self, packets: &mut [RayPacket]) -> Tally {
         let mut tally = Tally::default();
-        self.trace(packets, Question::Any, &mut tally);
+        self.trace(packets, Query::Any, &mut tally);
         tally
     }
 
-    fn trace(&self, packets: &mut [RayPacket], question: Question, count: &mut impl Count) {
+    fn trace(&self, packets: &mut [RayPacket], question: Query, count: &mut impl Count) {
         dispatch(Batch {
             list: self,
             packets,
@@ -126,8 +126,8 @@ impl<'s> ListAccel<'s> {
         });
         if !self.planes.is_empty() {
             match question {
-                Question::Nearest => self.planes.intersect(packets),
-                Question::Any => self.planes.occluded(packets),
+                Query::Nearest => self.planes.intersect(packets),
+                Query::Any => self.planes.occluded(packets),
             }
         }
     }
@@ -135,11 +135,11 @@ impl<'s> ListAccel<'s> {
 
 impl Accel for ListAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], _order: RayOrder) {
-        self.trace(packets, Question::Nearest, &mut ());
+        self.trace(packets, Query::Nearest, &mut ());
     }
 
     fn occluded(&self, packets: &mut [RayPacket], _order: RayOrder) {
-        self.trace(packets, Question::Any, &mut ());
+        self.trace(packets, Query::Any, &mut ());
     }
 
     fn report(&self) -> AccelReport {
@@ -165,7 +165,7 @@ impl Accel for ListAccel<'_> {
 struct Batch<'a, 's, C> {
     list: &'a ListAccel<'s>,
     packets: &'a mut [RayPacket],
-    question: Question,
+    question: Query,
     count: &'a mut C,
 }
 
@@ -193,7 +193,7 @@ impl<C: Count> SimdKernel for Batch<'_, '_, C> {
 /// The search of one packet through objects, in whatever order they come.
 pub(super) struct Search<'a, 's> {
     list: &'a ListAccel<'s>,
-    question: Question,
+    question: Query,
     rays: RayLanes,
     asked: RayPacket,
     best: [Option<Hit>; LANES],
@@ -210,7 +210,7 @@ impl<'a, 's> Search<'a, 's> {
         isa: impl SimdLevel,
         list: &'a ListAccel<'s>,
         packet: &RayPacket,
-        question: Question,
+        question: Query,
     ) -> Self {
         let active = (0..LANES).fold(0, |mask, l| mask | u32::from(packet.active[l] != 0) << l);
         Search {
@@ -239,13 +239,13 @@ impl<'a, 's> Search<'a, 's> {
             let lane = lane % LANES;
             let ray = self.asked.ray(lane);
             match self.question {
-                Question::Nearest => {
+                Query::Nearest => {
                     nearest_of(self.list.scene, object.instance, &ray, &mut self.best[lane]);
                     if let Some(hit) = &self.best[lane] {
                         self.t_far[lane] = hit.t;
                     }
                 }
-                Question::Any => {
+                Query::Any => {
                     if blocks(self.list.scene, object.instance, &ray) {
                         self.blocked |= 1 << lane;
                         self.active &= !(1 << lane);

@@ -5,7 +5,7 @@
 //! rounding does to parameters is left to factors next to 1. Directions so short that their squares would be lost are
 //! not tested at all.
 
-use crate::accel::bsp::slack::Line;
+use crate::accel::bsp::error_bounds::Line;
 use crate::accel::{LANES, RayPacket};
 use crate::mesh::simd::SimdLevel;
 

@@ -5,7 +5,7 @@
 //! tree, as are rays that are not the camera's.
 
 use super::hull::Hull;
-use super::list::{Count, ListAccel, Question, Search, Tally};
+use super::list::{Count, ListAccel, Query, Search, Tally};
 use super::projection::{FilmBox, ProjectionExtents};
 use super::{ExtentKind, Extents};
 
@@ -205,7 +205,7 @@ impl<C: Count> SimdKernel for Batch<'_, '_, '_, C> {
                 self.count.rays(active(packet), objects.len());
                 continue;
             }
-            let mut search = Search::new(isa, &accel.list, packet, Question::Nearest);
+            let mut search = Search::new(isa, &accel.list, packet, Query::Nearest);
             self.count.rays(search.active, objects.len());
             for tile in tiles_of(accel.tiles.side, range) {
                 let entries = accel.tiles.list(tile);

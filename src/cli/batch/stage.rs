@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use crate::accel::{Accel, AccelOptions, Backend, MeshCounts, MeshLarder};
+use crate::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
 use crate::gltf::Pose;
 use crate::render::RenderSettings;
 use crate::report::memory::{MemoryForecast, available_bytes};
@@ -26,7 +26,7 @@ const LARGE_PART: u64 = 8;
 pub(super) struct Kept {
     images: ImageCache,
     /// Where there is more than one scene.
-    meshes: Option<MeshLarder>,
+    meshes: Option<MeshCache>,
 }
 
 impl Kept {
@@ -35,13 +35,13 @@ impl Kept {
         let differ = plans.windows(2).any(|pair| !pair[0].shares_scene_with(&pair[1]));
         Kept {
             images: ImageCache::new(),
-            meshes: differ.then(MeshLarder::default),
+            meshes: differ.then(MeshCache::default),
         }
     }
 
     /// Bytes of it that no scene has.
     pub(super) fn bytes(&self) -> u64 {
-        self.meshes.as_ref().map_or(0, MeshLarder::byte_count)
+        self.meshes.as_ref().map_or(0, MeshCache::byte_count)
     }
 
     /// What it has spared, in words.
@@ -50,7 +50,7 @@ impl Kept {
         let meshes = self
             .meshes
             .as_ref()
-            .map_or_else(MeshCounts::default, MeshLarder::counts);
+            .map_or_else(MeshCounts::default, MeshCache::counts);
         let mut lines = String::new();
         if images.found > 0 {
             let (found, asked) = (images.found, images.asked);

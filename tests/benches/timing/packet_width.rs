@@ -24,7 +24,7 @@ pub(crate) fn run(_: &mut Limits) {
             let sixteen = Traced::measure(&packets, &|batch| {
                 accel.raw_intersect(batch, RayOrder::Incoherent);
             });
-            let one = Traced::measure(&packets, &|batch| accel.raw_intersect_one_by_one(batch));
+            let one = Traced::measure(&packets, &|batch| accel.baseline_intersect1(batch));
             sixteen.seconds / one.seconds
         }));
         println!("{count} spheres: single rays at {rates:.2} of the rate of packets");

@@ -7,9 +7,9 @@ use std::time::Instant;
 use crate::support::scenes::{self, SplitMix64, packets};
 use glam::{DAffine3, DQuat, DVec3};
 use rayon::prelude::*;
-use whit::accel::agreement::{Agreement, compare_carried, compare_occlusion_carried};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
+use whit::accel::hit_compare::{HitComparison, compare_carried, compare_occlusion_carried};
 use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Scene};
@@ -107,11 +107,11 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, agreement: Agreement, describe: impl FnOnce() -> String) {
+    fn add(&mut self, agreement: HitComparison, describe: impl FnOnce() -> String) {
         match agreement {
-            Agreement::Same => self.same += 1,
-            Agreement::Tie => self.tie += 1,
-            Agreement::Wrong => self.wrong.push(describe()),
+            HitComparison::Same => self.same += 1,
+            HitComparison::Tie => self.tie += 1,
+            HitComparison::Wrong => self.wrong.push(describe()),
         }
     }
 

@@ -2,8 +2,8 @@
 
 use crate::support::scenes::{self, SplitMix64};
 use glam::Vec3;
-use whit::accel::agreement::{Agreement, compare};
 use whit::accel::bsp::BspAccel;
+use whit::accel::hit_compare::{HitComparison, compare};
 use whit::accel::{Accel, AccelOptions, Kernel, Precision, RayOrder, RayPacket};
 use whit::numeric::{Ray, spawn_point, triangle_spawn_error};
 use whit::scene::Scene;
@@ -83,7 +83,11 @@ fn well_shaped_triangles_are_met_as_in_f64_up_to_rounding() {
         let found = hits(Precision::Fast, kernel, order);
         assert!(found.iter().flatten().count() > 500);
         for ((ray, right), found) in rays.iter().zip(&right).zip(found) {
-            assert_ne!(compare(&scene, ray, *right, found), Agreement::Wrong, "{ray:?}");
+            assert_ne!(
+                compare(&scene, ray, *right, found),
+                HitComparison::Wrong,
+                "{ray:?}"
+            );
         }
     }
 }

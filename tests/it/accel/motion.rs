@@ -3,10 +3,10 @@
 use crate::support::scenes::{self, SplitMix64, packets};
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
-use whit::accel::agreement::{Agreement, compare_carried, compare_occlusion_carried};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
 use whit::accel::extents::{ExtentKind, ListAccel};
+use whit::accel::hit_compare::{HitComparison, compare_carried, compare_occlusion_carried};
 use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder};
 use whit::numeric::{Bounds, Ray};
 use whit::scene::{Geometry, Instance, Scene};
@@ -190,9 +190,17 @@ fn every_backend_meets_what_moves_where_brute_force_does() {
                 for ((ray, a), b) in rays.iter().zip(&brute).zip(&found) {
                     let hits = compare_carried(&scene, ray, [a.0, b.0], instancing);
                     let shadows = compare_occlusion_carried(&scene, ray, [a.1, b.1], instancing);
-                    assert_ne!(hits, Agreement::Wrong, "{name} {order:?} {ray:?}: {a:?} {b:?}");
-                    assert_ne!(shadows, Agreement::Wrong, "{name} {order:?} {ray:?}: {a:?} {b:?}");
-                    counts[usize::from(hits == Agreement::Tie)] += 1;
+                    assert_ne!(
+                        hits,
+                        HitComparison::Wrong,
+                        "{name} {order:?} {ray:?}: {a:?} {b:?}"
+                    );
+                    assert_ne!(
+                        shadows,
+                        HitComparison::Wrong,
+                        "{name} {order:?} {ray:?}: {a:?} {b:?}"
+                    );
+                    counts[usize::from(hits == HitComparison::Tie)] += 1;
                 }
                 println!("{name} {order:?}: {counts:?} same and tied of {}", rays.len());
                 assert!(counts[1] * 1000 < rays.len(), "{name}: {counts:?}");

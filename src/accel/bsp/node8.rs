@@ -2,15 +2,15 @@
 //!
 //! The cells of a node are disjoint, as those of the binary tree are that it is made from; so for each octant of
 //! directions there is one order, stored with the node, in which a ray meets them. The boxes do what planes alone
-//! cannot: they cut empty space off on all six sides at once. They are widened by the [`Slack`], so they may overlap a
+//! cannot: they cut empty space off on all six sides at once. They are widened by the [`SlabError`], so they may overlap a
 //! little; a kernel therefore never takes the first hit for the nearest, but goes on until everything left lies beyond
 //! it.
 
 use super::builder::{Branch, Content};
 use super::clip::Cell;
-use super::levels::Layout;
+use super::error_bounds::SlabError;
 use super::primitives::Primitives;
-use super::slack::Slack;
+use super::two_level::Layout;
 use crate::mesh::triangle::{PACK, TrianglePack};
 use crate::parallel;
 
@@ -68,7 +68,7 @@ struct LongLeaf {
 }
 
 /// The tree in its fast layout.
-pub(super) struct WideTree {
+pub(super) struct Tree8 {
     nodes: Vec<Node>,
     packs: Vec<LeafPack>,
     long_leaves: Vec<LongLeaf>,
@@ -85,11 +85,11 @@ pub(super) struct Leaf<'a> {
     pub(super) wholes: &'a [u32],
 }
 
-impl Layout for WideTree {
-    fn lay_out(root: &Branch, primitives: &Primitives) -> Option<WideTree> {
+impl Layout for Tree8 {
+    fn lay_out(root: &Branch, primitives: &Primitives) -> Option<Tree8> {
         let mut layout = Gathering {
             primitives,
-            slack: Slack::of(&root.cell),
+            slack: SlabError::of(&root.cell),
             nodes: Vec::new(),
             slots: Vec::new(),
             long_leaves: Vec::new(),
@@ -98,7 +98,7 @@ impl Layout for WideTree {
         layout.add_node(root)?;
         let slots = &layout.slots;
         let packs = parallel::generate(slots.len(), |index| pack(&slots[index], primitives));
-        Some(WideTree {
+        Some(Tree8 {
             nodes: layout.nodes,
             packs,
             long_leaves: layout.long_leaves,
@@ -114,7 +114,7 @@ impl Layout for WideTree {
     }
 }
 
-impl WideTree {
+impl Tree8 {
     /// The root.
     #[inline(always)]
     pub(super) fn root(&self) -> Child {
@@ -164,7 +164,7 @@ fn pack(slots: &[u32; PACK], primitives: &Primitives) -> LeafPack {
 /// A layout in the making.
 struct Gathering<'a> {
     primitives: &'a Primitives<'a>,
-    slack: Slack,
+    slack: SlabError,
     nodes: Vec<Node>,
     /// The numbers of each pack to be.
     slots: Vec<[u32; PACK]>,

@@ -2,7 +2,7 @@
 //!
 //! Embree rounds the map to f32, inverts it in f32 and carries every ray by that inverse in f32. Relative to the ray's
 //! and the mesh's distances from the origin of the world the ray is then off by some 2^-24 times the condition number
-//! of the map, where the callback is off by 2^-24 of object space (the bound is in `accel::agreement`). One ray is
+//! of the map, where the callback is off by 2^-24 of object space (the bound is in `accel::hit_compare`). One ray is
 //! carried once for all triangles of a mesh, so edges within it stay closed; its place is what is rounded.
 //!
 //! What moves stays with the callback, as do maps that would lose more than the condition numbers allowed here and

@@ -24,21 +24,21 @@ const MIN_REACH: f64 = 1.0 / (1u64 << 60) as f64;
 const MIN_SQUARE: f32 = 1.0 / (1u128 << 100) as f32;
 
 /// A sphere for a sieve.
-pub(super) struct Ball {
+pub(super) struct Sphere32 {
     center: [f32; 3],
     /// The radius, as much larger as it and the centre call for.
     reach: f32,
 }
 
-impl Ball {
+impl Sphere32 {
     #[inline(always)]
-    pub(super) fn of(sphere: &Sphere) -> Ball {
+    pub(super) fn of(sphere: &Sphere) -> Sphere32 {
         let center = sphere.center.to_array();
         let [x, y, z] = center.map(f64::abs);
         // Products with what lies farther away than rays do might overflow.
         let is_near = x.max(y).max(z) < f64::from(Ray::LIMIT);
         let reach = sphere.radius + f64::from(SLACK) * (x + y + z + sphere.radius) + MIN_REACH;
-        Ball {
+        Sphere32 {
             center: center.map(|x| x as f32),
             reach: if is_near { reach as f32 } else { f32::INFINITY },
         }
@@ -46,7 +46,7 @@ impl Ball {
 }
 
 /// Traceable rays side by side.
-pub(super) struct Sieve<const W: usize> {
+pub(super) struct PacketCull<const W: usize> {
     origin: [[f32; W]; 3],
     direction: [[f32; W]; 3],
     t_far: [f32; W],
@@ -56,10 +56,10 @@ pub(super) struct Sieve<const W: usize> {
     per_length: [f32; W],
 }
 
-impl<const W: usize> Sieve<W> {
+impl<const W: usize> PacketCull<W> {
     /// For rays that end at `t_far`.
     #[inline(always)]
-    pub(super) fn of(origin: [[f32; W]; 3], direction: [[f32; W]; 3], t_far: [f32; W]) -> Sieve<W> {
+    pub(super) fn of(origin: [[f32; W]; 3], direction: [[f32; W]; 3], t_far: [f32; W]) -> PacketCull<W> {
         let (mut per_square, mut per_length) = ([0.0; W], [0.0; W]);
         for lane in 0..W {
             let [x, y, z] = [0, 1, 2].map(|axis| direction[axis][lane]);
@@ -71,7 +71,7 @@ impl<const W: usize> Sieve<W> {
             };
             per_length[lane] = per_square[lane].sqrt();
         }
-        Sieve {
+        PacketCull {
             origin,
             direction,
             t_far,
@@ -88,7 +88,7 @@ impl<const W: usize> Sieve<W> {
 
     /// Bit `i` says that ray `i` surely misses.
     #[inline(always)]
-    pub(super) fn misses<I: SimdLevel>(&self, isa: I, ball: &Ball) -> u32 {
+    pub(super) fn misses<I: SimdLevel>(&self, isa: I, ball: &Sphere32) -> u32 {
         let (mut square, mut most) = ([0.0; W], [0.0; W]);
         let (mut first, mut last) = ([0.0; W], [0.0; W]);
         for lane in 0..W {
@@ -113,7 +113,7 @@ mod tests {
     use glam::{DVec3, Vec3};
 
     use super::*;
-    use crate::accel::shapes::sphere_hit;
+    use crate::accel::shape_query::sphere_hit;
     use crate::mesh::simd::{SimdKernel, dispatch};
 
     /// SplitMix64 (Steele, Lea and Flood, 2014).
@@ -146,8 +146,8 @@ mod tests {
         #[inline(always)]
         fn run<I: SimdLevel>(self, isa: I) -> u32 {
             let lanes = |v: Vec3| v.to_array().map(|x| [x; 8]);
-            let sieve = Sieve::of(lanes(self.0.origin), lanes(self.0.direction), [self.0.t_far; 8]);
-            sieve.misses(isa, &Ball::of(self.1))
+            let sieve = PacketCull::of(lanes(self.0.origin), lanes(self.0.direction), [self.0.t_far; 8]);
+            sieve.misses(isa, &Sphere32::of(self.1))
         }
     }
 

@@ -1,32 +1,32 @@
 //! Which meshes go where: into the world or into a scene of their own, as Embree's own triangles or, where they are to be
 //! watertight, as patches.
 
-use super::coincident::later_duplicates;
-use super::patch::Patches;
-use super::reach::Reach;
-use super::user;
-use crate::accel::{Instancing, MeshLarder, Precision};
+use super::duplicate_triangles::later_duplicates;
+use super::origin_bound::OriginBound;
+use super::triangle_cluster::TriangleClusters;
+use super::user_geometry;
+use crate::accel::{Instancing, MeshCache, Precision};
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::scene::{Geometry, Instance, Scene};
 
 /// Which meshes go where.
-pub(super) struct Plan<'s> {
+pub(super) struct BuildPlan<'s> {
     scene: &'s Scene,
     /// Meshes in the world, each with the first instance that has it there.
     world: Vec<(u32, &'s Mesh)>,
     /// The same as Embree's own triangles, if they are to be that.
-    native: Vec<(u32, Given<'s>)>,
+    native: Vec<(u32, NativeMesh<'s>)>,
     /// By geometry: whether it is a mesh with a scene of its own.
     is_placed: Vec<bool>,
     /// How far rays come from.
-    reach: Reach,
+    reach: OriginBound,
     /// Whether triangles are patches.
     is_patched: bool,
 }
 
 /// A mesh for Embree.
-pub(super) struct Given<'s> {
+pub(super) struct NativeMesh<'s> {
     pub(super) mesh: &'s Mesh,
     /// Triangles, in rising order, that coincide with an earlier one of the same Embree scene and can never be the
     /// answer.
@@ -34,23 +34,23 @@ pub(super) struct Given<'s> {
 }
 
 /// A mesh with a scene of its own.
-pub(super) struct Placed<'s> {
+pub(super) struct InstancedMesh<'s> {
     mesh: &'s Mesh,
     /// How far rays come from in its space, where its triangles are patches.
-    reach: Option<Reach>,
+    reach: Option<OriginBound>,
 }
 
 /// What a mesh's scene holds.
 pub(super) enum Triangles<'s> {
     /// Embree's own.
-    Native(Given<'s>),
+    Native(NativeMesh<'s>),
     /// Ours.
-    Patches(Patches),
+    TriangleClusters(TriangleClusters),
 }
 
-impl<'s> Plan<'s> {
+impl<'s> BuildPlan<'s> {
     /// Of a validated scene.
-    pub(super) fn new(scene: &'s Scene, precision: Precision) -> Plan<'s> {
+    pub(super) fn new(scene: &'s Scene, precision: Precision) -> BuildPlan<'s> {
         let mut is_in_world = vec![false; scene.geometries.len()];
         let mut is_placed = vec![false; scene.geometries.len()];
         let mut world = Vec::new();
@@ -67,12 +67,12 @@ impl<'s> Plan<'s> {
         let is_patched = precision == Precision::Watertight;
         let native = if is_patched { Vec::new() } else { natives(&world) };
         let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
-        Plan {
+        BuildPlan {
             scene,
             world,
             native,
             is_placed,
-            reach: Reach::of(scene, &bounds),
+            reach: OriginBound::of(scene, &bounds),
             is_patched,
         }
     }
@@ -83,20 +83,20 @@ impl<'s> Plan<'s> {
     }
 
     /// Meshes in the world that are Embree's own triangles, each with its instance.
-    pub(super) fn native(&self) -> &[(u32, Given<'s>)] {
+    pub(super) fn native(&self) -> &[(u32, NativeMesh<'s>)] {
         &self.native
     }
 
     /// The triangles of the world that are not; on the current pool.
-    pub(super) fn patches(&self, larder: Option<&MeshLarder>) -> Patches {
+    pub(super) fn patches(&self, larder: Option<&MeshCache>) -> TriangleClusters {
         if !self.is_patched {
-            return Patches::default();
+            return TriangleClusters::default();
         }
-        Patches::of(self.world.iter().copied(), self.reach, larder)
+        TriangleClusters::of(self.world.iter().copied(), self.reach, larder)
     }
 
     /// How far rays come from.
-    pub(super) fn reach(&self) -> Reach {
+    pub(super) fn reach(&self) -> OriginBound {
         self.reach
     }
 
@@ -108,7 +108,7 @@ impl<'s> Plan<'s> {
     }
 
     /// The meshes with scenes of their own, by geometry.
-    pub(super) fn placed(&self) -> impl Iterator<Item = Option<Placed<'s>>> {
+    pub(super) fn placed(&self) -> impl Iterator<Item = Option<InstancedMesh<'s>>> {
         let geometries = (0u32..).zip(&self.scene.geometries).zip(&self.is_placed);
         geometries.map(|((number, geometry), is_placed)| {
             let Geometry::Mesh(mesh) = geometry else {
@@ -116,7 +116,7 @@ impl<'s> Plan<'s> {
             };
             let instances = self.scene.instances.iter();
             let mine = instances.filter(|instance| instance.geometry == number);
-            is_placed.then(|| Placed {
+            is_placed.then(|| InstancedMesh {
                 mesh,
                 reach: self.is_patched.then(|| self.reach.in_object(mine)),
             })
@@ -124,35 +124,35 @@ impl<'s> Plan<'s> {
     }
 }
 
-impl<'s> Placed<'s> {
+impl<'s> InstancedMesh<'s> {
     /// How many triangles it has.
     pub(super) fn triangle_count(&self) -> usize {
         self.mesh.triangles.len()
     }
 
     /// What its scene holds, and a box around all rays that may meet it; on the current pool.
-    pub(super) fn triangles(&self, larder: Option<&MeshLarder>) -> (Triangles<'s>, Bounds) {
+    pub(super) fn triangles(&self, larder: Option<&MeshCache>) -> (Triangles<'s>, Bounds) {
         let bounds = self.mesh.bounds();
         match self.reach {
             Some(reach) => {
-                let patches = Patches::of(std::iter::once((0, self.mesh)), reach, larder);
-                (Triangles::Patches(patches), reach.padded(&bounds))
+                let patches = TriangleClusters::of(std::iter::once((0, self.mesh)), reach, larder);
+                (Triangles::TriangleClusters(patches), reach.padded(&bounds))
             }
             None => {
                 let held_back = later_duplicates(&[self.mesh]).pop().unwrap_or_default();
                 let mesh = self.mesh;
-                (Triangles::Native(Given { mesh, held_back }), bounds)
+                (Triangles::Native(NativeMesh { mesh, held_back }), bounds)
             }
         }
     }
 }
 
-fn natives<'s>(world: &[(u32, &'s Mesh)]) -> Vec<(u32, Given<'s>)> {
+fn natives<'s>(world: &[(u32, &'s Mesh)]) -> Vec<(u32, NativeMesh<'s>)> {
     let meshes: Vec<&Mesh> = world.iter().map(|&(_, mesh)| mesh).collect();
     let held_back = later_duplicates(&meshes);
     let given = world.iter().zip(held_back);
     given
-        .map(|(&(instance, mesh), held_back)| (instance, Given { mesh, held_back }))
+        .map(|(&(instance, mesh), held_back)| (instance, NativeMesh { mesh, held_back }))
         .collect()
 }
 
@@ -164,7 +164,7 @@ pub(super) fn primitive_count(scene: &Scene) -> usize {
     }
     let geometries = scene.geometries.iter().zip(&is_placed);
     let placed = geometries.map(|(geometry, &placed)| if placed { geometry.primitive_count() } else { 0 });
-    let is_object = |i: &&Instance| user::is_user(scene, i, Instancing::Callback);
+    let is_object = |i: &&Instance| user_geometry::is_user(scene, i, Instancing::Callback);
     let objects = scene.instances.iter().filter(is_object).count();
     placed.sum::<usize>() + world_triangle_count(scene) + objects
 }

@@ -175,19 +175,19 @@ impl<const W: usize> Lanes<W> {
 
 /// Lanes `first .. first + W` of a packet that Embree hands to a callback.
 #[derive(Clone, Copy)]
-pub(super) struct Foreign {
+pub(super) struct CallbackPacket {
     base: *mut u32,
     count: usize,
     first: usize,
 }
 
-impl Foreign {
+impl CallbackPacket {
     /// # Safety
     ///
     /// `base` points to an `RTCRayN` or `RTCRayHitN` of `count` lanes that this thread alone uses while the value
     /// lives, and `first` plus the width asked for never exceeds `count`.
-    pub(super) unsafe fn new(base: *mut u32, count: usize, first: usize) -> Foreign {
-        Foreign { base, count, first }
+    pub(super) unsafe fn new(base: *mut u32, count: usize, first: usize) -> CallbackPacket {
+        CallbackPacket { base, count, first }
     }
 
     /// One row, as bits. Rows from `U` on exist only in an `RTCRayHitN`.

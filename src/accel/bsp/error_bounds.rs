@@ -21,13 +21,13 @@ const ZERO_COMPONENT: f32 = 7.888_609e-31;
 
 /// How much to widen a tree's planes and boxes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Slack(f32);
+pub(super) struct SlabError(f32);
 
-impl Slack {
+impl SlabError {
     /// The slack of a tree with that root cell.
-    pub(super) fn of(root: &Cell) -> Slack {
+    pub(super) fn of(root: &Cell) -> SlabError {
         let [x, y, z] = root.extent();
-        Slack(PLANE_SLACK * x.max(y).max(z))
+        SlabError(PLANE_SLACK * x.max(y).max(z))
     }
 
     /// A coordinate moved down.
@@ -100,7 +100,7 @@ impl Line {
     }
 
     /// The parameters from and to which the line is below (`side` < 0) or above (`side` > 0) a thick plane.
-    pub(super) fn half_space(&self, axis: usize, position: f32, side: f32, slack: Slack) -> [f32; 2] {
+    pub(super) fn half_space(&self, axis: usize, position: f32, side: f32, slack: SlabError) -> [f32; 2] {
         let border = if side < 0.0 {
             slack.above(position)
         } else {
@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn a_ray_within_a_plane_is_on_both_sides_of_it_all_along() {
-        let slack = Slack::of(&UNIT_CELL);
+        let slack = SlabError::of(&UNIT_CELL);
         for zero in [0.0, -0.0, 1e-40, -1e-40] {
             let line = Line::new([0.5, 0.0, 0.0], [zero, 1.0, 0.0]);
             for side in [-1.0, 1.0] {
@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn a_ray_beside_a_plane_it_runs_along_is_on_one_side_only() {
         let line = Line::new([0.25, 0.0, 0.0], [-0.0, 1.0, 0.0]);
-        let slack = Slack::of(&UNIT_CELL);
+        let slack = SlabError::of(&UNIT_CELL);
         let [from, to] = line.half_space(0, 0.5, -1.0, slack);
         assert!(from <= 0.0 && to >= f32::MAX);
         let [from, to] = line.half_space(0, 0.5, 1.0, slack);
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn the_sides_of_a_crossed_plane_overlap_by_a_little() {
         let line = Line::new([0.0; 3], [1.0, 0.0, 0.0]);
-        let slack = Slack::of(&UNIT_CELL);
+        let slack = SlabError::of(&UNIT_CELL);
         let [_, leave] = line.half_space(0, 0.5, -1.0, slack);
         let [enter, _] = line.half_space(0, 0.5, 1.0, slack);
         // Each border may be off by the slack of the plane and, relative to 0.5, that of the parameter, and an ulp.

@@ -1,8 +1,8 @@
 //! The bare loop over Embree's own calls: what the rest of the program is measured against.
 
 use super::EmbreeAccel;
-use super::lanes::{Lanes, row};
-use super::trace::{intersect_packet, new_query, occluded_packet};
+use super::query::{intersect_packet, new_query, occluded_packet};
+use super::ray_packet::{Lanes, row};
 use crate::accel::{LANES, RayOrder, RayPacket};
 
 impl EmbreeAccel<'_> {
@@ -31,11 +31,11 @@ impl EmbreeAccel<'_> {
     }
     /// `rtcIntersect1` on every active lane, and nothing else but what carries a ray there and its distance back; of the
     /// hits only these are kept. As [`EmbreeAccel::raw_intersect`].
-    pub fn raw_intersect_one_by_one(&self, packets: &mut [RayPacket]) {
+    pub fn baseline_intersect1(&self, packets: &mut [RayPacket]) {
         self.raw_one_by_one(packets, |ray, query| ray.intersect(self.world.as_ref(), query));
     }
 
-    /// `rtcOccluded1` on every active lane; as [`EmbreeAccel::raw_intersect_one_by_one`].
+    /// `rtcOccluded1` on every active lane; as [`EmbreeAccel::baseline_intersect1`].
     pub fn raw_occluded_one_by_one(&self, packets: &mut [RayPacket]) {
         self.raw_one_by_one(packets, |ray, query| ray.occluded(self.world.as_ref(), query));
     }

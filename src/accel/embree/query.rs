@@ -7,8 +7,8 @@ use embree_sys as sys;
 use multiversion::multiversion;
 
 use super::device::Device;
-use super::lanes::{Lanes, row, vanishes};
-use super::native;
+use super::native_instances;
+use super::ray_packet::{Lanes, row, vanishes};
 use super::scene::{EmbreeScene, SceneRef};
 use crate::accel::{Hit, Kernel, LANES, NO_HIT, RayOrder, RayPacket};
 
@@ -104,7 +104,7 @@ fn for_each_traceable(
     let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
     for packet in packets {
         if scene.has_instances() {
-            packet.drop_beyond(native::RAY_LIMIT);
+            packet.drop_beyond(native_instances::RAY_LIMIT);
         }
         match keep_traceable(packet) {
             Remaining::Nothing => {}
@@ -131,7 +131,7 @@ pub(super) fn intersect_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, pa
     let valid = rays
         .wrapping_byte_add(offset_of!(RayPacket, active))
         .cast::<i32>();
-    // SAFETY: a `RayPacket` begins as an `RTCRayHit16` and holds its aligned mask (asserted in `lanes`); both are this
+    // SAFETY: a `RayPacket` begins as an `RTCRayHit16` and holds its aligned mask (asserted in `ray_packet`); both are this
     // thread's own, as is the query.
     unsafe { sys::embree_intersect16(valid, scene.handle(), query, rays.cast()) };
     if scene.has_instances() {

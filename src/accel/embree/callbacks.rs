@@ -5,13 +5,13 @@
 use embree_sys as sys;
 use glam::DAffine3;
 
-use super::lanes::{Foreign, Lanes, ray_of, row};
+use super::query::{hit_of, new_query, number_of_instance};
+use super::ray_packet::{CallbackPacket, Lanes, ray_of, row};
 use super::scene::SceneRef;
 use super::sphere::{SphereLanes, answer_spheres};
-use super::trace::{hit_of, new_query, number_of_instance};
 use super::triangle::answer_patch;
-use super::user::{Primitive, UserGeometry};
-use crate::accel::shapes::{shape_hit, world_sphere};
+use super::user_geometry::{Primitive, UserGeometry};
+use crate::accel::shape_query::{shape_hit, world_sphere};
 use crate::accel::{ACTIVE, Hit, NO_HIT, RayOrder};
 use crate::mesh::simd::{dispatch, lanes};
 use crate::numeric::object_ray;
@@ -52,7 +52,7 @@ const EMPTY_BOX: ([f32; 3], [f32; 3]) = ([f32::INFINITY; 3], [f32::NEG_INFINITY;
 pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunctionNArguments) {
     // SAFETY: Embree's arguments live for this call.
     let args = unsafe { &*args };
-    let call = Call {
+    let call = CallbackArgs {
         valid: args.valid,
         rays: args.rayhit.cast(),
         count: args.N as usize,
@@ -61,14 +61,14 @@ pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunct
     };
     // SAFETY: as in `on_bounds`.
     let user = unsafe { &*args.geometryUserPtr.cast::<UserGeometry>() };
-    call.run(user, Question::Nearest);
+    call.run(user, Query::Nearest);
 }
 
 /// Whether the packet's rays meet one primitive.
 pub(super) unsafe extern "C" fn on_occluded(args: *const sys::RTCOccludedFunctionNArguments) {
     // SAFETY: Embree's arguments live for this call.
     let args = unsafe { &*args };
-    let call = Call {
+    let call = CallbackArgs {
         valid: args.valid,
         rays: args.ray.cast(),
         count: args.N as usize,
@@ -77,12 +77,12 @@ pub(super) unsafe extern "C" fn on_occluded(args: *const sys::RTCOccludedFunctio
     };
     // SAFETY: as in `on_bounds`.
     let user = unsafe { &*args.geometryUserPtr.cast::<UserGeometry>() };
-    call.run(user, Question::Any);
+    call.run(user, Query::Any);
 }
 
 /// What Embree asks.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Question {
+pub(super) enum Query {
     /// The nearest hit.
     Nearest,
     /// Whether there is one.
@@ -93,7 +93,7 @@ pub(super) enum Question {
 const FEW_LANES: u32 = 2;
 
 /// One callback: `count` lanes against one primitive.
-struct Call {
+struct CallbackArgs {
     valid: *mut i32,
     rays: *mut u32,
     count: usize,
@@ -102,8 +102,8 @@ struct Call {
     query: *mut sys::EmbreeQuery,
 }
 
-impl Call {
-    fn run(&self, user: &UserGeometry, question: Question) {
+impl CallbackArgs {
+    fn run(&self, user: &UserGeometry, question: Query) {
         let mut first = 0;
         while first < self.count {
             // Embree's own widths in one step each; anything else in several.
@@ -119,7 +119,7 @@ impl Call {
     /// Answers lanes `first .. first + W` and returns `W`. For incoherent rays Embree asks about one lane of a wide
     /// packet at a time, so few lanes are answered without a look at the others.
     #[inline(always)]
-    fn few_or_block<const W: usize>(&self, user: &UserGeometry, first: usize, question: Question) -> usize {
+    fn few_or_block<const W: usize>(&self, user: &UserGeometry, first: usize, question: Query) -> usize {
         // SAFETY: Embree passes `count` values, and `first + W` is at most that.
         let asked = unsafe { self.valid.wrapping_add(first).cast::<[i32; W]>().read_unaligned() };
         let mut mask = 0u32;
@@ -137,19 +137,19 @@ impl Call {
 
     /// Answers lanes `first .. first + W` and returns `W`.
     #[inline(always)]
-    fn block<const W: usize>(&self, user: &UserGeometry, first: usize, question: Question) -> usize {
+    fn block<const W: usize>(&self, user: &UserGeometry, first: usize, question: Query) -> usize {
         let valid = self.valid.wrapping_add(first);
         // SAFETY: Embree passes `count` values, and `first + W` is at most that.
         let asked = unsafe { valid.cast::<[i32; W]>().read_unaligned() };
         // SAFETY: Embree's packet of `count` lanes is this callback's alone while it runs.
-        let packet = unsafe { Foreign::new(self.rays, self.count, first) };
+        let packet = unsafe { CallbackPacket::new(self.rays, self.count, first) };
         let mut hit = [0; W];
         let done = user.guarded(|| {
             hit = match user.primitive(self.primitive) {
                 Some(Primitive::Spheres(cluster, instances)) => {
                     answer_spheres::<W>((cluster, instances), packet, &asked, question)
                 }
-                Some(Primitive::Patch(patch)) => answer_patch::<W>(patch, packet, &asked, question),
+                Some(Primitive::TriangleCluster(patch)) => answer_patch::<W>(patch, packet, &asked, question),
                 Some(Primitive::Instance(index, instance)) => {
                     self.answer_instance::<W>(user, (index, instance), (packet, &asked), question)
                 }
@@ -165,14 +165,14 @@ impl Call {
     }
 }
 
-impl Call {
+impl CallbackArgs {
     #[inline(always)]
     fn answer_instance<const W: usize>(
         &self,
         user: &UserGeometry,
         placed: (u32, &Instance),
-        (packet, asked): (Foreign, &[i32; W]),
-        question: Question,
+        (packet, asked): (CallbackPacket, &[i32; W]),
+        question: Query,
     ) -> [i32; W] {
         let number = placed.1.geometry;
         match (user.geometry(number), user.part(number)) {
@@ -188,9 +188,9 @@ impl Call {
 fn answer_shape<const W: usize>(
     (index, instance): (u32, &Instance),
     shape: &Shape,
-    packet: Foreign,
+    packet: CallbackPacket,
     asked: &[i32; W],
-    question: Question,
+    question: Query,
 ) -> [i32; W] {
     if W > 1
         && !instance.is_moving()
@@ -227,7 +227,7 @@ fn answer_shape<const W: usize>(
 
 /// When the rays are sent, where that counts: for what moves.
 #[inline(always)]
-fn times_of<const W: usize>(instance: &Instance, packet: Foreign) -> [f32; W] {
+fn times_of<const W: usize>(instance: &Instance, packet: CallbackPacket) -> [f32; W] {
     if instance.is_moving() {
         packet.floats(row::TIME)
     } else {
@@ -239,16 +239,16 @@ fn times_of<const W: usize>(instance: &Instance, packet: Foreign) -> [f32; W] {
 /// before the division that makes it `t`, and so may refuse a hit whose `t` is exactly the end, which a tie is.
 const REACH: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
-impl Call {
+impl CallbackArgs {
     /// Carries the rays into a placed mesh's object space and traces its own scene with the query at hand.
     #[inline(always)]
     fn answer_mesh<const W: usize>(
         &self,
         (index, instance): (u32, &Instance),
         part: SceneRef,
-        packet: Foreign,
+        packet: CallbackPacket,
         asked: &[i32; W],
-        question: Question,
+        question: Query,
     ) -> [i32; W] {
         let (origin, direction) = (
             packet.vectors::<W>(row::ORIGIN),
@@ -260,8 +260,8 @@ impl Call {
         let mut lanes = Lanes::<W>::new();
         for lane in (0..W).filter(|&lane| asked[lane] != 0) {
             let end = match question {
-                Question::Nearest => t_far[lane] * REACH,
-                Question::Any => t_far[lane],
+                Query::Nearest => t_far[lane] * REACH,
+                Query::Any => t_far[lane],
             };
             let ray = ray_of(&origin, &direction, (t_near[lane], end, times[lane]), lane);
             let object_from_world = still.unwrap_or_else(|| instance.pose(ray.time).object_from_world());
@@ -280,19 +280,19 @@ impl Call {
             &raw mut incoherent
         };
         match question {
-            Question::Nearest => lanes.intersect(part, query),
-            Question::Any => lanes.occluded(part, query),
+            Query::Nearest => lanes.intersect(part, query),
+            Query::Any => lanes.occluded(part, query),
         }
         for lane in (0..W).filter(|&lane| lanes.is_active(lane)) {
             let found = match question {
-                Question::Nearest if lanes.get(row::INSTANCE, lane) != NO_HIT => {
+                Query::Nearest if lanes.get(row::INSTANCE, lane) != NO_HIT => {
                     let found = hit_of(&lanes, lane);
                     if found.t > t_far[lane] {
                         continue;
                     }
                     found
                 }
-                Question::Any if f32::from_bits(lanes.get(row::T_FAR, lane)) == f32::NEG_INFINITY => {
+                Query::Any if f32::from_bits(lanes.get(row::T_FAR, lane)) == f32::NEG_INFINITY => {
                     hit_of(&lanes, lane)
                 }
                 _ => continue,
@@ -309,8 +309,8 @@ impl Call {
 
 /// Writes what was found into Embree's packet, unless an equally near hit has the lower number.
 #[inline(always)]
-pub(super) fn answer(packet: Foreign, lane: usize, t_far: f32, found: &Hit, question: Question) -> i32 {
-    if question == Question::Any {
+pub(super) fn answer(packet: CallbackPacket, lane: usize, t_far: f32, found: &Hit, question: Query) -> i32 {
+    if question == Query::Any {
         packet.set(row::T_FAR, lane, f32::NEG_INFINITY.to_bits());
         return ACTIVE;
     }
@@ -329,7 +329,7 @@ pub(super) fn answer(packet: Foreign, lane: usize, t_far: f32, found: &Hit, ques
 
 /// Instance and primitive of a lane's hit; the highest numbers if it has none.
 #[inline(always)]
-pub(super) fn number_of(packet: Foreign, lane: usize) -> [u32; 2] {
+pub(super) fn number_of(packet: CallbackPacket, lane: usize) -> [u32; 2] {
     let geometry = packet.load_one(row::INSTANCE, lane);
     let level = packet.load_one(row::LEVEL, lane);
     let primitive = packet.load_one(row::PRIMITIVE, lane);
@@ -341,8 +341,8 @@ pub(super) mod tests {
     use std::cell::Cell;
 
     use super::super::EmbreeAccel;
-    use super::super::patch::Patches;
-    use super::super::reach::Reach;
+    use super::super::origin_bound::OriginBound;
+    use super::super::triangle_cluster::TriangleClusters;
     use super::*;
     use crate::accel::{Accel, AccelOptions, Instancing, RayPacket};
     use crate::numeric::Ray;
@@ -389,8 +389,13 @@ pub(super) mod tests {
             instances: vec![Instance::new("sphere", 0, 0, DAffine3::IDENTITY).unwrap()],
             ..Scene::default()
         };
-        let near = (&scene, Reach::default());
-        let [user, _] = UserGeometry::pair(near, vec![None], Patches::default(), Instancing::Callback);
+        let near = (&scene, OriginBound::default());
+        let [user, _] = UserGeometry::pair(
+            near,
+            vec![None],
+            TriangleClusters::default(),
+            Instancing::Callback,
+        );
         for count in 1..=37 {
             const ROWS: usize = 21;
             let mut rows = vec![0u32; ROWS * count];
@@ -405,14 +410,14 @@ pub(super) mod tests {
             }
             let mut valid = vec![ACTIVE; count];
             let query = std::ptr::null_mut();
-            let call = Call {
+            let call = CallbackArgs {
                 valid: valid.as_mut_ptr(),
                 rays: rows.as_mut_ptr(),
                 count,
                 primitive: 0,
                 query,
             };
-            call.run(&user, Question::Nearest);
+            call.run(&user, Query::Nearest);
             for lane in 0..count {
                 let t = f32::from_bits(rows[8 * count + lane]);
                 assert_eq!(

@@ -20,7 +20,7 @@ const SAMPLES: usize = 16;
 const CHUNK: usize = 1 << 20;
 
 /// What is kept of meshes, by their bits.
-pub(in crate::accel) struct MeshShelf<T> {
+pub(in crate::accel) struct BuiltMeshes<T> {
     meshes: Mutex<Meshes<T>>,
 }
 
@@ -46,9 +46,9 @@ struct Kept<T> {
 /// What is older than that is forgotten: two scenes may be set up at a time, each of which tells it once it has asked.
 const MAX_AGE: u32 = 2;
 
-impl<T> Default for MeshShelf<T> {
-    fn default() -> MeshShelf<T> {
-        MeshShelf {
+impl<T> Default for BuiltMeshes<T> {
+    fn default() -> BuiltMeshes<T> {
+        BuiltMeshes {
             meshes: Mutex::new(Meshes {
                 by_label: HashMap::new(),
                 counts: MeshCounts::default(),
@@ -57,7 +57,7 @@ impl<T> Default for MeshShelf<T> {
     }
 }
 
-impl<T> MeshShelf<T> {
+impl<T> BuiltMeshes<T> {
     /// What is kept of a mesh, or what `make` makes of it.
     pub(in crate::accel) fn of(&self, mesh: &Mesh, make: impl FnOnce() -> T) -> Arc<T> {
         let label = label(mesh);
@@ -178,7 +178,7 @@ mod tests {
 
     #[test]
     fn meshes_of_the_same_bits_are_made_once() {
-        let shelf = MeshShelf::default();
+        let shelf = BuiltMeshes::default();
         let make = |x: f32, made: u32| *shelf.of(&mesh(x), || made);
         assert_eq!(make(0.0, 1), 1);
         assert_eq!(make(0.0, 2), 1);
@@ -193,7 +193,7 @@ mod tests {
 
     #[test]
     fn what_the_last_scenes_did_not_have_is_forgotten() {
-        let shelf = MeshShelf::default();
+        let shelf = BuiltMeshes::default();
         let make = |x: f32, made: u32| *shelf.of(&mesh(x), || made);
         make(0.0, 1);
         make(5.0, 2);

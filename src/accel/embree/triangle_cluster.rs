@@ -4,8 +4,8 @@
 //! triangles one by one, and is projected once for all triangles that have it. Corners that coincide are one, whether or
 //! not the mesh says so.
 
-use super::reach::Reach;
-use crate::accel::MeshLarder;
+use super::origin_bound::OriginBound;
+use crate::accel::MeshCache;
 use crate::accel::clusters::{Clusters, Cost};
 use crate::mesh::Mesh;
 use crate::mesh::triangle::PACK;
@@ -53,12 +53,12 @@ struct Record {
 
 /// Up to sixteen triangles of one instance.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Patch<'p> {
+pub(super) struct TriangleCluster<'p> {
     record: &'p Record,
     last: Option<&'p Block>,
 }
 
-impl<'p> Patch<'p> {
+impl<'p> TriangleCluster<'p> {
     /// The instance that its triangles are of.
     #[inline(always)]
     pub(super) fn instance(self) -> u32 {
@@ -216,31 +216,31 @@ impl Gathering {
 
 /// The patches of a space, and how far from its origin rays start.
 #[derive(Debug, Default)]
-pub(in crate::accel) struct Patches {
+pub(in crate::accel) struct TriangleClusters {
     records: Vec<Record>,
     /// Corners beyond the sixteenth.
     blocks: Vec<Block>,
-    reach: Reach,
+    reach: OriginBound,
 }
 
-impl Patches {
+impl TriangleClusters {
     /// Those of meshes, each as an instance, for rays from that far. Runs on the current pool; the answer does not depend
-    /// on it, nor on what `larder` has.
+    /// on it, nor on what `mesh_cache` has.
     pub(super) fn of<'m>(
         meshes: impl Iterator<Item = (u32, &'m Mesh)>,
-        reach: Reach,
-        larder: Option<&MeshLarder>,
-    ) -> Patches {
-        let mut patches = Patches {
+        reach: OriginBound,
+        larder: Option<&MeshCache>,
+    ) -> TriangleClusters {
+        let mut patches = TriangleClusters {
             reach,
-            ..Patches::default()
+            ..TriangleClusters::default()
         };
         for (instance, mesh) in meshes {
             match larder {
                 None => patches.add(mesh, instance),
                 Some(larder) => {
                     let alone = || {
-                        let mut alone = Patches::default();
+                        let mut alone = TriangleClusters::default();
                         alone.add(mesh, instance);
                         alone
                     };
@@ -263,14 +263,14 @@ impl Patches {
         self.records.reserve(clusters.len());
         for chunk in clusters.chunks(CHUNK) {
             let parts = parallel::map_chunks(chunk, CHUNK / PARTS, &|_, clusters| {
-                Patches::of_clusters(mesh, instance, clusters)
+                TriangleClusters::of_clusters(mesh, instance, clusters)
             });
             parts.iter().for_each(|part| self.append(part, instance));
         }
     }
 
-    fn of_clusters(mesh: &Mesh, instance: u32, clusters: &[&[u32]]) -> Patches {
-        let mut patches = Patches::default();
+    fn of_clusters(mesh: &Mesh, instance: u32, clusters: &[&[u32]]) -> TriangleClusters {
+        let mut patches = TriangleClusters::default();
         patches.records.reserve(clusters.len());
         for mut rest in clusters.iter().copied() {
             while !rest.is_empty() {
@@ -283,7 +283,7 @@ impl Patches {
     }
 
     /// Adds those of `part` behind the others, as an instance.
-    fn append(&mut self, part: &Patches, instance: u32) {
+    fn append(&mut self, part: &TriangleClusters, instance: u32) {
         let block_count = self.blocks.len() as u32;
         let moved = |record: &Record| Record {
             last: block_count + record.last,
@@ -317,14 +317,14 @@ impl Patches {
 
     /// One of them.
     #[inline(always)]
-    pub(super) fn get(&self, index: usize) -> Option<Patch<'_>> {
+    pub(super) fn get(&self, index: usize) -> Option<TriangleCluster<'_>> {
         let record = self.records.get(index)?;
         let has_more = usize::from(record.corner_count) > OWN * PACK;
         let last = match has_more {
             true => Some(self.blocks.get(record.last as usize)?),
             false => None,
         };
-        Some(Patch { record, last })
+        Some(TriangleCluster { record, last })
     }
 
     /// The box that Embree is told of one of them.
@@ -376,11 +376,11 @@ mod tests {
         )
     }
 
-    fn patches_of(mesh: &Mesh) -> Patches {
-        Patches::of(std::iter::once((5, mesh)), Reach::default(), None)
+    fn patches_of(mesh: &Mesh) -> TriangleClusters {
+        TriangleClusters::of(std::iter::once((5, mesh)), OriginBound::default(), None)
     }
 
-    fn assert_whole(patches: &Patches, mesh: &Mesh) {
+    fn assert_whole(patches: &TriangleClusters, mesh: &Mesh) {
         let mut seen = vec![false; mesh.triangles.len()];
         for patch in (0..patches.len()).filter_map(|index| patches.get(index)) {
             assert!(patch.corner_count() <= CORNERS && patch.instance() == 5);
@@ -410,10 +410,11 @@ mod tests {
     fn kept_patches_are_those_that_would_be_made_whoever_had_them_before() {
         let meshes = [field(12), field(30)];
         let of = |numbers: [u32; 2], larder| {
-            let patches = Patches::of(numbers.into_iter().zip(&meshes), Reach::default(), larder);
+            let patches =
+                TriangleClusters::of(numbers.into_iter().zip(&meshes), OriginBound::default(), larder);
             format!("{patches:?}")
         };
-        let larder = MeshLarder::default();
+        let larder = MeshCache::default();
         for numbers in [[5, 6], [8, 0]] {
             assert_eq!(of(numbers, Some(&larder)), of(numbers, None));
         }

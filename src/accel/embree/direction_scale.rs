@@ -27,19 +27,19 @@ struct Lane {
 
 /// The lanes of packets whose directions are of another length than they were.
 #[must_use = "answers are in the wrong unit until they are restored"]
-pub(super) struct Tamed(Vec<Lane>);
+pub(super) struct RescaledRays(Vec<Lane>);
 
-impl Tamed {
+impl RescaledRays {
     /// Makes the tiny directions among `packets` longer and the huge ones shorter.
     #[inline(always)]
-    pub(super) fn of(packets: &mut [RayPacket]) -> Tamed {
+    pub(super) fn of(packets: &mut [RayPacket]) -> RescaledRays {
         let mut lanes = Vec::new();
         for (number, packet) in packets.iter_mut().enumerate() {
-            if has_wild(packet) {
+            if has_out_of_range(packet) {
                 tame(packet, number, &mut lanes);
             }
         }
-        Tamed(lanes)
+        RescaledRays(lanes)
     }
 
     /// Gives the lanes back the rays they had, and their hits the parameters that belong to these.
@@ -52,7 +52,7 @@ impl Tamed {
 }
 
 #[inline(always)]
-fn has_wild(packet: &RayPacket) -> bool {
+fn has_out_of_range(packet: &RayPacket) -> bool {
     let [x, y, z] = &packet.direction;
     let mut any = false;
     for lane in 0..LANES {
@@ -140,7 +140,7 @@ mod tests {
         let mut packets = [packet(tiny, 2.0, 4.0)];
         let ray = packets[0].ray(3);
         let other = packets[0].ray(4);
-        let tamed = Tamed::of(&mut packets);
+        let tamed = RescaledRays::of(&mut packets);
         // 3 / 2^100 times 2^99 is 1.5.
         assert_eq!(packets[0].ray(3).direction, Vec3::new(1.5, -0.0, 0.5f32.powi(50)));
         assert_eq!(packets[0].t_near[3], 2.0 * 0.5f32.powi(99));
@@ -163,7 +163,7 @@ mod tests {
         let huge = Vec3::new(0.0, -5.0 * 2f32.powi(50), 1.0);
         let mut packets = [packet(huge, 0.5f32.powi(60), f32::INFINITY)];
         let ray = packets[0].ray(3);
-        let tamed = Tamed::of(&mut packets);
+        let tamed = RescaledRays::of(&mut packets);
         // 5 times 2^50 over 2^52 is 1.25.
         assert_eq!(
             packets[0].ray(3),
@@ -189,7 +189,7 @@ mod tests {
         // It begins where no float can tell: nothing can be met.
         let mut packets = [packet(huge, 2f32.powi(100), f32::INFINITY)];
         let ray = packets[0].ray(3);
-        let tamed = Tamed::of(&mut packets);
+        let tamed = RescaledRays::of(&mut packets);
         assert!(packets[0].ray(3).is_traceable());
         tamed.restore(&mut packets);
         assert_eq!((packets[0].ray(3), packets[0].hit(3)), (ray, None));
@@ -200,16 +200,16 @@ mod tests {
         let tiny = Vec3::splat(1e-40);
         let mut packets = [packet(tiny, 0.0, f32::INFINITY)];
         let ray = packets[0].ray(3);
-        Tamed::of(&mut packets).restore(&mut packets);
+        RescaledRays::of(&mut packets).restore(&mut packets);
         assert_eq!((packets[0].ray(3), packets[0].hit(3)), (ray, None));
 
-        let tamed = Tamed::of(&mut packets);
+        let tamed = RescaledRays::of(&mut packets);
         packets[0].set_blocked(3);
         tamed.restore(&mut packets);
         assert!(packets[0].is_blocked(3));
 
         let mut packets = [packet(tiny, 0.0, f32::INFINITY)];
-        let tamed = Tamed::of(&mut packets);
+        let tamed = RescaledRays::of(&mut packets);
         let far = Hit {
             instance: 0,
             primitive: 0,

@@ -11,7 +11,7 @@ use crate::numeric::Ray;
 use crate::scene::{Geometry, Scene};
 
 /// All trees of a scene, in the layout `T`.
-pub(super) struct Levels<'s, T> {
+pub(super) struct TwoLevelTree<'s, T> {
     /// What the trees stand for.
     pub(super) scene: &'s Scene,
     /// The world.
@@ -43,9 +43,9 @@ pub(super) trait Layout: Sized {
     fn byte_count(&self) -> u64;
 }
 
-impl<'s, T: Layout> Levels<'s, T> {
+impl<'s, T: Layout> TwoLevelTree<'s, T> {
     /// Builds all trees on the current thread pool.
-    pub(super) fn build(scene: &'s Scene, options: &AccelOptions) -> Result<Levels<'s, T>, AccelError> {
+    pub(super) fn build(scene: &'s Scene, options: &AccelOptions) -> Result<TwoLevelTree<'s, T>, AccelError> {
         let silent = |_: f64| ();
         let progress: &(dyn Fn(f64) + Sync) = options.progress.unwrap_or(&silent);
         let placed = placed_meshes(scene);
@@ -70,7 +70,7 @@ impl<'s, T: Layout> Levels<'s, T> {
         }
         let world = meter.level(world)?;
         progress(1.0);
-        Ok(Levels {
+        Ok(TwoLevelTree {
             scene,
             world,
             planes: Planes::of(scene),

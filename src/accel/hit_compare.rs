@@ -12,7 +12,7 @@
 //!   that, hit or miss is anybody's guess.
 //!
 //! Where Embree places meshes itself ([`Instancing::Native`]), rays reach object space by an inverse in f32 and are off
-//! by more, which [`compare_carried`] and [`compare_occlusion_carried`] allow for by the bound of [`Carried`].
+//! by more, which [`compare_carried`] and [`compare_occlusion_carried`] allow for by the bound of [`TransformError`].
 //!
 //! Analytic shapes are computed in f64 by one function, so a backend that answers otherwise about one is wrong.
 //!
@@ -23,14 +23,14 @@
 use glam::{DMat3, DVec3};
 
 use super::brute::ray_in;
-use super::shapes::shape_hit;
+use super::shape_query::shape_hit;
 use super::{Hit, Instancing};
 use crate::numeric::Ray;
 use crate::scene::{Geometry, Instance, Scene};
 
 /// How two answers to the same question compare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Agreement {
+pub enum HitComparison {
     /// The same answer, up to the rounding of the parameter.
     Same,
     /// Different answers that exact arithmetic cannot prefer beyond the error bounds of f32.
@@ -51,7 +51,7 @@ const fn gamma(n: f64) -> f64 {
 }
 
 /// Compares two answers of [`super::Accel::intersect`] to `ray`, both by rays carried into object space in f64.
-pub fn compare(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> Agreement {
+pub fn compare(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> HitComparison {
     compare_carried(scene, ray, [a, b], Instancing::Callback)
 }
 
@@ -61,12 +61,12 @@ pub fn compare_carried(
     ray: &Ray,
     [a, b]: [Option<Hit>; 2],
     instancing: Instancing,
-) -> Agreement {
+) -> HitComparison {
     match (a, b) {
-        (None, None) => Agreement::Same,
+        (None, None) => HitComparison::Same,
         (Some(hit), None) | (None, Some(hit)) => match Exact::of(scene, ray, &hit, instancing) {
-            Some(exact) if exact.explains(&hit) && exact.is_doubtful(ray) => Agreement::Tie,
-            _ => Agreement::Wrong,
+            Some(exact) if exact.explains(&hit) && exact.is_doubtful(ray) => HitComparison::Tie,
+            _ => HitComparison::Wrong,
         },
         (Some(a), Some(b)) => compare_hits(scene, ray, [&a, &b], instancing),
     }
@@ -75,7 +75,7 @@ pub fn compare_carried(
 /// Compares two answers of [`super::Accel::occluded`] to `ray`.
 ///
 /// Different answers cost a walk over the whole scene.
-pub fn compare_occlusion(scene: &Scene, ray: &Ray, a: bool, b: bool) -> Agreement {
+pub fn compare_occlusion(scene: &Scene, ray: &Ray, a: bool, b: bool) -> HitComparison {
     compare_occlusion_carried(scene, ray, [a, b], Instancing::Callback)
 }
 
@@ -85,9 +85,9 @@ pub fn compare_occlusion_carried(
     ray: &Ray,
     [a, b]: [bool; 2],
     instancing: Instancing,
-) -> Agreement {
+) -> HitComparison {
     if a == b {
-        return Agreement::Same;
+        return HitComparison::Same;
     }
     let mut doubtful = false;
     for (index, instance) in scene.instances.iter().enumerate() {
@@ -95,37 +95,37 @@ pub fn compare_occlusion_carried(
         for primitive in 0..count as u32 {
             let exact = Exact::of_primitive(scene, ray, [index as u32, primitive], instancing);
             match exact.map(|exact| exact.decision(ray)) {
-                Some(Decision::Hit) => return Agreement::Wrong,
+                Some(Decision::Hit) => return HitComparison::Wrong,
                 Some(Decision::Doubtful) => doubtful = true,
                 Some(Decision::Miss) | None => (),
             }
         }
     }
     if doubtful {
-        Agreement::Tie
+        HitComparison::Tie
     } else {
-        Agreement::Wrong
+        HitComparison::Wrong
     }
 }
 
-fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instancing) -> Agreement {
+fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instancing) -> HitComparison {
     let exact = |hit| Exact::of(scene, ray, hit, instancing);
     let (Some(exact_a), Some(exact_b)) = (exact(a), exact(b)) else {
-        return Agreement::Wrong;
+        return HitComparison::Wrong;
     };
     if !exact_a.explains(a) || !exact_b.explains(b) {
-        return Agreement::Wrong;
+        return HitComparison::Wrong;
     }
     if (a.instance, a.primitive) == (b.instance, b.primitive) {
-        return Agreement::Same;
+        return HitComparison::Same;
     }
     let ties = (exact_a.t - exact_b.t).abs() <= exact_a.t_error + exact_b.t_error;
     // What only one has found may be too close to call: the other was free to go on to the next surface.
     let nearer = if exact_a.t < exact_b.t { &exact_a } else { &exact_b };
     if ties || nearer.is_doubtful(ray) {
-        Agreement::Tie
+        HitComparison::Tie
     } else {
-        Agreement::Wrong
+        HitComparison::Wrong
     }
 }
 
@@ -138,7 +138,7 @@ fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instanc
 /// Algorithms, 2nd edition, chapters 3 and 14). An error of the determinant, 8 u times the product of the columns'
 /// lengths over it, scales object space.
 #[derive(Clone, Copy, Debug, Default)]
-struct Carried {
+struct TransformError {
     origin: f64,
     /// For each unit of t.
     direction: f64,
@@ -146,18 +146,18 @@ struct Carried {
     scale: f64,
 }
 
-/// Roundings of a coefficient of M⁻¹, of its determinant's reciprocal and of the map, each in u: see [`Carried`].
+/// Roundings of a coefficient of M⁻¹, of its determinant's reciprocal and of the map, each in u: see [`TransformError`].
 const INVERSE: f64 = 12.0;
 const DETERMINANT: f64 = 10.0;
 
-impl Carried {
-    fn new(instance: &Instance, ray: &Ray, instancing: Instancing) -> Carried {
+impl TransformError {
+    fn new(instance: &Instance, ray: &Ray, instancing: Instancing) -> TransformError {
         if instancing != Instancing::Native || instance.is_identity() {
-            return Carried::default();
+            return TransformError::default();
         }
         if instance.is_moving() {
             // Embree is never left to place these.
-            return Carried::default();
+            return TransformError::default();
         }
         let (map, inverse) = (instance.world_from_object(), instance.object_from_world().matrix3);
         let norm = |m: &DMat3| (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element();
@@ -165,7 +165,7 @@ impl Carried {
         let inverse_error = INVERSE * UNIT * norm(&map.matrix3) * norm(&inverse) * norm(&inverse);
         let m = map.matrix3;
         let lengths = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
-        Carried {
+        TransformError {
             origin: inverse_error * (size(ray.origin.as_dvec3()) + size(map.translation)),
             direction: inverse_error * size(ray.direction.as_dvec3()),
             scale: DETERMINANT * UNIT * lengths / m.determinant().abs(),
@@ -223,7 +223,7 @@ impl Exact {
                 Some(Exact::of_triangle(
                     mesh.corners_f64(primitive),
                     &ray_in(instance, ray),
-                    &Carried::new(instance, ray, instancing),
+                    &TransformError::new(instance, ray, instancing),
                 ))
             }
             Geometry::Shape(shape) => Some(Exact::of_shape(shape_hit(0, instance, shape, ray))),
@@ -242,7 +242,7 @@ impl Exact {
         }
     }
 
-    fn of_triangle(corners: [DVec3; 3], ray: &Ray, carried: &Carried) -> Exact {
+    fn of_triangle(corners: [DVec3; 3], ray: &Ray, carried: &TransformError) -> Exact {
         let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let largest_corner = corners.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
         let [a, b, c] = corners.map(|p| p - origin);

@@ -4,7 +4,7 @@ use crate::scene::{Geometry, Instance, Scene};
 
 /// How many objects of each kind a scene shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Contents {
+pub struct PrimitiveCounts {
     /// Triangles of meshes whose object space is world space: those of several instances in it count each time.
     pub world_triangles: usize,
     /// Instances of meshes that stand elsewhere.
@@ -15,10 +15,10 @@ pub struct Contents {
     pub planes: usize,
 }
 
-impl Contents {
+impl PrimitiveCounts {
     /// Those of a validated scene.
-    pub fn of(scene: &Scene) -> Contents {
-        let mut contents = Contents::default();
+    pub fn of(scene: &Scene) -> PrimitiveCounts {
+        let mut contents = PrimitiveCounts::default();
         for instance in &scene.instances {
             contents.count(&scene.geometries[instance.geometry as usize], instance);
         }

@@ -1,5 +1,5 @@
 //! The user geometry: clusters of spheres, patches of watertight triangles, and all other shapes and placed meshes, each
-//! one primitive, tested by callbacks from Embree (see `call`). What moves is a second one, as Embree walks trees of
+//! one primitive, tested by callbacks from Embree (see `callbacks`). What moves is a second one, as Embree walks trees of
 //! boxes that move more slowly than those of boxes that do not.
 
 use std::panic::{self, AssertUnwindSafe};
@@ -8,14 +8,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 
-use super::cluster::{MEMBERS, SphereCluster, SphereClusters};
-use super::native;
-use super::patch::{Patch, Patches};
-use super::plan::placed_mesh;
-use super::reach::Reach;
+use super::build_plan::placed_mesh;
+use super::native_instances;
+use super::origin_bound::OriginBound;
 use super::scene::{EmbreeScene, SceneRef};
+use super::sphere_cluster::{MEMBERS, SphereCluster, SphereClusters};
+use super::triangle_cluster::{TriangleCluster, TriangleClusters};
 use crate::accel::Instancing;
-use crate::accel::shapes::world_sphere;
+use crate::accel::shape_query::world_sphere;
 use crate::numeric::{AnimatedTransform, Bounds};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::Sphere;
@@ -26,20 +26,20 @@ pub(super) struct UserGeometry<'s> {
     /// The first primitives: spheres that are asked about together.
     clusters: SphereClusters,
     /// The next ones: triangles that are.
-    patches: Patches,
+    patches: TriangleClusters,
     /// The instance that each primitive after them is.
     instances: Vec<u32>,
     /// By geometry; absent where it is no placed mesh.
-    parts: Arc<[Option<Box<Part<'s>>>]>,
+    parts: Arc<[Option<Box<InstancedScene<'s>>>]>,
     /// Equal steps of time between the boxes that Embree is told; 0 where nothing moves.
     step_count: u32,
     /// How far rays come from.
-    reach: Reach,
+    reach: OriginBound,
     panic_count: AtomicU64,
 }
 
 /// A placed mesh in its own space.
-pub(super) struct Part<'s> {
+pub(super) struct InstancedScene<'s> {
     // Released before what its callbacks read.
     pub(super) scene: EmbreeScene<'s>,
     /// Its triangles, where they are not Embree's own.
@@ -53,7 +53,7 @@ pub(super) enum Primitive<'a> {
     /// Spheres, and the instances that they are.
     Spheres(&'a SphereCluster, &'a [u32; MEMBERS]),
     /// Triangles.
-    Patch(Patch<'a>),
+    TriangleCluster(TriangleCluster<'a>),
     /// One instance, with its number.
     Instance(u32, &'a Instance),
 }
@@ -77,7 +77,9 @@ fn apart(scene: &Scene, instances: &[(u32, &Instance)]) -> (Vec<(u32, Sphere)>, 
 /// Whether an instance is a primitive of the user geometry.
 pub(super) fn is_user(scene: &Scene, instance: &Instance, instancing: Instancing) -> bool {
     match &scene.geometries[instance.geometry as usize] {
-        Geometry::Mesh(_) => placed_mesh(scene, instance).is_some() && !native::takes(instance, instancing),
+        Geometry::Mesh(_) => {
+            placed_mesh(scene, instance).is_some() && !native_instances::takes(instance, instancing)
+        }
         shape => !shape.is_unbounded(),
     }
 }
@@ -86,9 +88,9 @@ impl<'s> UserGeometry<'s> {
     /// What stands still, and what moves, for rays from that far; `parts` holds a committed scene for every mesh with a
     /// placed instance, and `patches` the triangles of the world that are not Embree's own.
     pub(super) fn pair(
-        (scene, reach): (&'s Scene, Reach),
-        parts: Vec<Option<Part<'s>>>,
-        patches: Patches,
+        (scene, reach): (&'s Scene, OriginBound),
+        parts: Vec<Option<InstancedScene<'s>>>,
+        patches: TriangleClusters,
         instancing: Instancing,
     ) -> [UserGeometry<'s>; 2] {
         let instances = (0u32..)
@@ -113,13 +115,13 @@ impl<'s> UserGeometry<'s> {
             parts,
             step_count,
             reach,
-            ..UserGeometry::of_patches(scene, Patches::default())
+            ..UserGeometry::of_patches(scene, TriangleClusters::default())
         };
         [still, moving]
     }
 
     /// Triangles and nothing else.
-    pub(super) fn of_patches(scene: &'s Scene, patches: Patches) -> UserGeometry<'s> {
+    pub(super) fn of_patches(scene: &'s Scene, patches: TriangleClusters) -> UserGeometry<'s> {
         UserGeometry {
             scene,
             clusters: SphereClusters::default(),
@@ -127,7 +129,7 @@ impl<'s> UserGeometry<'s> {
             instances: Vec::new(),
             parts: Arc::new([]),
             step_count: 0,
-            reach: Reach::default(),
+            reach: OriginBound::default(),
             panic_count: AtomicU64::new(0),
         }
     }
@@ -160,7 +162,7 @@ impl<'s> UserGeometry<'s> {
         }
         let number = number.checked_sub(self.clusters.len())?;
         if let Some(patch) = self.patches.get(number) {
-            return Some(Primitive::Patch(patch));
+            return Some(Primitive::TriangleCluster(patch));
         }
         let index = *self.instances.get(number.checked_sub(self.patches.len())?)?;
         Some(Primitive::Instance(
@@ -185,7 +187,7 @@ impl<'s> UserGeometry<'s> {
                 let world = cluster.bounds();
                 return Some(padded(&world, self.padding(&world)));
             }
-            Primitive::Patch(_) => return self.patches.boxed(primitive - self.clusters.len()),
+            Primitive::TriangleCluster(_) => return self.patches.boxed(primitive - self.clusters.len()),
             Primitive::Instance(_, instance) => instance,
         };
         let geometry = &self.scene.geometries[instance.geometry as usize];
@@ -214,7 +216,7 @@ impl<'s> UserGeometry<'s> {
 
     /// Bytes of its records and those of its parts, but for patches.
     pub(super) fn byte_count(&self) -> u64 {
-        let parts = self.parts.iter().flatten().count() * size_of::<Part>();
+        let parts = self.parts.iter().flatten().count() * size_of::<InstancedScene>();
         self.own_byte_count() + (size_of_val(&*self.parts) + parts) as u64
     }
 
@@ -249,7 +251,7 @@ impl<'s> UserGeometry<'s> {
     pub(super) fn guarded(&self, work: impl FnOnce()) -> bool {
         let done = panic::catch_unwind(AssertUnwindSafe(|| {
             #[cfg(test)]
-            super::call::tests::maybe_panic();
+            super::callbacks::tests::maybe_panic();
             work();
         }));
         if done.is_err() {
@@ -272,7 +274,7 @@ const PLACEMENT_PADDING: f64 = 1.0 / (1 << 20) as f64;
 const UNIT: f64 = 1.0 / (1 << 24) as f64;
 
 /// Part of a box's longest edge by which it is padded at least: rays that start within hundreds of edges find it wherever
-/// they start, be it farther than [`Reach`] knows of.
+/// they start, be it farther than [`OriginBound`] knows of.
 const NEAR_PADDING: f64 = 1.0 / (1 << 13) as f64;
 
 fn padded(world: &Bounds, by: f64) -> ([f32; 3], [f32; 3]) {

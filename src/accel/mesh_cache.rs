@@ -5,13 +5,13 @@
 //! a function of a mesh alone, so no answer depends on whether it was.
 
 #[cfg(feature = "embree")]
-use super::embree::{MeshShelf, Patches};
+use super::embree::{BuiltMeshes, Patches};
 
 /// Where it is kept from one build to the next.
 #[derive(Default)]
-pub struct MeshLarder {
+pub struct MeshCache {
     #[cfg(feature = "embree")]
-    pub(super) patches: MeshShelf<Patches>,
+    pub(super) patches: BuiltMeshes<Patches>,
 }
 
 /// How often meshes were asked for.
@@ -23,7 +23,7 @@ pub struct MeshCounts {
     pub found: usize,
 }
 
-impl MeshLarder {
+impl MeshCache {
     /// Forgets the meshes that the scenes built last did not have.
     pub fn evict_unused(&self) {
         #[cfg(feature = "embree")]

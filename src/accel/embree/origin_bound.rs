@@ -28,37 +28,37 @@ const PADDING: f64 = 16.0 / (1 << 24) as f64;
 
 /// The largest coordinate, along any axis, of the origins of rays in some space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Reach {
+pub(super) struct OriginBound {
     distance: f64,
     /// [`PADDING`], if no test says otherwise.
     padding: f64,
 }
 
-impl Reach {
+impl OriginBound {
     /// In the world of a validated scene, whose geometries have the bounds `object_bounds`.
-    pub(super) fn of(scene: &Scene, object_bounds: &[Bounds]) -> Reach {
+    pub(super) fn of(scene: &Scene, object_bounds: &[Bounds]) -> OriginBound {
         let volumes = scene.volumes.iter().map(|volume| volume.bounds().magnitude());
         let solid = scene.bounds_from(object_bounds).magnitude();
         let cameras = scene.cameras.iter().map(|camera| camera_reach(camera, solid));
-        Reach::to(volumes.chain(cameras).fold(solid, f64::max))
+        OriginBound::to(volumes.chain(cameras).fold(solid, f64::max))
     }
 
-    fn to(distance: f64) -> Reach {
+    fn to(distance: f64) -> OriginBound {
         #[cfg(not(test))]
         let padding = PADDING;
         #[cfg(test)]
         let padding = tests::padding();
-        Reach {
+        OriginBound {
             distance: distance.min(f64::from(Ray::LIMIT)),
             padding,
         }
     }
 
     /// In the space of a mesh that is placed by all of `instances`; `self` is the one in the world.
-    pub(super) fn in_object<'a>(self, instances: impl Iterator<Item = &'a Instance>) -> Reach {
+    pub(super) fn in_object<'a>(self, instances: impl Iterator<Item = &'a Instance>) -> OriginBound {
         let distances = instances.map(|instance| self.in_instance(instance));
         let distance = distances.fold(0.0, f64::max);
-        Reach {
+        OriginBound {
             distance: distance.min(f64::from(Ray::LIMIT)),
             ..self
         }
@@ -78,7 +78,7 @@ impl Reach {
         }
     }
 
-    /// [`Reach::padded`] as Embree takes it, which leaves out what is larger than its coordinates may be.
+    /// [`OriginBound::padded`] as Embree takes it, which leaves out what is larger than its coordinates may be.
     pub(super) fn boxed(self, bounds: &Bounds) -> ([f32; 3], [f32; 3]) {
         #[cfg(test)]
         if self.padding == 0.0 {
@@ -162,20 +162,20 @@ pub(super) mod tests {
             instances: vec![Instance::new("", 0, 0, DAffine3::IDENTITY).unwrap()],
             ..Scene::default()
         };
-        let reach = |scene: &Scene| Reach::of(scene, &[scene.geometries[0].bounds()]);
-        assert_eq!(reach(&scene), Reach::to(5.0));
+        let reach = |scene: &Scene| OriginBound::of(scene, &[scene.geometries[0].bounds()]);
+        assert_eq!(reach(&scene), OriginBound::to(5.0));
         let at = |x: f64| DAffine3::from_translation(DVec3::new(0.0, x, 0.0));
         scene.cameras = vec![Camera {
             world_from_camera: at(-7.0),
             world_from_camera_end: Some(at(-9.0)),
             ..Camera::default()
         }];
-        assert_eq!(reach(&scene), Reach::to(9.0));
+        assert_eq!(reach(&scene), OriginBound::to(9.0));
         scene.cameras[0].projection = Projection::Orthographic {
             y_mag: 100.0,
             x_mag: None,
         };
-        assert_eq!(reach(&scene), Reach::to(2.0 * (9.0 + 5.0)));
+        assert_eq!(reach(&scene), OriginBound::to(2.0 * (9.0 + 5.0)));
     }
 
     #[test]
@@ -189,7 +189,7 @@ pub(super) mod tests {
             place(DVec3::new(4.0, 0.25, 1.0), 2.0, -2.0),
         ];
         let moving = Instance::moving("", 0, 0, ends).unwrap();
-        let reach = Reach::to(10.0).in_object(std::iter::once(&moving)).distance;
+        let reach = OriginBound::to(10.0).in_object(std::iter::once(&moving)).distance;
         let mut most = 0.0f32;
         for i in 0..=64 {
             for corner in 0..8 {
@@ -206,12 +206,12 @@ pub(super) mod tests {
     #[test]
     fn boxes_grow_by_what_rounding_takes_and_never_beyond_what_embree_takes() {
         let unit = Bounds::of_points([DVec3::ZERO, DVec3::ONE]);
-        let padded = Reach::to(3.0).padded(&unit);
+        let padded = OriginBound::to(3.0).padded(&unit);
         // 16 units of 2^-24 times 1 + 3.
         assert_eq!(padded.max - unit.max, DVec3::splat(4.0 / (1 << 20) as f64));
         assert_eq!(unit.min - padded.min, DVec3::splat(4.0 / (1 << 20) as f64));
         let far = Bounds::of_points([DVec3::splat(-1.8439e18), DVec3::ONE]);
-        let (low, high) = Reach::to(f64::INFINITY).boxed(&far);
+        let (low, high) = OriginBound::to(f64::INFINITY).boxed(&far);
         assert!(low.into_iter().chain(high).all(|x| x.abs() < Ray::LIMIT));
     }
 }

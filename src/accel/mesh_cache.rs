@@ -5,13 +5,13 @@
 //! a function of a mesh alone, so no answer depends on whether it was.
 
 #[cfg(feature = "embree")]
-use super::embree::{BuiltMeshes, Patches};
+use super::embree::{BuiltMeshes, TriangleClusters};
 
 /// Where it is kept from one build to the next.
 #[derive(Default)]
 pub struct MeshCache {
     #[cfg(feature = "embree")]
-    pub(super) patches: BuiltMeshes<Patches>,
+    pub(super) patches: BuiltMeshes<TriangleClusters>,
 }
 
 /// How often meshes were asked for.
@@ -41,7 +41,7 @@ impl MeshCache {
     /// Bytes of all that is kept.
     pub fn byte_count(&self) -> u64 {
         #[cfg(feature = "embree")]
-        return self.patches.byte_count(Patches::byte_count);
+        return self.patches.byte_count(TriangleClusters::byte_count);
         #[cfg(not(feature = "embree"))]
         0
     }

@@ -197,7 +197,7 @@ pub struct AccelOptions<'a> {
     /// Instruction set that Embree is held to (`sse2`, `sse4.2`, `avx`, `avx2`, `avx512`); its own choice if absent.
     pub isa: Option<String>,
     /// What need not be built again, where a scene is one of several.
-    pub larder: Option<&'a MeshCache>,
+    pub mesh_cache: Option<&'a MeshCache>,
     /// Told the finished fraction while building, from any thread.
     pub progress: Option<&'a (dyn Fn(f64) + Sync)>,
 }

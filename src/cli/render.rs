@@ -236,9 +236,9 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
 pub(super) fn load(
     job: &RenderJob,
     (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
-    larder: &ImageCache,
+    image_cache: &ImageCache,
 ) -> Result<SceneFile, Failure> {
-    let mut loaded = scene::load_from((path, edits, pose), job.effects.removed, larder)?;
+    let mut loaded = scene::load_from((path, edits, pose), job.effects.removed, image_cache)?;
     let scene = &mut loaded.scene;
     if let Some(ambient) = job.ambient {
         scene.ambient = ambient;

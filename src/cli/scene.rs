@@ -26,12 +26,12 @@ pub(super) fn load(
 pub(super) fn load_from(
     (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
     without: EffectSet,
-    larder: &ImageCache,
+    image_cache: &ImageCache,
 ) -> Result<SceneFile, Failure> {
     let options = LoadOptions {
         without,
         pose: pose.cloned(),
-        larder: larder.clone(),
+        image_cache: image_cache.clone(),
         ..LoadOptions::default()
     };
     if is_scene_file(path) {

@@ -44,7 +44,7 @@ impl Document {
             let (number, source) = (numbers[index], &sources[index]);
             let (width, height) = sizes[index];
             match is_wanted(index) {
-                true => self.decode_image(number, source, &options.larder),
+                true => self.decode_image(number, source, &options.image_cache),
                 false => Ok(Image {
                     name: self.image_name(number),
                     width,
@@ -60,9 +60,9 @@ impl Document {
         &self,
         number: usize,
         source: &ImageBytes,
-        larder: &ImageCache,
+        image_cache: &ImageCache,
     ) -> Result<Image, GltfError> {
-        let decoded = larder.image(source.as_slice(), || self.decode_texels(number, source))?;
+        let decoded = image_cache.image(source.as_slice(), || self.decode_texels(number, source))?;
         let [width, height] = decoded.size;
         Ok(Image {
             name: self.image_name(number),

@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 use super::GltfError;
 use super::document::{Document, NO_IMAGE};
 use super::extension::{Corrections, Extension};
-use super::medium::medium;
+use super::medium::interior;
 use super::texture_slot::{TextureSlot, slots};
 use crate::scene::{
     AlphaMode, Filter, Material, MaterialInput, MetallicRoughness, Model, Sampler, Texture, TextureBinding,

@@ -65,7 +65,7 @@ pub struct LoadOptions {
     /// At which moment of which animation; `None` as the file places things without any.
     pub pose: Option<Pose>,
     /// Images that need not be decoded again.
-    pub larder: ImageCache,
+    pub image_cache: ImageCache,
 }
 
 impl LoadOptions {
@@ -79,7 +79,7 @@ impl Default for LoadOptions {
             max_texels: LoadOptions::DEFAULT_MAX_TEXELS,
             without: EffectSet::NONE,
             pose: None,
-            larder: ImageCache::default(),
+            image_cache: ImageCache::default(),
         }
     }
 }

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use multiversion::multiversion;
 
 use super::film::{TILE, Tile};
-use super::layers::TextureBinding;
+use super::layers::Layer;
 use super::region::Region;
 
 /// The layers of a rectangle of a picture, which threads fill together.
@@ -21,7 +21,7 @@ pub(super) struct Planes<'p> {
 
 impl<'p> Planes<'p> {
     /// To be filled: `layers` of all pixels of `region`.
-    pub(super) fn over(layers: &'p mut [TextureBinding], region: &Region) -> Planes<'p> {
+    pub(super) fn over(layers: &'p mut [Layer], region: &Region) -> Planes<'p> {
         let end = region.y + region.height;
         let mut planes = Planes {
             region: *region,
@@ -187,12 +187,12 @@ mod tests {
                 width: columns,
                 height: rows,
             };
-            let blank = |number: u32| TextureBinding {
+            let blank = |number: u32| Layer {
                 name: number.to_string(),
                 kind: ChannelKind::Exact,
                 values: vec![f32::NAN; (columns * rows) as usize],
             };
-            let mut layers: Vec<TextureBinding> = (0..3).map(blank).collect();
+            let mut layers: Vec<Layer> = (0..3).map(blank).collect();
             let planes = Planes::over(&mut layers, &region);
             // More tiles than are needed, in an order of their own.
             for tile in tiles(width, height).into_iter().rev() {
@@ -235,7 +235,7 @@ mod tests {
             width: 2,
             height: 1,
         };
-        let blank = |name: &str| TextureBinding::blank(name.into(), ChannelKind::Exact, &region);
+        let blank = |name: &str| Layer::blank(name.into(), ChannelKind::Exact, &region);
         let mut layers = vec![blank("Z"), blank("id.material")];
         let planes = Planes::over(&mut layers, &region);
         let means = TileLayer::Means {

@@ -14,7 +14,7 @@ use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light, LightKind};
 use crate::shading::{
-    MaterialPacket, direct_of, illuminate, mirror, phong_direct, subsurface_entry, through,
+    MaterialPacket, direct_of, illuminate, mirror, phong_direct, through, transmitted_irradiance,
 };
 
 /// Surfaces to light, and the rays that found them.
@@ -237,7 +237,7 @@ fn answer<const RICH: bool>(
         EffectSet::NONE
     };
     let mut reflected = match lit.materials.enters {
-        Some(eta) if effects.has(Effect::Subsurface) => entering(eta, &surfaces.ns, wi),
+        Some(eta) if effects.has(Effect::Subsurface) => transmitted_irradiance(eta, &surfaces.ns, wi),
         _ => direct_of::<RICH>(lit.materials, &surfaces.ns, &surfaces.wo, wi),
     };
     if effects.has(Effect::Lecture) {

@@ -5,7 +5,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::accel::Contents;
+use crate::accel::PrimitiveCounts;
 use crate::scene::Scene;
 
 /// A part of what finds hits, and why it is there or not.
@@ -21,8 +21,8 @@ pub struct StructureRow {
 
 /// The rows of a scene, with the defaults of `whit render`.
 pub(super) fn rows(scene: &Scene) -> Vec<StructureRow> {
-    let contents = Contents::of(scene);
-    let Contents {
+    let contents = PrimitiveCounts::of(scene);
+    let PrimitiveCounts {
         world_triangles,
         placed_meshes,
         shapes,

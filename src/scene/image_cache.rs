@@ -146,29 +146,29 @@ mod tests {
         })
     }
 
-    fn counts(larder: &ImageCache) -> [usize; 2] {
-        [larder.counts().asked, larder.counts().found]
+    fn counts(image_cache: &ImageCache) -> [usize; 2] {
+        [image_cache.counts().asked, image_cache.counts().found]
     }
 
     #[test]
     fn an_image_that_a_scene_holds_is_found_by_what_it_holds_and_others_are_forgotten() {
-        let larder = ImageCache::new();
-        let held = larder.image(b"a", || gray(1)).unwrap();
-        drop(larder.image(b"b", || gray(2)).unwrap());
-        larder.evict_unused();
-        let again = larder.image(b"a", || gray(9)).unwrap();
+        let image_cache = ImageCache::new();
+        let held = image_cache.image(b"a", || gray(1)).unwrap();
+        drop(image_cache.image(b"b", || gray(2)).unwrap());
+        image_cache.evict_unused();
+        let again = image_cache.image(b"a", || gray(9)).unwrap();
         assert_eq!(again.texels, held.texels);
-        let anew = larder.image(b"b", || gray(3)).unwrap();
+        let anew = image_cache.image(b"b", || gray(3)).unwrap();
         assert_eq!(anew.texels, gray(3).unwrap().texels);
-        assert_eq!(counts(&larder), [4, 1]);
+        assert_eq!(counts(&image_cache), [4, 1]);
     }
 
     #[test]
     fn what_cannot_be_decoded_is_not_kept() {
-        let larder = ImageCache::new();
-        assert!(larder.image(b"a", || Err::<CachedImage, ()>(())).is_err());
-        assert!(larder.image(b"a", || gray(1)).is_ok());
-        assert_eq!(counts(&larder), [2, 0]);
+        let image_cache = ImageCache::new();
+        assert!(image_cache.image(b"a", || Err::<CachedImage, ()>(())).is_err());
+        assert!(image_cache.image(b"a", || gray(1)).is_ok());
+        assert_eq!(counts(&image_cache), [2, 0]);
     }
 
     #[test]
@@ -181,18 +181,22 @@ mod tests {
                 .unwrap()
         };
         write(7);
-        let larder = ImageCache::new();
-        let read = |encoding| larder.read(&path, encoding, 8).unwrap();
+        let image_cache = ImageCache::new();
+        let read = |encoding| image_cache.read(&path, encoding, 8).unwrap();
         let first = read(Encoding::Srgb);
         assert_eq!(read(Encoding::Srgb).texels, first.texels);
         read(Encoding::Linear);
-        assert_eq!(counts(&larder), [3, 1]);
+        assert_eq!(counts(&image_cache), [3, 1]);
         write(8);
         assert_ne!(read(Encoding::Srgb).texels, first.texels);
-        assert_eq!(counts(&larder), [4, 1]);
+        assert_eq!(counts(&image_cache), [4, 1]);
         // Kept images count against the budget like others.
         let _kept = read(Encoding::Srgb);
-        assert!(larder.read(&path, Encoding::Srgb, 1).is_err());
-        assert!(larder.read(Path::new("missing.png"), Encoding::Srgb, 8).is_err());
+        assert!(image_cache.read(&path, Encoding::Srgb, 1).is_err());
+        assert!(
+            image_cache
+                .read(Path::new("missing.png"), Encoding::Srgb, 8)
+                .is_err()
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! The checks of meshes and shapes.
 
 use super::Geometry;
-use super::mesh_cleanup::{all_finite, mesh_cleanup};
+use super::mesh_cleanup::{all_finite, survey};
 use super::validate::{check_reach, is_size};
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;

@@ -96,7 +96,7 @@ impl Assembler {
             TextureKind::Image { file, sampler } => (file, sampler),
         };
         let full = path.with_file_name(&**file);
-        let (first, data) = read_images(&full, uses, (&self.larder, self.texels_left))
+        let (first, data) = read_images(&full, uses, (&self.image_cache, self.texels_left))
             .map_err(|error| file.fault(format!("the image {error}")))?;
         let mut add = |image: Image| {
             self.texels_left -= image.texels.budget().min(self.texels_left);
@@ -128,7 +128,7 @@ impl Assembler {
                 .into_iter()
                 .any(|effect| !self.without.has(effect));
             let read = match is_seen {
-                true => self.larder.read(&full, Encoding::Linear, self.texels_left),
+                true => self.image_cache.read(&full, Encoding::Linear, self.texels_left),
                 false => Image::unread(&full),
             };
             let image = read.map_err(|error| source.error(file.fault(format!("the image {error}"))))?;
@@ -191,20 +191,20 @@ impl Uses {
 fn read_images(
     path: &Path,
     uses: Uses,
-    (larder, max_texels): (&ImageCache, u64),
+    (image_cache, max_texels): (&ImageCache, u64),
 ) -> Result<(Image, Option<Image>), ImageError> {
     if !(uses.data || uses.color) {
         return Ok((Image::unread(path)?, None));
     }
     if uses.data && !uses.color {
-        return Ok((larder.read(path, Encoding::Linear, max_texels)?, None));
+        return Ok((image_cache.read(path, Encoding::Linear, max_texels)?, None));
     }
-    let color = larder.read(path, Encoding::Srgb, max_texels)?;
+    let color = image_cache.read(path, Encoding::Srgb, max_texels)?;
     if !(uses.data && matches!(color.texels, Texels::Floats(_))) {
         return Ok((color, None));
     }
     let left = max_texels - color.texels.budget().min(max_texels);
-    let data = larder.read(path, Encoding::Linear, left)?;
+    let data = image_cache.read(path, Encoding::Linear, left)?;
     let differs = data.texels != color.texels;
     Ok((color, differs.then_some(data)))
 }

@@ -112,7 +112,7 @@ pub(super) struct Assembler {
     /// At which moment glTF files are shown.
     pose: Option<Pose>,
     /// Images that need not be decoded again.
-    pub(super) larder: ImageCache,
+    pub(super) image_cache: ImageCache,
     /// Changes of the first file.
     edits: Vec<Edit>,
     pub(super) group_count: usize,
@@ -134,7 +134,7 @@ impl Assembler {
         Assembler {
             edits: edits.to_vec(),
             pose: options.pose.clone(),
-            larder: options.larder.clone(),
+            image_cache: options.image_cache.clone(),
             scene: Scene::default(),
             texels_left: options.max_texels,
             without: options.without,
@@ -439,7 +439,7 @@ impl Assembler {
             max_texels: self.texels_left,
             without: self.without,
             pose: self.pose.clone(),
-            larder: self.larder.clone(),
+            image_cache: self.image_cache.clone(),
         };
         let part = gltf::load_part(path, &options).map_err(|error| error.to_string())?;
         let source = Source {

@@ -112,7 +112,7 @@ struct CloudForm {
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 enum CloudShapeForm {
-    TextureBinding,
+    Layer,
     Puff,
     Plume,
 }
@@ -329,7 +329,7 @@ impl CloudForm {
 
     fn cloud(&self) -> Cloud {
         let shape = match self.shape {
-            CloudShapeForm::TextureBinding => CloudShape::TextureBinding,
+            CloudShapeForm::Layer => CloudShape::Layer,
             CloudShapeForm::Puff => CloudShape::Puff,
             CloudShapeForm::Plume => CloudShape::Plume,
         };

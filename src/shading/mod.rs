@@ -27,5 +27,5 @@ pub use material::{ExtendedMaterialLanes, MaterialPacket};
 pub use metallic_roughness::{direct, direct_of, mirror, through};
 pub use phong::phong_direct;
 pub use punctual_light::{PunctualSample, illuminate};
-pub use subsurface_entry::subsurface_entry;
+pub use subsurface_entry::transmitted_irradiance;
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};

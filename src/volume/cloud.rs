@@ -31,7 +31,7 @@ pub struct Cloud {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CloudShape {
     /// The same all over the cube.
-    TextureBinding,
+    Layer,
     /// 1 in the middle, 0 from the unit sphere on.
     Puff,
     /// A column of smoke that rises along +y from the cube's bottom, widens, sways and thins out.
@@ -84,7 +84,7 @@ impl CloudShape {
     /// The mean density at `p`; `q` is the same point in cells of noise.
     fn mean(self, p: DVec3, q: DVec3) -> f64 {
         match self {
-            CloudShape::TextureBinding => 0.5,
+            CloudShape::Layer => 0.5,
             CloudShape::Puff => 1.0 - p.length_squared(),
             CloudShape::Plume => {
                 let height = 0.5 * (p.y + 1.0);
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn densities_stay_in_the_unit_interval_and_seeds_differ() {
-        for shape in [CloudShape::TextureBinding, CloudShape::Puff, CloudShape::Plume] {
+        for shape in [CloudShape::Layer, CloudShape::Puff, CloudShape::Plume] {
             let cloud = Cloud {
                 shape,
                 roughness: 3.0,

@@ -39,7 +39,7 @@ const EYE: DVec3 = DVec3::new(2.0, 1.5, 4.0);
 
 /// A cloud without an empty block.
 const HAZE: Cloud = Cloud {
-    shape: CloudShape::TextureBinding,
+    shape: CloudShape::Layer,
     threshold: 0.0,
     ..Cloud::SMOKE
 };

@@ -88,11 +88,11 @@ impl<'s> BuildPlan<'s> {
     }
 
     /// The triangles of the world that are not; on the current pool.
-    pub(super) fn patches(&self, larder: Option<&MeshCache>) -> TriangleClusters {
+    pub(super) fn patches(&self, mesh_cache: Option<&MeshCache>) -> TriangleClusters {
         if !self.is_patched {
             return TriangleClusters::default();
         }
-        TriangleClusters::of(self.world.iter().copied(), self.reach, larder)
+        TriangleClusters::of(self.world.iter().copied(), self.reach, mesh_cache)
     }
 
     /// How far rays come from.
@@ -131,11 +131,11 @@ impl<'s> InstancedMesh<'s> {
     }
 
     /// What its scene holds, and a box around all rays that may meet it; on the current pool.
-    pub(super) fn triangles(&self, larder: Option<&MeshCache>) -> (Triangles<'s>, Bounds) {
+    pub(super) fn triangles(&self, mesh_cache: Option<&MeshCache>) -> (Triangles<'s>, Bounds) {
         let bounds = self.mesh.bounds();
         match self.reach {
             Some(reach) => {
-                let patches = TriangleClusters::of(std::iter::once((0, self.mesh)), reach, larder);
+                let patches = TriangleClusters::of(std::iter::once((0, self.mesh)), reach, mesh_cache);
                 (Triangles::TriangleClusters(patches), reach.padded(&bounds))
             }
             None => {

@@ -104,7 +104,7 @@ pub(super) fn build<'s>(
     let before = device.memory().bytes();
     let parts = build_placed(&plan, device, options, &mut progress)?;
     let placed_bytes = device.memory().bytes().saturating_sub(before);
-    let patches = in_pool(options.threads, || plan.patches(options.larder));
+    let patches = in_pool(options.threads, || plan.patches(options.mesh_cache));
     let users = UserGeometry::pair((scene, plan.reach()), parts, patches, instancing).map(Arc::new);
 
     let mut world = EmbreeScene::new(device, options)?;
@@ -144,7 +144,7 @@ fn build_placed<'s>(
 ) -> Result<Vec<Option<user_geometry::InstancedScene<'s>>>, AccelError> {
     let mut build = |placed: InstancedMesh<'s>| {
         let scene = EmbreeScene::new(device, options)?;
-        let (triangles, bounds) = in_pool(options.threads, || placed.triangles(options.larder));
+        let (triangles, bounds) = in_pool(options.threads, || placed.triangles(options.mesh_cache));
         let stage = progress.stage(placed.triangle_count());
         let patches = match triangles {
             Triangles::Native(given) => {

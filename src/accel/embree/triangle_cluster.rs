@@ -229,22 +229,22 @@ impl TriangleClusters {
     pub(super) fn of<'m>(
         meshes: impl Iterator<Item = (u32, &'m Mesh)>,
         reach: OriginBound,
-        larder: Option<&MeshCache>,
+        mesh_cache: Option<&MeshCache>,
     ) -> TriangleClusters {
         let mut patches = TriangleClusters {
             reach,
             ..TriangleClusters::default()
         };
         for (instance, mesh) in meshes {
-            match larder {
+            match mesh_cache {
                 None => patches.add(mesh, instance),
-                Some(larder) => {
+                Some(mesh_cache) => {
                     let alone = || {
                         let mut alone = TriangleClusters::default();
                         alone.add(mesh, instance);
                         alone
                     };
-                    patches.append(&larder.patches.of(mesh, alone), instance);
+                    patches.append(&mesh_cache.patches.of(mesh, alone), instance);
                 }
             }
         }
@@ -409,17 +409,20 @@ mod tests {
     #[test]
     fn kept_patches_are_those_that_would_be_made_whoever_had_them_before() {
         let meshes = [field(12), field(30)];
-        let of = |numbers: [u32; 2], larder| {
-            let patches =
-                TriangleClusters::of(numbers.into_iter().zip(&meshes), OriginBound::default(), larder);
+        let of = |numbers: [u32; 2], mesh_cache| {
+            let patches = TriangleClusters::of(
+                numbers.into_iter().zip(&meshes),
+                OriginBound::default(),
+                mesh_cache,
+            );
             format!("{patches:?}")
         };
-        let larder = MeshCache::default();
+        let mesh_cache = MeshCache::default();
         for numbers in [[5, 6], [8, 0]] {
-            assert_eq!(of(numbers, Some(&larder)), of(numbers, None));
+            assert_eq!(of(numbers, Some(&mesh_cache)), of(numbers, None));
         }
-        assert_eq!(larder.counts().found, 2);
-        assert!(larder.byte_count() > 0);
+        assert_eq!(mesh_cache.counts().found, 2);
+        assert!(mesh_cache.byte_count() > 0);
     }
 
     #[test]

@@ -162,7 +162,7 @@ impl<'s> Stage<'s> {
     pub(super) fn new(plan: &Plan, loaded: &'s Loaded, kept: &Kept) -> Result<Stage<'s>, Failure> {
         let start = Instant::now();
         let options = AccelOptions {
-            larder: kept.meshes.as_ref(),
+            mesh_cache: kept.meshes.as_ref(),
             ..plan.job.tracing.options()
         };
         let accel = render::build_with(&plan.job, &loaded.file.scene, &options)?;

@@ -10,9 +10,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::support::scene_folder::{FiledScene, files, load};
-use exr::prelude::{
-    Encoding, Image, LayerAttributes, SpecificChannels, TextureBinding, Vec2, WritableImage, f16,
-};
+use exr::prelude::{Encoding, Image, Layer, LayerAttributes, SpecificChannels, Vec2, WritableImage, f16};
 use whit::accel::Backend;
 use whit::image::{LinearImage, read_exr};
 
@@ -50,7 +48,7 @@ fn write(image: &LinearImage, path: &Path) {
         (r, g, b)
     });
     let size = (image.width as usize, image.height as usize);
-    let layer = TextureBinding::new(
+    let layer = Layer::new(
         size,
         LayerAttributes::default(),
         Encoding::SMALL_LOSSLESS,
